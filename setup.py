@@ -3,6 +3,7 @@
 """Build description for colcon (ament_python) and for pip."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -16,11 +17,32 @@ setup(
         "Movement primitives from recorded demonstrations by principal component analysis, "
         "and least-effort arm motions optimised over their weights"
     ),
-    # Placeholders, as in package.xml: the address and the URL.
-    maintainer="mp_pca_planner developers",
-    maintainer_email="maintainers@mp-pca-planner.example",
-    url="https://mp-pca-planner.example",
+    long_description=Path(__file__).with_name("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    author="mp_pca_planner developers",
     license="Apache-2.0",
+    license_files=["LICENSE"],
+    keywords=[
+        "robotics",
+        "ros2",
+        "motion planning",
+        "movement primitives",
+        "learning from demonstration",
+        "trajectory optimization",
+        "principal component analysis",
+    ],
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "Intended Audience :: Developers",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Programming Language :: Python :: 3.13",
+        "Topic :: Scientific/Engineering",
+        "Typing :: Typed",
+    ],
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
@@ -61,10 +83,10 @@ setup(
         ],
         # Pictures, and the pages that hold them.
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
-        # The page in the browser, with meshes in COLLADA.
+        # The page in the browser.
         "view": [
             "jinja2>=3.0",
-            "pycollada>=0.8",
+            "msgspec>=0.18",
             "rich>=13.0",
             "trimesh>=4.6",
             "viser>=1.1",
@@ -87,10 +109,20 @@ setup(
         "vamp": ["vamp-planner>=0.6.1"],
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
+        # Datasets of LeRobot as demonstrations: their Parquet files are read.
+        "lerobot": ["pyarrow>=15.0"],
+        # The panda of the command `example`, with meshes.
+        "example": ["example-robot-data>=4.3"],
         # Completion of commands and options in the shell.
         "completion": ["argcomplete>=3.1"],
         # The documentation site.
-        "doc": ["sphinx>=7.0", "myst-parser>=3.0", "furo", "matplotlib>=3.6"],
+        "doc": [
+            "sphinx>=7.0",
+            "sphinx-copybutton>=0.5",
+            "myst-parser>=3.0",
+            "furo",
+            "matplotlib>=3.6",
+        ],
         # Libraries that several processes may change at once.
         "library": ["filelock>=3.12"],
         # Learning by trials: CMA-ES.
@@ -115,7 +147,6 @@ setup(
             "mujoco>=3.3",
             "mypy==2.4.*",
             "playwright>=1.45",
-            "pycollada>=0.8",
             "pytest>=7.4",
             "rich>=13.0",
             "ruff==0.17.*",

@@ -35,7 +35,7 @@ from mp_pca_planner.recordings.bags import (
     open_bag,
     recording_names,
 )
-from mp_pca_planner.recordings.demonstration import MarkerResidual
+from mp_pca_planner.recordings.recording_set import MarkerResidual
 from mp_pca_planner.resources import config_file
 
 

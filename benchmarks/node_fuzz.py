@@ -22,7 +22,8 @@ from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, Vector3
+from geometry_msgs.msg import Point, PoseStamped, Vector3
+from mesh_inputs import FILES, SOUPS
 from node_setup import URDF, RobotClient, primitive_file, silent_node, start_node
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -113,6 +114,7 @@ def main() -> int:
                 fuzzer = Fuzzer(node, client, caller)
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
+                fuzzer.send_meshes(Path(folder))
                 fuzzer.set_odd_values(arguments.share)
         finally:
             node.terminate()
@@ -172,6 +174,28 @@ class Fuzzer:
             if isinstance(message, JointState):
                 self._flood("joint_states", JointState, [serialize_message(message)] * 5)
             self.check(f"a large message to {topic}")
+
+    def send_meshes(self, folder: Path, share: int = 1) -> None:
+        """Send every n-th hostile mesh as a marker: files of a folder, and triangles."""
+        markers = {}
+        for name in list(FILES)[::share]:
+            FILES[name](folder / name)
+            resource = f"file://{folder}/{name}"
+            markers[name] = Marker(type=Marker.MESH_RESOURCE, mesh_resource=resource)
+        for name, (vertices, triangles) in list(SOUPS.items())[::share]:
+            corners = [vertices[k] for row in triangles for k in row if 0 <= k < len(vertices)]
+            points = [Point(x=x, y=y, z=z) for x, y, z in map(list, corners)]
+            markers[name] = Marker(type=Marker.TRIANGLE_LIST, points=points)
+        for name, marker in markers.items():
+            scale = self._random.choice([0.0, 0.1])
+            marker.scale = Vector3(x=0.1, y=0.1, z=scale)
+            marker.pose.position.x, marker.pose.orientation.w = 3.0, 1.0
+            gone = Marker(action=Marker.DELETEALL)
+            sent = [MarkerArray(markers=[one]) for one in (marker, gone)]
+            self._flood(
+                "mp_pca_planner/obstacles", MarkerArray, [serialize_message(one) for one in sent]
+            )
+            self.check(f"the mesh {name}")
 
     def set_odd_values(self, share: int = 1) -> None:
         """Set each parameter to every n-th odd value, with a different offset each time."""

@@ -78,7 +78,7 @@ class Course:
         options = PlannerOptions(naturalness=naturalness, max_solve_time=MAX_TIME)
         self._planner = Planner(robot, [primitive], limits, options, self._collision)
         self._arm = RigidArm(self._scene.urdf, robot.joint_names)
-        self._model, self._geometry, self._order = robot.collision_geometry(folders)
+        self._model, self._geometry, self._order, _ = robot.collision_geometry(folders)
 
     def run(self, n_problems: int) -> Iterator[tuple[float, ...]]:
         """Solved (1 or 0), ratio of efforts, distances from the demonstration [deg], time [s]."""

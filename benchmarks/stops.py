@@ -131,7 +131,7 @@ class PlainCheck:
     """Links that move and the obstacles of a world, for Pinocchio alone."""
 
     def __init__(self, scene: Scene, world: mp.World) -> None:
-        self._model, links, self._order = scene.robot.collision_geometry(
+        self._model, links, self._order, _ = scene.robot.collision_geometry(
             package_folders([], scene.urdf)
         )
         links.removeAllCollisionPairs()

@@ -35,6 +35,7 @@ def main() -> None:
         tab.goto(page.url)
         tab.get_by_text("Motion found").wait_for()
         page.player.seek(0.4)
+        tab.get_by_text("Playback", exact=True).click()
         tab.get_by_role("checkbox", name="Ghosts").check()
         for button in tab.locator("button.mantine-Notification-closeButton").all():
             button.click()

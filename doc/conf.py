@@ -26,6 +26,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.intersphinx",
     "sphinx.ext.napoleon",
+    "sphinx_copybutton",
 ]
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -39,6 +40,8 @@ suppress_warnings = ["ref.python"]
 html_theme = "furo"
 html_math_renderer = "mathml"
 html_title = "mp_pca_planner"
+html_static_path = ["style"]
+html_css_files = ["site.css"]
 exclude_patterns = ["_build"]
 
 

@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+from inspect import getdoc
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +17,28 @@ from mp_pca_planner.cli.main import COMMANDS
 from mp_pca_planner.execution.parameters import DECLARATIONS
 
 RESULTS = Path(__file__).parent / "results"
+OTHER = "exceptions"
+# Pages of the Python API, by the room of the package that holds their names.
+TOPICS = {
+    "recordings": "Demonstrations",
+    "primitives": "Movement primitives",
+    "planning": "Planning",
+    "motion": "Goals and trajectories",
+    "robot": "Robot and world",
+    OTHER: "Errors and helpers",
+}
 # A place for the tables of a record, or for one of them, up to the next mark.
 _MARKED = re.compile(r"(<!-- table (\w+)(?:: (.+?))? -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def write_pages(folder: Path) -> None:
-    """Write `commands.md`, `parameters.md`, `python.md` and `results.md`."""
+    """Write the pages of commands, parameters, results and the Python API."""
     folder.mkdir(exist_ok=True)
     for name, content in (
         ("commands", commands_page()),
         ("parameters", parameters_page()),
-        ("python", python_page()),
         ("results", results_page()),
+        *python_pages().items(),
     ):
         (folder / f"{name}.md").write_text(content, encoding="utf-8")
 
@@ -36,11 +47,13 @@ def commands_page() -> str:
     """The help of every command but the node, which has only ROS arguments."""
     parts = [
         "# Commands",
-        "Each is `ros2 run mp_pca_planner COMMAND` or `python3 -m mp_pca_planner COMMAND`.",
+        "In a ROS workspace, `mp-pca COMMAND` is `ros2 run mp_pca_planner COMMAND`. `--help` shows "
+        "the everyday options, `--help-all` all of them.",
     ]
     for name in COMMANDS:
+        help_option = "--help" if name == "planner_node" else "--help-all"
         text = subprocess.run(
-            [sys.executable, "-m", "mp_pca_planner", name, "--help"],
+            [sys.executable, "-m", "mp_pca_planner", name, help_option],
             capture_output=True,
             text=True,
             check=True,
@@ -79,17 +92,36 @@ def _cell(default: object) -> str:
     return f"`{str(default).lower() if isinstance(default, bool) else default!r}`"
 
 
-def python_page() -> str:
-    """The public names with their docstrings."""
-    parts = ["# Python API", "`import mp_pca_planner as mp`: every name below is `mp.NAME`."]
+def python_pages() -> dict[str, str]:
+    """The public names with their docstrings: an overview, and a page for each topic.
+
+    A topic is a room of the package that holds public names.
+    """
+    topics: dict[str, list[str]] = {}
     for name in mp_pca_planner.__all__:
-        kind = "class" if isinstance(getattr(mp_pca_planner, name), type) else "function"
-        options = "\n   :members:" if kind == "class" else ""
-        parts += [
-            f"## {name}",
-            f"```{{eval-rst}}\n.. auto{kind}:: mp_pca_planner.{name}{options}\n```",
-        ]
-    return "\n\n".join(parts) + "\n"
+        room = getattr(mp_pca_planner, name).__module__.split(".")[1]
+        topics.setdefault(TOPICS.get(room, TOPICS[OTHER]), []).append(name)
+    overview = ["# Python API", "`import mp_pca_planner as mp`: every name below is `mp.NAME`."]
+    pages, files = {}, []
+    for title in TOPICS.values():
+        file = "python_" + title.lower().replace(" ", "_")
+        links = [f"- [{name}]({file}.md#{name.lower()}): {summary(name)}" for name in topics[title]]
+        overview += [f"## [{title}]({file}.md)", "\n".join(links)]
+        pages[file] = "\n\n".join([f"# {title}", *map(_documented, topics[title])]) + "\n"
+        files.append(file)
+    overview.append("```{toctree}\n:hidden:\n\n" + "\n".join(files) + "\n```")
+    return {"python": "\n\n".join(overview) + "\n"} | pages
+
+
+def summary(name: str) -> str:
+    """First line of the docstring of a public name."""
+    return (getdoc(getattr(mp_pca_planner, name)) or "").partition("\n")[0]
+
+
+def _documented(name: str) -> str:
+    kind = "class" if isinstance(getattr(mp_pca_planner, name), type) else "function"
+    options = "\n   :members:" if kind == "class" else ""
+    return f"## {name}\n\n```{{eval-rst}}\n.. auto{kind}:: mp_pca_planner.{name}{options}\n```"
 
 
 def results_page() -> str:

@@ -15,6 +15,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from .exceptions import ControlError as ControlError
+    from .exceptions import GoalError as GoalError
+    from .exceptions import LearningError as LearningError
+    from .exceptions import LimitsError as LimitsError
+    from .exceptions import MissingDependencyError as MissingDependencyError
+    from .exceptions import PlannerError as PlannerError
+    from .exceptions import PrimitiveError as PrimitiveError
+    from .exceptions import RecordingError as RecordingError
+    from .exceptions import RobotError as RobotError
+    from .exceptions import TrajectoryError as TrajectoryError
+    from .exceptions import WorldError as WorldError
     from .motion.goal import JointGoal as JointGoal
     from .motion.goal import JointState as JointState
     from .motion.goal import Pose as Pose
@@ -45,6 +56,19 @@ __version__ = "0.1.0"
 
 # Imported at first use, so that `import mp_pca_planner` is fast and loads only what is used.
 _NAMES = {
+    "exceptions": (
+        "ControlError",
+        "GoalError",
+        "LearningError",
+        "LimitsError",
+        "MissingDependencyError",
+        "PlannerError",
+        "PrimitiveError",
+        "RecordingError",
+        "RobotError",
+        "TrajectoryError",
+        "WorldError",
+    ),
     "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal"),
     "motion.trajectory": ("Trajectory",),
     "planning.path_constraints": ("Upright",),

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+from html import escape
 from math import inf
 from numbers import Integral, Real
 from typing import Any
@@ -139,6 +140,13 @@ def by_name(names: Sequence[str], values: FloatArray) -> dict[str, float]:
 def name_values(values: Mapping[str, float]) -> str:
     """Format values as ``a=0.1, b=-1.2``, the form that commands accept."""
     return ", ".join(f"{name}={value:.6g}" for name, value in values.items())
+
+
+def html_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table for notebooks."""
+    cells = [[f"<th>{escape(name)}</th>" for name in header]]
+    cells += [[f"<td>{escape(value)}</td>" for value in row] for row in rows]
+    return "<table>" + "".join(f"<tr>{''.join(row)}</tr>" for row in cells) + "</table>"
 
 
 @lru_cache(maxsize=64)  # The same few joints are checked often.

@@ -23,7 +23,17 @@ _PACKAGE = "mp_pca_planner"
 
 
 class PlannerError(Exception):
-    """Base class of all errors of this package for rejected input."""
+    """Base class of all errors of this package for rejected input.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> try:
+    ...     mp.Sphere(radius=-1.0)
+    ... except mp.PlannerError as error:
+    ...     print(error)
+    radius of a sphere must be above 0 and at most 1000 m, got -1
+    """
 
 
 class RobotError(PlannerError):

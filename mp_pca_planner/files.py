@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import csv
 import ctypes
 import fcntl
 import os
@@ -41,6 +42,7 @@ _CONTENT_ERRORS = (
     tokenize.TokenError,
     yaml.YAMLError,
     zipfile.BadZipFile,
+    csv.Error,
     zlib.error,
 )
 

@@ -58,10 +58,18 @@ class InputLimits:
         Length, mass or inertia of a robot [SI units].
     shapes, triangles : int
         Of a world: the time to use it grows with the square of the shapes.
+    robot_shapes : int
+        Collision shapes of a robot: the pairs of more take seconds to set up.
+    mesh_triangles : int
+        Of a mesh, and of all collision meshes of a robot.
     world_length : float
         Size or coordinate of a shape [m].
-    mesh_bytes : int
-        Mesh file.
+    mesh_bytes, kept_meshes : int
+        Mesh file, and the number of those that are kept in memory.
+    mesh_cpu_seconds, mesh_wall_seconds : int, float
+        Computing time, and time on a busy machine, to parse a mesh file [s].
+    mesh_memory, mesh_memory_ratio : int
+        Memory for that [bytes], and how much more there is per byte of the file.
     targets : int
         Targets of a goal.
     duration : float
@@ -98,8 +106,15 @@ class InputLimits:
     description_value: float = 1e9
     shapes: int = 1000
     triangles: int = 200_000
+    robot_shapes: int = 500
+    mesh_triangles: int = 500_000
     world_length: float = 1e3
     mesh_bytes: int = 64 << 20
+    kept_meshes: int = 500
+    mesh_cpu_seconds: int = 4
+    mesh_wall_seconds: float = 20.0
+    mesh_memory: int = 256 << 20
+    mesh_memory_ratio: int = 16
     targets: int = 200
     duration: float = 600.0
     shortest: float = 1e-6

@@ -19,6 +19,12 @@ def config_file(name: str) -> Path:
     ------
     PlannerError
         If there is no such file, or the package was installed without its ``config/``.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.config_file("human_arm.urdf").name
+    'human_arm.urdf'
     """
     folder = config_folder(Path(__file__))
     path = folder / name

@@ -21,7 +21,7 @@ from mp_pca_planner.plotting.figures import plan_figure
 from mp_pca_planner.plotting.page import picture
 from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
 from mp_pca_planner.plotting.recording import recording_figure
-from mp_pca_planner.recordings.demonstration import RecordingSet
+from mp_pca_planner.recordings.recording_set import RecordingSet
 
 ARM = ("upper_arm", "lower_arm", "wrist")
 GOAL = {"shoulder1": -1.9, "shoulder2": 0.1, "shoulder3": 0.7, "elbow": -0.5}

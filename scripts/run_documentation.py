@@ -6,9 +6,10 @@
     python3 scripts/run_documentation.py [PAGE...]           # with the packages of this Python
     python3 scripts/run_documentation.py --fresh [PAGE...]   # in a clone, with a new environment
 
-Blocks of the languages ``bash`` and ``python`` are run in the order of the page, each page in a
-folder of its own. Neighbouring blocks of one language are one program. Blocks of the language
-``sh`` are not run: they need a robot, or a ROS installation.
+Blocks of the languages ``bash`` and ``python`` are run in the order of the page, as if they were
+typed into one shell; each page has a shell and a folder of its own. Neighbouring blocks of
+``python`` are one program. What a page starts in the background it has to end itself. Blocks of the
+language ``sh`` are not run: they need a robot, or a ROS installation.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -28,13 +30,23 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "doc/tutorials").glob("*.md"))]
 
-# What is started in the background ends with its block.
-BASH = "set -euo pipefail\ntrap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT\n"
-LONGEST = 900.0  # s for one program
+BEGIN = "set -euo pipefail"
+END = """
+for _ in $(seq 100); do  # what was killed takes a moment to end
+    [ -n "$(jobs -rp)" ] && sleep 0.1
+done
+if [ -n "$(jobs -rp)" ]; then
+    echo "the page leaves processes running: $(jobs -r)" >&2
+    exit 1
+fi
+"""
+LONGEST = 1800.0  # s for one page
 
 _FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _ALL_TESTS = re.compile(r"^.*python3 -m pytest$", re.MULTILINE)
-_ENVIRONMENT = re.compile(r"^(scripts/in_venv \S+ |source \.venv/bin/activate$)", re.MULTILINE)
+_ENVIRONMENT = re.compile(
+    r"^(scripts/in_venv \S+ |source \.venv/bin/activate$|pip install .*$)", re.MULTILINE
+)
 
 
 class Block(NamedTuple):
@@ -49,31 +61,32 @@ def blocks(page: Path) -> list[Block]:
     return [Block(*found) for found in _FENCE.findall(page.read_text(encoding="utf-8"))]
 
 
-def programs(page: Path) -> list[Block]:
-    """What is run of a page: neighbouring blocks of one language are joined."""
+def script(page: Path) -> str:
+    """What is typed into the shell of a page."""
     run = [block for block in blocks(page) if block.language in ("bash", "python")]
-    return [
-        Block(language, "\n".join(block.code for block in group))
-        for language, group in groupby(run, key=lambda block: block.language)
-    ]
+    parts = [BEGIN]
+    for language, group in groupby(run, key=lambda block: block.language):
+        code = "\n".join(block.code for block in group)
+        is_bash = language == "bash"
+        parts.append(code if is_bash else f"python3 - <<'END_OF_PROGRAM'\n{code}END_OF_PROGRAM")
+    return "\n".join([*parts, END])
 
 
 def run_page(page: Path, folder: Path, environment: dict[str, str], *, fresh: bool) -> None:
     """Run all programs of a page in a folder; raises `RuntimeError` if one fails."""
-    for number, (language, code) in enumerate(programs(page), start=1):
-        code = _ALL_TESTS.sub("", code)
-        if not fresh:
-            code = _ENVIRONMENT.sub("", code)
-        command = ["bash", "-c", BASH + code] if language == "bash" else ["python3", "-c", code]
-        print(f"--- {page.relative_to(ROOT)}, {language} program {number}", flush=True)
-        process = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True)
-        try:
-            status = process.wait(LONGEST)
-        finally:
-            if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
-        if status:
-            raise RuntimeError(f"{page.name}: program {number} ended with status {status}:\n{code}")
+    code = _ALL_TESTS.sub("", script(page))
+    if not fresh:
+        code = _ENVIRONMENT.sub("", code)
+    print(f"--- {page.relative_to(ROOT)}", flush=True)
+    command = ["bash", "-c", code]
+    process = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True)
+    try:
+        status = process.wait(LONGEST)
+    finally:
+        with suppress(ProcessLookupError):  # nothing of the page is left
+            os.killpg(process.pid, signal.SIGKILL)
+    if status:
+        raise RuntimeError(f"{page.name} ended with status {status}:\n{code}")
 
 
 def this_environment(folder: Path) -> dict[str, str]:

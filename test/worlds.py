@@ -50,7 +50,7 @@ def random_world(rng: np.random.Generator) -> mp.World:
 def plain_distances(world: mp.World, q: np.ndarray) -> np.ndarray:
     """Distances of the links of the human arm from obstacles, by Pinocchio and its library."""
     robot = arm_robot()
-    model, geometry, order = robot.collision_geometry([])
+    model, geometry, order, _ = robot.collision_geometry([])
     data, geometry_data = model.createData(), geometry.createData()
     least = np.empty((len(q), len(world)))
     for k, one in enumerate(q):

@@ -33,7 +33,7 @@ from ..primitives.motion_sources import indices_of
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.versioned_library import VersionedLibrary
-from ..recordings.demonstration import RecordingSet
+from ..recordings.recording_set import RecordingSet
 from ..robot.model import Robot
 from .build_primitives import load, options_like, origin, primitive_options, repairs_of
 from .common import check_output, report

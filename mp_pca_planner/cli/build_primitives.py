@@ -21,8 +21,8 @@ from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import REPORT, report_page
 from ..plotting.text import variance_report
-from ..plotting.units import prismatic_joints, unit_of
-from ..primitives.build import build_from_statistics, options_to_update
+from ..plotting.units import primitive_unit, prismatic_joints, unit_of
+from ..primitives.build import build_from_statistics, left_out_error, options_to_update
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
@@ -60,6 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         recordings = load(arguments, options, joints, samples, known, robot, same_joints=True)
         recordings.require_motion()
     statistics = _statistics(recordings, old, arguments.remove)
+    robot = robot and robot.with_joints(statistics.joint_names)
     name = arguments.name or (old.name if old else output.stem)
     metadata = _origin(recordings, statistics, robot, old)
     primitive = build_from_statistics(statistics, name, options, metadata)
@@ -182,6 +183,8 @@ def load(
             arguments.bags,
             topic=arguments.topic,
             joints=joints,
+            degrees=arguments.degrees,
+            moving_only=robot is not None and joints == robot.joint_names and not arguments.joints,
             known_extents=[extent for part in known for extent in part.extents.tolist()],
             segment=arguments.segment,
             segments_csv=arguments.segments,
@@ -271,6 +274,7 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
         "explained_variance_ratio": ratio if primitive.coupling == "joint" else ratio["arm"],
         "angle_variance_ratio": primitive.metadata["angle_variance_ratio"],
         "fit_residual_rms": float(np.sqrt(np.mean(primitive.fit_residual**2))),
+        "left_out_error": _left_out_error(primitive),
         "durations": primitive.durations,
         "marker_residuals": {
             report.name: {name: asdict(r) for name, r in report.marker_residuals.items()}
@@ -294,11 +298,26 @@ def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) 
         f"{durations.min():.2f} to {durations.max():.2f} s",
         f"components  {primitive.n_components}, coupling '{primitive.coupling}', which "
         f"reproduce the motions to {fit_residual} {unit.name} RMS",
+        f"prediction  {_prediction_words(primitive)}",
         "",
         *variance_report(primitive),
         "",
         f"written to  {output}",
     ]
+
+
+def _left_out_error(primitive: MovementPrimitive) -> float:
+    assert primitive.statistics is not None
+    return left_out_error(primitive.statistics, options_to_update(primitive).n_phases)
+
+
+def _prediction_words(primitive: MovementPrimitive, few: int = 10) -> str:
+    n, error = len(primitive.durations), _left_out_error(primitive)
+    if n == 1:
+        return "one motion says nothing about the error of others: record ten to thirty"
+    unit = primitive_unit(primitive)
+    advice = f"; {n} motions say little about others: record ten to thirty" if n < few else ""
+    return f"expect {unit.number(error)} {unit.name} RMS, as for left-out motions{advice}"
 
 
 def _slowest_line(recordings: RecordingSet, many: int = 10) -> list[str]:

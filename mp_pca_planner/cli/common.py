@@ -29,6 +29,8 @@ Progress = Callable[[int, int], None]
 
 REPORTED = ("status", "effort_cost", "solve_time_s", "duration", "primitive", "in_span_score")
 """Values of the node's report that are printed by default."""
+INTERNAL = ("kkt_residual",)
+"""Values that only ``--json`` has, because they describe the solver and not the motion."""
 
 
 def print_json(content: Any) -> None:
@@ -175,7 +177,8 @@ def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict
 def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:
     """Lines of text with the values of a report: all of them, or the most important ones."""
     if is_verbose:
-        return [f"  {name:<18} {value}" for name, value in known(values).items()]
+        shown = [name for name in known(values) if name not in INTERNAL]
+        return [f"  {name:<18} {values[name]}" for name in shown]
     return [f"  {name:<18} {short(value)}" for name, value in known(values, REPORTED).items()]
 
 

@@ -29,7 +29,8 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
 from ..plotting.animation import at_frames, write_animation
 from ..plotting.arm import arm_figure
-from ..plotting.motion import motion_figure
+from ..plotting.figures import nearest_curves
+from ..plotting.motion import MotionContext, motion_figure
 from ..plotting.page import picture, require_matplotlib
 from ..plotting.primitive import primitive_figure
 from ..plotting.text import cells, table
@@ -300,8 +301,13 @@ def _draw(
     planned = [goal.trajectory for goal in served if goal.trajectory is not None]
     if not planned:
         return pictures[:1]
+    first = planned[0]
+    ends = first.positions[[0, -1]]
+    behind = nearest_curves(primitive, first.joint_names, ends, 0.0, first.duration)
     with picture(pictures[1], force=True) as figure:
-        motion_figure(figure, {"planned": planned[0]}, "Motion to the first goal", robot.limits())
+        context = MotionContext(behind)
+        title = "Motion to the first goal"
+        motion_figure(figure, {"planned": first}, title, robot.limits(), context=context)
     chain = robot.frame_positions(planned[0].positions, _ARM)
     with picture(pictures[2], force=True) as figure:
         arm_figure(figure, {"planned": chain}, "The arm on its path to the goal", _ARM[-1])

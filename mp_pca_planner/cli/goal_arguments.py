@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,9 +35,24 @@ def number_list(text: str, what: str) -> list[float]:
 
 
 def joint_values(
-    text: str, names: Sequence[str], what: str, kind: str = "joint"
+    text: str,
+    names: Sequence[str],
+    what: str,
+    kind: str = "joint",
+    angles: Collection[str] = (),
 ) -> dict[str, float]:
     """Read ``name=value,…``, or one value per joint in joint order.
+
+    Parameters
+    ----------
+    text : str
+        The values.
+    names : sequence of str
+        The joints.
+    what, kind : str
+        What is read, and of what, for messages.
+    angles : collection of str
+        Joints whose values are in degrees; they become radians.
 
     Raises
     ------
@@ -63,8 +80,15 @@ def joint_values(
             raise GoalError(f"{what}: {unknown_name(kind, name, names)}")
         if name in values:
             raise GoalError(f"{what}: {kind} '{name}' is given more than once")
-        values[name] = _finite(number, f"{what}: value of {kind} '{name}'")
+        value = _finite(number, f"{what}: value of {kind} '{name}'")
+        values[name] = math.radians(value) if name in angles else value
     return values
+
+
+def angles_in_degrees(arguments: argparse.Namespace, robot: Robot) -> tuple[str, ...]:
+    """The joints whose values are in degrees: with ``--degrees``, all that turn."""
+    turning = (name for name in robot.joint_names if name not in robot.prismatic_joints)
+    return tuple(turning) if arguments.degrees else ()
 
 
 def _finite(text: str, what: str) -> float:
@@ -85,7 +109,7 @@ def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
     GoalError
         If the text can't be read, or positions of joints are missing.
     """
-    start = _state(arguments, "start", robot.described_joints)
+    start = _state(arguments, "start", robot)
     missing = [name for name in robot.joint_names if name not in start.joint_names]
     if missing:
         raise GoalError(f"--start lacks a position for {', '.join(missing)}")
@@ -102,7 +126,10 @@ def planned_goal(
     GoalError
         If the text can't be read, or a pose or the last target of a sequence has a velocity.
     """
-    names, primitive = robot.described_joints, arguments.primitive
+    read, primitive = (
+        partial(target, robot, angles_in_degrees(arguments, robot)),
+        arguments.primitive,
+    )
     duration = arguments.duration if isinstance(arguments.duration, float) else None
     what = "a sequence ends at rest" if arguments.via else "a pose is reached at rest"
     for option in ("goal_velocity", "goal_acceleration"):
@@ -113,7 +140,7 @@ def planned_goal(
             raise GoalError(f"{option} {needed}: {what}")
     end: JointState | Pose
     if arguments.goal is not None:
-        end = _state(arguments, "goal", names)
+        end = _state(arguments, "goal", robot)
     else:
         end = _pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose")
     if arguments.via and isinstance(arguments.duration, str):
@@ -122,7 +149,7 @@ def planned_goal(
             "the demonstrations, or by a number"
         )
     if arguments.via:
-        vias = [_via(names, text) for text in arguments.via]
+        vias = [_via(text, read) for text in arguments.via]
         times = (*(None for _ in vias), duration)
         return SequenceGoal((*vias, end), times, primitive)
     if isinstance(end, Pose):
@@ -130,13 +157,13 @@ def planned_goal(
     return JointGoal(end, duration, primitive)
 
 
-def _via(names: Sequence[str], text: str) -> JointState | Pose:
+def _via(text: str, read: Callable[[str, str], JointState | Pose]) -> JointState | Pose:
     if "@" in text:
         raise GoalError(
             f"--via '{text}': plan passes vias at times of its own; "
             "`sequence --via V@T` passes one at T s"
         )
-    return target(names, text, "--via")
+    return read(text, "--via")
 
 
 def sequence_goal(
@@ -170,7 +197,7 @@ def sequence_goal(
     return SequenceGoal(tuple(targets), tuple(times), arguments.primitive, stops)
 
 
-def target(names: Sequence[str], text: str, option: str) -> JointState | Pose:
+def target(robot: Robot, angles: Collection[str], text: str, option: str) -> JointState | Pose:
     """Read a configuration (name=value,…) or a pose ('FRAME: X Y Z' or with a quaternion).
 
     Raises
@@ -181,7 +208,7 @@ def target(names: Sequence[str], text: str, option: str) -> JointState | Pose:
     frame, is_pose, numbers = text.partition(":")
     if is_pose:
         return _pose(frame.strip(), numbers, option)
-    q = joint_values(text, names, option)
+    q = joint_values(text, robot.described_joints, option, angles=angles)
     return JointState(list(q), list(q.values()))
 
 
@@ -195,12 +222,13 @@ def _frame(arguments: argparse.Namespace, robot: Robot) -> str:
     return str(arguments.frame or robot.end_effector)
 
 
-def _state(arguments: argparse.Namespace, end: str, names: Sequence[str]) -> JointState:
-    q = joint_values(getattr(arguments, end), names, f"--{end}")
+def _state(arguments: argparse.Namespace, end: str, robot: Robot) -> JointState:
+    names, angles = robot.described_joints, angles_in_degrees(arguments, robot)
+    q = joint_values(getattr(arguments, end), names, f"--{end}", angles=angles)
     rates = []
     for rate in ("velocity", "acceleration"):
         text, option = getattr(arguments, f"{end}_{rate}", None), f"--{end}-{rate}"
-        values = joint_values(text, names, option) if text else {}
+        values = joint_values(text, names, option, angles=angles) if text else {}
         for name in values:
             if name not in q:
                 raise GoalError(f"{option} names joint '{name}', but --{end} does not")

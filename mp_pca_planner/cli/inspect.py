@@ -13,14 +13,14 @@ import numpy as np
 from ..control.law import control_statement
 from ..exceptions import PlannerError, listed
 from ..plotting.text import table, variance_report
-from ..plotting.units import prismatic_joints, unit_of
+from ..plotting.units import primitive_unit, prismatic_joints, unit_of
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.reading import RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
 from .common import print_json
-from .terminal import DONE, REFUSED, complain, say
+from .terminal import DONE, PROGRAM, REFUSED, complain, say
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             found = _contents(name, arguments)
         except PlannerError as error:
-            complain(f"mp_pca_planner inspect: {error}")
+            complain(f"{PROGRAM} inspect: {error}")
             status = REFUSED
             continue
         for facts, lines in found:
@@ -81,8 +81,22 @@ def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
         "path": name,
         "format": "movement_primitive",
         **{field: getattr(primitive, field) for field in shown},
+        "usual_error": _usual_error(primitive),
         "control_statement": control_statement(primitive),
     }
+
+
+def _usual_error(primitive: MovementPrimitive) -> float:
+    """Median of the expected errors at the ends of the demonstrations [rad or m]."""
+    ends = primitive.boundary_states[:: -(-len(primitive.durations) // 200), [0, 3]]
+    return float(np.median([primitive.expected_error(primitive.model.predict(*x)) for x in ends]))
+
+
+def _usual_error_words(primitive: MovementPrimitive) -> str:
+    if len(primitive.durations) == 1:
+        return "learned from one demonstration, which says nothing about its error"
+    unit, error = primitive_unit(primitive), _usual_error(primitive)
+    return f"error of {unit.number(error)} {unit.name} RMS expected at the demonstrated ends"
 
 
 def _primitive_text(name: str, primitive: MovementPrimitive) -> list[str]:
@@ -100,6 +114,7 @@ def _primitive_text(name: str, primitive: MovementPrimitive) -> list[str]:
         f"joints      {', '.join(primitive.joint_names)}",
         f"components  {primitive.n_components}, coupling '{primitive.coupling}', "
         f"polynomials of degree {primitive.degree}",
+        f"prediction  {_usual_error_words(primitive)}",
         f"control     {control_statement(primitive)}",
         "",
         *variance_report(primitive),

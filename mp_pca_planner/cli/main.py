@@ -15,9 +15,7 @@ from importlib import import_module
 from .. import __version__
 from ..exceptions import MissingDependencyError, PlannerError, unknown_name
 from .options import COMMANDS, ROS_ARGUMENTS, add_options, module_of, parse
-from .terminal import DEBUG, DEBUG_HELP, OneLineParser, guard
-
-PROGRAM = "mp_pca_planner"
+from .terminal import DEBUG, DEBUG_HELP, PROGRAM, OneLineParser, guard
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -114,7 +112,7 @@ def _parser() -> OneLineParser:
         + "\n".join(f"  {name:{width}}  {summary}" for name, summary in COMMANDS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    parser.add_argument("--version", action="version", version=f"mp_pca_planner {__version__}")
     parser.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
     parser.add_argument("command", metavar="COMMAND", help="one of the commands below")
     return parser

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands and their options, as `options.toml` declares them.
 
-This module imports no other room, so that help is printed at once.
+This module imports no room, so that help is printed at once.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from .terminal import DEBUG, DEBUG_HELP, OneLineParser
+from ..exceptions import unknown_name
+from .terminal import DEBUG, DEBUG_HELP, PROGRAM, OneLineParser
 
 ROS_ARGUMENTS = "--ros-args"
+HELP_ALL = "--help-all"
 
 _TABLE: dict[str, Any] = tomllib.loads(
     Path(__file__).with_name("options.toml").read_text(encoding="utf-8")
@@ -101,8 +103,11 @@ _TYPES: dict[str, Callable[[str], Any]] = {
 }
 
 
-def add_options(parser: argparse.ArgumentParser, command: str) -> None:
-    """Add the options of a command, in titled groups, to a parser."""
+def add_options(
+    parser: argparse.ArgumentParser, command: str, *, with_experts: bool = True
+) -> None:
+    """Add the options of a command to a parser: in titled groups, those for experts last."""
+    experts = parser.add_argument_group("expert options")
     for section in _TABLE["commands"][command]:
         target: argparse._ActionsContainer = parser
         if "title" in section:
@@ -110,19 +115,23 @@ def add_options(parser: argparse.ArgumentParser, command: str) -> None:
         sets = [_TABLE["sets"][name] for name in section.get("use", ())]
         together: dict[str, argparse._ActionsContainer] = {}
         for options in (*sets, section.get("options", {})):
-            for names, option in options.items():
-                _add_option(target, together, names, option)
+            for names, content in options.items():
+                option = {"help": content} if isinstance(content, str) else {**content}
+                is_expert = option.pop("expert", False) or section.get("expert", False)
+                if with_experts or not is_expert:
+                    _add_option(experts if is_expert else target, together, names, option)
         parser.set_defaults(**section.get("preset", {}))
+    # After the titled groups.
+    parser._action_groups.append(parser._action_groups.pop(parser._action_groups.index(experts)))
 
 
 def _add_option(
     target: argparse._ActionsContainer,
     together: dict[str, argparse._ActionsContainer],
     option: str,
-    content: str | dict[str, Any],
+    more: dict[str, Any],
 ) -> None:
     """Add an option; `together` holds the groups of those that exclude each other."""
-    more: dict[str, Any] = {"help": content} if isinstance(content, str) else {**content}
     group = more.pop("one_of", None)
     if group is not None:
         required = more.pop("required", False)
@@ -158,18 +167,33 @@ def parse(command: str, argv: Sequence[str]) -> argparse.Namespace:
         The values, with the name of the command and, for `simulate`, the arguments for ROS.
     """
     parser = OneLineParser(
-        prog=f"mp_pca_planner {command}",
+        prog=f"{PROGRAM} {command}",
         description=_TABLE["commands"][command][0]["about"],
         allow_abbrev=False,
         formatter_class=_HelpFormatter,
     )
-    # The guard around all commands handles this option. It is added here for the help only.
-    parser.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
-    add_options(parser, command)
+    # The usual help is that of a parser without the options for experts.
+    is_usual_help = not {"-h", "--help"}.isdisjoint(argv)
+    parser.add_argument(HELP_ALL, action="help", help="show this help with the expert options")
+    if not is_usual_help:
+        # The guard around all commands handles this option. It is added here for the help only.
+        parser.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
+    add_options(parser, command, with_experts=not is_usual_help)
     has_ros_arguments = command == "simulate" and ROS_ARGUMENTS in argv
     cut = argv.index(ROS_ARGUMENTS) if has_ros_arguments else len(argv)
+    if not is_usual_help:
+        _check_options(parser, argv[:cut])
     given = argparse.Namespace(command=command, ros_arguments=list(argv[cut:]))
     return parser.parse_args(_with_negative_values(argv[:cut]), given)
+
+
+def _check_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
+    """Exit with a suggestion if there is no such option; argparse would first name missing ones."""
+    known = [name for name in parser._option_string_actions if name.startswith("--")]
+    for word in argv:
+        name = word.partition("=")[0]
+        if name.startswith("--") and name not in known and word != "--":
+            parser.error(unknown_name("option", name, known).partition("; valid")[0])
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):

@@ -8,9 +8,11 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from ..planning.plan import Plan
+import numpy as np
+
 from ..plotting.figures import plan_figure
 from ..plotting.page import picture
+from ..plotting.units import primitive_unit
 from .common import check_motion_file, check_output, report, write_motion
 from .requests import PlannedRequest, collision_lines, effort_words, plan_request, status_line
 from .terminal import DONE, FAILED, written_lines
@@ -47,7 +49,7 @@ def _facts(request: PlannedRequest) -> dict[str, Any]:
 
 def _text(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
     plan = request.plan
-    own = _sequence_lines(plan, facts) if plan.mode else _plan_lines(plan, facts)
+    own = _sequence_lines(request, facts) if plan.mode else _plan_lines(request, facts)
     return [
         status_line(plan),
         *request.lines(),
@@ -57,10 +59,12 @@ def _text(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _plan_lines(plan: Plan, facts: Mapping[str, Any]) -> list[str]:
+def _plan_lines(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
+    plan = request.plan
     lines = [
         f"primitive    {facts['primitive']} (in-span score {facts['in_span_score']:.2f}, "
         "about 1 is like the demonstrations)",
+        f"prediction   {_expected_error_words(request)}",
         f"selection    {facts['selection']}",
         f"duration     {facts['duration']:.3f} s",
         f"effort       {effort_words(plan.solution.effort_cost, plan.solution.start_cost)}",
@@ -78,12 +82,22 @@ def _plan_lines(plan: Plan, facts: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _sequence_lines(plan: Plan, facts: Mapping[str, Any]) -> list[str]:
+def _sequence_lines(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
+    plan = request.plan
     durations = ", ".join(f"{duration:.3f}" for duration in facts["durations"])
     return [
         f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",
+        f"prediction   {_expected_error_words(request)}",
         f"duration     {facts['duration']:.3f} s ({durations})",
         f"effort       {effort_words(plan.effort_cost)}",
         f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
         f"target error {max(plan.via_error, plan.goal_error):.2g} rad or m",
     ]
+
+
+def _expected_error_words(request: PlannedRequest) -> str:
+    error, primitive = request.plan.expected_error, request.primitives[0]
+    if np.isnan(error):
+        return "learned from one demonstration, which says nothing about its error"
+    unit = primitive_unit(primitive)
+    return f"expected to be {unit.number(error)} {unit.name} RMS from what would be demonstrated"

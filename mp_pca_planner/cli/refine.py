@@ -20,7 +20,7 @@ from ..primitives.file import save_primitive
 from .common import check_motion_file, check_output, report, write_motion
 from .options import parse
 from .requests import PlannedRequest, collision_lines, plan_request, status_line
-from .terminal import DONE, FAILED, complain, flush, written_lines
+from .terminal import DONE, FAILED, PROGRAM, complain, flush, written_lines
 
 # Options of `plan` that sequences don't have.
 _ONLY_OF_SINGLE_MOTIONS = (
@@ -79,7 +79,7 @@ def _request(arguments: argparse.Namespace) -> PlannedRequest:
         raise LearningError(f"there is no motion to refine: {request.plan.message}")
     collision = request.planner.collision
     if collision is not None and not collision.has_geometry:
-        complain(f"mp_pca_planner refine: {NOT_CHECKED.removeprefix('; ')}")
+        complain(f"{PROGRAM} refine: {NOT_CHECKED.removeprefix('; ')}")
     return request
 
 

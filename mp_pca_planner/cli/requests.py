@@ -27,7 +27,14 @@ from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from ..robot.world import World
-from .goal_arguments import asked_texts, planned_goal, sequence_goal, start_state, target
+from .goal_arguments import (
+    angles_in_degrees,
+    asked_texts,
+    planned_goal,
+    sequence_goal,
+    start_state,
+    target,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +49,14 @@ class PlannedRequest:
         Its plan.
     asked : list of str
         The texts of the vias and the goal.
+    angles : tuple of str
+        Joints that are printed in degrees, as they were given.
     """
 
     planner: Planner
     plan: Plan
     asked: list[str]
+    angles: tuple[str, ...] = ()
 
     @property
     def primitives(self) -> list[MovementPrimitive]:
@@ -71,21 +81,27 @@ class PlannedRequest:
             "start": start,
             "goal": goal,
             **({"vias": vias} if vias else {}),
-            "remarks": remarks(self.plan),
+            "remarks": self._remarks(),
             "joint_names": list(trajectory.joint_names),
             **({} if check is None else {"collision": _collision_words(check, trajectory)}),
         }
 
+    def _remarks(self) -> list[str]:
+        """Sentences on what is unusual about the plan, and about the shapes of bodies."""
+        collision = self.planner.collision
+        return [*remarks(self.plan), *(() if collision is None else collision.notes)]
+
     def lines(self) -> list[str]:
         """Lines of text: remarks, and the start, the vias and the goal by joint name."""
         passed = self.passed
+        unit = " [deg or m]" if self.angles else ""
         labels = ["start", *(f"via {k}" for k in range(1, len(passed) - 1)), "goal"]
         poses = ["", *(f" (for the pose {text})" if ":" in text else "" for text in self.asked)]
         lines = [
-            f"remark       {remark}" for remark in remarks(self.plan) if remark != self.plan.message
+            f"remark       {remark}" for remark in self._remarks() if remark != self.plan.message
         ]
         for label, state, pose in zip(labels, passed, poses, strict=True):
-            lines.append(f"{label:<12} {self._named(state, state.positions)}{pose}")
+            lines.append(f"{label:<12} {self._named(state, state.positions)}{unit}{pose}")
             for rate in ("velocities", "accelerations") if label in ("start", "goal") else ():
                 values = getattr(state, rate)
                 if np.any(values):
@@ -94,6 +110,7 @@ class PlannedRequest:
 
     def _named(self, state: JointState, values: FloatArray) -> str:
         found = by_name(state.joint_names, values)
+        found |= {name: math.degrees(found[name]) for name in self.angles}
         return name_values({name: found[name] for name in self.planner.robot.described_joints})
 
 
@@ -108,7 +125,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     primitives = load_primitives(arguments.primitives)
     robot = Robot.from_file(arguments.robot, primitives[0].joint_names)
     limits, collision = robot.limits(arguments.limits or {}), _collision_model(arguments, robot)
-    start = start_state(arguments, robot)
+    start, angles = start_state(arguments, robot), angles_in_degrees(arguments, robot)
     if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):
         options = PlannerOptions(
             naturalness=arguments.naturalness,
@@ -116,13 +133,13 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
             max_solve_time=math.inf,
         )
         planner = Planner(robot, primitives, limits, options, collision)
-        read = partial(target, robot.described_joints)
+        read = partial(target, robot, angles)
         goal, asked = sequence_goal(arguments, read, "--goal"), [*arguments.via, arguments.goal]
-        return PlannedRequest(planner, planner.plan(goal, start, arguments.mode), asked)
+        return PlannedRequest(planner, planner.plan(goal, start, arguments.mode), asked, angles)
     options = _options(arguments, robot)
     single = Planner(robot, primitives, limits, options, collision)
     plan = single.plan(planned_goal(arguments, robot), start)
-    return PlannedRequest(single, plan, asked_texts(arguments, robot))
+    return PlannedRequest(single, plan, asked_texts(arguments, robot), angles)
 
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:

@@ -15,15 +15,26 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
+from ..execution.execution_monitor import ARRIVED
 from ..motion.goal import JointState, Pose, SequenceGoal
-from ..ros.client import READY, GoalClient, NoAnswerError, check_node_name, is_served
+from ..ros.client import (
+    READY,
+    GoalClient,
+    NoAnswerError,
+    check_node_name,
+    is_served,
+    report_values,
+)
 from ..ros.messages import to_pose_message, to_sequence_message
-from .common import print_json, report, report_lines
+from ..ros.robot_client import RobotClient
+from .common import print_json, report_lines
 from .goal_arguments import joint_values, sequence_goal, stated_pose
-from .terminal import DONE, FAILED, REFUSED, complain, say
+from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
 
 _SERVICES = {"reload": "reload_primitives"}
 """Names of services that differ from their command's."""
+
+_MARGIN = 30.0  # s from the end of the motion to its report, where --wait is not given
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -34,17 +45,17 @@ def run(arguments: argparse.Namespace) -> int:
         message = (_pose_message if arguments.pose else _joint_message)(arguments)
     check_node_name(arguments.namespace, arguments.node)
     try:
-        with GoalClient(command, arguments.namespace, arguments.node) as client:
+        with RobotClient(command, arguments.namespace, arguments.node) as client:
             if message is not None:
                 return _send(arguments, client, message)
             return _call(arguments, client, _SERVICES.get(command, command))
     except NoAnswerError as error:
-        complain(f"mp_pca_planner {command}: {error}")
+        complain(f"{PROGRAM} {command}: {error}")
         return FAILED
 
 
-def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> int:
-    """Send a goal, and print the node's report."""
+def _send(arguments: argparse.Namespace, client: RobotClient, message: Any) -> int:
+    """Send a goal, and print the node's report and what became of the motion."""
     # The stamp distinguishes the report from those of other goals.
     stamp = message.header.stamp
     stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
@@ -53,10 +64,22 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
         client.wait_for_diagnostics(lambda values: values["text"] == READY, arguments.wait)
     answer = client.send(message, arguments.timeout, with_trajectory=False)
     found, lines = answer.report, report_lines(answer.values, is_verbose=arguments.verbose)
-    report(arguments, {"message": found.message, **answer.values}, found.message, *lines)
-    if found.level == DiagnosticStatus.ERROR:
-        return REFUSED
-    return DONE if is_served(found) else FAILED
+    facts = {"message": found.message, **answer.values}
+    if not arguments.json:
+        say(found.message, *lines)
+        flush()
+    status = DONE if is_served(found) else FAILED
+    if arguments.wait != 0.0:
+        execution = client.execution(answer, arguments.wait or _MARGIN)
+        if execution is not None:
+            values = report_values(execution)
+            facts["execution"] = {"message": execution.message, **values}
+            status = DONE if values["outcome"] == ARRIVED else FAILED
+            if not arguments.json:
+                say(execution.message)
+    if arguments.json:
+        print_json(facts)
+    return REFUSED if found.level == DiagnosticStatus.ERROR else status
 
 
 def _call(arguments: argparse.Namespace, client: GoalClient, service: str) -> int:
@@ -68,7 +91,7 @@ def _call(arguments: argparse.Namespace, client: GoalClient, service: str) -> in
     elif answer.success:
         say(answer.message)
     else:
-        complain(f"mp_pca_planner {arguments.command}: {answer.message}")
+        complain(f"{PROGRAM} {arguments.command}: {answer.message}")
     return DONE if answer.success else FAILED
 
 

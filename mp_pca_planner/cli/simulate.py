@@ -9,6 +9,7 @@ import io
 import signal
 import threading
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from ..ros.process import spin_until, start_ros
 from ..ros.simulated_robot import SimulatedRobotNode
 from ..simulation import Faults, SimulatedRobot
 from .common import check_output, report
-from .goal_arguments import joint_values
+from .goal_arguments import angles_in_degrees, joint_values
 from .terminal import DONE, written_lines
 
 _FAULTS = ("speed_scaling", "payload", "delay", "jitter", "drop", "noise")
@@ -44,7 +45,7 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
     robot = Robot.from_file(arguments.robot, arguments.joints)
     simulated = SimulatedRobot(
         robot,
-        _start(robot, arguments.start),
+        _start(robot, arguments.start, angles_in_degrees(arguments, robot)),
         seed=arguments.seed,
         plant=arguments.plant,
         time_ns=time.time_ns(),
@@ -71,12 +72,13 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
     return DONE
 
 
-def _start(robot: Robot, text: str | None) -> FloatArray:
+def _start(robot: Robot, text: str | None, angles: Collection[str]) -> FloatArray:
     limits = robot.limits()
     with np.errstate(invalid="ignore"):
         middle = 0.5 * (limits.lower + limits.upper)
     start = np.where((limits.lower < 0.0) & (limits.upper > 0.0), 0.0, middle)
-    given = {} if text is None else joint_values(text, robot.joint_names, "--start")
+    names = robot.described_joints
+    given = {} if text is None else joint_values(text, names, "--start", angles=angles)
     return np.array([given.get(n, q) for n, q in zip(robot.joint_names, start, strict=True)])
 
 

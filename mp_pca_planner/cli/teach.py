@@ -17,7 +17,7 @@ from . import build_primitives
 from .common import check_frame, check_output, report_lines
 from .keys import Keys
 from .options import parse
-from .terminal import DONE, FAILED, REFUSED, complain, flush, say
+from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -42,9 +42,10 @@ def _taught(
 ) -> tuple[TeachingSession, bool]:
     """Hold a session until it is left; returns it, and whether to build the primitive."""
     files = SessionFiles.beside(arguments.output)
+    is_whole = not arguments.joints  # all joints of the robot, also those of a gripper
     if arguments.play is not None:
         played = PlayedBag(arguments.play, arguments.topic)
-        with TeachingSession(files, played.topic, joints) as session:
+        with TeachingSession(files, played.topic, joints, moving_only=is_whole) as session:
             n_known = played.skip_until(session.joined_from(played.joint_names))
             if n_known:
                 say(f"continued    {files.bag} holds {n_known} of the messages to play already")
@@ -52,7 +53,8 @@ def _taught(
     from ..ros.joint_state_source import JointStateSource, full_topic_name
 
     topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
-    with TeachingSession(files, topic, joints) as session, JointStateSource(topic) as source:
+    taught = TeachingSession(files, topic, joints, moving_only=is_whole)
+    with taught as session, JointStateSource(topic) as source:
         say(f"recording    {topic} into {files.bag}")
         return session, _dialogue(session, source, keys, words)
 
@@ -87,11 +89,11 @@ def _try(
 ) -> int:
     """Have the node reload its primitives, and send the first goal after an explicit yes."""
     from ..ros.client import NoAnswerError, is_served
-    from ..ros.taught_robot import TaughtRobot
+    from ..ros.robot_client import RobotClient
 
     names, goal = session.motions[0].joint_names, session.first_goal()
     try:
-        with TaughtRobot(arguments.namespace, arguments.node) as robot:
+        with RobotClient("teach_goal", arguments.namespace, arguments.node) as robot:
             robot.wait_for_node(arguments.timeout, with_trajectory=False)
             reloaded = robot.call("reload_primitives", arguments.timeout)
             say(reloaded.message)
@@ -109,8 +111,9 @@ def _try(
             _say_now(answer.report.message, *report_lines(answer.values, is_verbose=False))
             if not is_served(answer.report):
                 return REFUSED
-            say(robot.outcome(answer))
+            execution = robot.execution(answer)
+            say("" if execution is None else execution.message)
     except NoAnswerError as error:
-        complain(f"mp_pca_planner teach: the primitive is built, but {error}")
+        complain(f"{PROGRAM} teach: the primitive is built, but {error}")
         return FAILED
     return DONE

@@ -25,6 +25,7 @@ from ..exceptions import ControlError
 from ..files import check_writable, write_whole
 from ..plotting.text import table
 from ..primitives.file import save_primitive
+from ..robot.model import Robot
 from .common import check_output, progress_bar, report
 from .goal_arguments import joint_values
 from .requests import PlannedRequest, plan_request
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     if parameters is not None:
         write_whole(parameters_file, parameters, overwrite=arguments.force)
     duration = f"duration     {trajectory.duration:.3f} s, of robot '{robot.name}'"
-    lines = [*request.lines(), duration, *_text(law, stability, found)]
+    lines = [*request.lines(), duration, *_text(robot, law, stability, found)]
     content = facts | {"law": law.kind, "joint_names": list(law.joint_names)}
     report(arguments, content, *lines, *written_lines([output, parameters_file]))
     return DONE if found.bound_held == arguments.trials and stability.holds else FAILED
@@ -108,7 +109,7 @@ def _facts(
     }
 
 
-def _text(law: ControlLaw, stability: Stability, found: Verification) -> list[str]:
+def _text(robot: Robot, law: ControlLaw, stability: Stability, found: Verification) -> list[str]:
     n = len(found.errors)
     bound = stability.error_bound
     rows = [
@@ -120,7 +121,8 @@ def _text(law: ControlLaw, stability: Stability, found: Verification) -> list[st
             f"{1e3 * found.errors[:, j].max():.3g}",
             f"{1e3 * np.median(found.errors[:, j]):.3g}",
         ]
-        for j, name in enumerate(law.joint_names)
+        for name in robot.described_joints
+        for j in [law.joint_names.index(name)]
     ]
     header = ["joint", "Kp", "Kd", "bound [mrad]", "worst [mrad]", "median [mrad]"]
     return [

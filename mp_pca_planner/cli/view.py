@@ -54,7 +54,7 @@ def serve(
 ) -> None:
     """Serve a page for a time [s], or until Ctrl-C."""
     with ViewPage(content, host, port, link) as page:
-        reach = "this machine only" if page.server.is_local else "every machine that reaches it"
+        reach = "this machine only" if page.server.is_local else "whoever has this address"
         moved = "" if page.server.get_port() == port or not port else f"port {port} is in use; "
         say(f"page         {page.url} ({moved}for {reach}; Ctrl-C ends it)")
         flush()

@@ -22,6 +22,7 @@ from ..exceptions import PrimitiveError
 from ..motion.goal import JointGoal, JointState
 from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
+from ..primitives.alignment import align, aligned_positions
 from ..primitives.boundary import hermite_functions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
@@ -32,11 +33,18 @@ from ..recordings.demonstration import Demonstration
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
-QUANTITIES = (*MEASURES, "tip", "peak", "deviation", "effort", "solve_time")
+QUANTITIES = (
+    *(*MEASURES, "tip", "peak", "deviation", "effort", "solve_time"),
+    *("speed", "acceleration", "jerk"),
+)
 """Of each prediction: RMS differences [rad], see `MEASURES`; RMS distance of the tip in path [m];
 error of the phase of peak speed; RMS of the weights' deviations from the expected ones in standard
-deviations; effort J [N²·m²·s]; time to find it [s], where it is optimised. NaN where there is no
-robot."""
+deviations; effort J [N²·m²·s]; time to find it [s], where it is optimised; largest speed [rad/s],
+and largest acceleration [rad/s²] and jerk [rad/s³] in the first and last tenth of the duration. NaN
+where there is no robot."""
+
+CALIBRATION_SIZES = (3, 5, 8, 12, 20)
+"""Numbers of demonstrations for which the predicted standard deviations are checked."""
 
 DEFAULT_RHO = PlannerOptions().naturalness
 RHOS = (0.0, 0.01, 0.03, 0.1, 0.3)
@@ -98,6 +106,16 @@ class Comparison:
     def rms(self, method: str, quantity: str) -> float:
         """RMS over the motions."""
         return float(np.sqrt(np.mean(self.column(method, quantity) ** 2)))
+
+    def relative_to_demonstrated(self, method: str, quantity: str, share: float = 0.95) -> float:
+        """Quantile of a method's speed, acceleration or jerk, relative to that demonstrated.
+
+        Demonstrations count with their largest value at any time: they may be cut off at a speed.
+        """
+        of_motions = [_demonstrated(motion, quantity) for motion in self.motions]
+        return float(np.quantile(self.column(method, quantity), share)) / float(
+            np.quantile(of_motions, share)
+        )
 
     def effort_ratio(self, method: str) -> float:
         """Median effort as a multiple of that of B-splines."""
@@ -193,6 +211,87 @@ def compare(
     return Comparison(tuple(motions), results, reference, tuple(every))
 
 
+@dataclass(frozen=True)
+class Calibration:
+    """How well predicted standard deviations describe the errors of motions left out.
+
+    Attributes
+    ----------
+    n_demonstrations : int
+        Number of demonstrations of each primitive.
+    within : tuple of float
+        Shares of the errors within one, two and three predicted standard deviations.
+    in_span : float
+        Share of the left-out requests with an in-span score below 3.
+    error_ratio : float
+        RMS error of left-out motions in path, in units of the expected one.
+    """
+
+    n_demonstrations: int
+    within: tuple[float, float, float]
+    in_span: float
+    error_ratio: float
+
+
+def calibration(
+    motions: Sequence[Demonstration],
+    options: PrimitiveOptions = _OPTIONS,
+    *,
+    sizes: Sequence[int] = CALIBRATION_SIZES,
+    n_draws: int = 10,
+    n_tested: int = 3,
+) -> list[Calibration]:
+    """Predict motions from a few others, drawn at random.
+
+    Errors are those of the joint angles at a quarter, half and three quarters of the path.
+
+    Parameters
+    ----------
+    motions :
+        Motions of the same joints.
+    options :
+        How primitives are built.
+    sizes :
+        Numbers of demonstrations; those that leave no motion are skipped.
+    n_draws, n_tested :
+        Number of primitives for each size, and of motions left out of each.
+    """
+    found = []
+    for size in sizes:
+        rng, rows = np.random.default_rng(size), []
+        for _ in range(n_draws if size < len(motions) else 0):
+            order = rng.permutation(len(motions))
+            primitive = build_primitive([motions[i] for i in order[:size]], "some", options)
+            tested = [motions[i] for i in order[size:][:n_tested]]
+            rows += [_standardised(motion, primitive) for motion in tested]
+        if rows:
+            errors, scores, squares, expected = map(np.array, zip(*rows, strict=True))
+            one, two, three = (float(np.mean(np.abs(errors) < k)) for k in (1.0, 2.0, 3.0))
+            ratio = float(np.sqrt(squares.mean() / np.mean(expected**2)))
+            in_span = float(np.mean(scores < 3.0))
+            found.append(Calibration(size, (one, two, three), in_span, ratio))
+    return found
+
+
+def _standardised(
+    motion: Demonstration, primitive: MovementPrimitive
+) -> tuple[FloatArray, float, float, float]:
+    """Errors in standard deviations, in-span score, and mean square and expected error."""
+    phases = np.array([0.25, 0.5, 0.75])
+    start, goal = motion.positions[[0, -1]]
+    expected = primitive.model.predict(start, goal, motion.duration)
+    (warp,) = align([motion], "arc_length")
+    straight = start + hermite_functions(phases)[:, 3:4] * (goal - start)
+    predicted = straight + primitive.basis.shape(expected.weights, phases)
+    errors = aligned_positions(motion, warp, phases) - predicted
+    functions = primitive.basis.functions(phases)
+    variances = np.einsum("pjk,kl,pjl->pj", functions, expected.covariance, functions)
+    variances += np.mean(primitive.fit_residual**2, axis=0) + 1e-12
+    both = by_way(expected_motion(primitive, motion)) - by_way(motion.time_normalised(1001))
+    score, usual = expected.in_span_score, primitive.expected_error(expected)
+    return errors / np.sqrt(variances), score, float(np.mean(both**2)), usual
+
+
 def _predictions(
     motion: Demonstration, primitive: MovementPrimitive, robot: Robot | None, rhos: Sequence[float]
 ) -> dict[str, Prediction]:
@@ -262,9 +361,27 @@ def _quantities(
         effort = prediction.effort or _effort(positions, motion, robot)
     peak = abs(_peak_phase(positions) - _peak_phase(truth))
     deviation = _deviation(positions, motion, primitive)
-    return np.array(
-        [*differences(positions, truth), distance, peak, deviation, effort, prediction.solve_time]
-    )
+    rest = effort, prediction.solve_time, *_highest(positions, motion.duration)
+    return np.array([*differences(positions, truth), distance, peak, deviation, *rest])
+
+
+def _highest(positions: FloatArray, duration: float) -> tuple[float, float, float]:
+    """Largest speed, and largest acceleration and jerk in the first and last tenth."""
+    highest = []
+    for order, share in ((1, 1.0), (2, 0.1), (3, 0.1)):
+        curves = np.abs(np.diff(positions, order, axis=0)) / (duration / 1000.0) ** order
+        n = round(share * len(curves))
+        highest.append(float(max(curves[:n].max(), curves[-n:].max())))
+    return highest[0], highest[1], highest[2]
+
+
+def _demonstrated(motion: Demonstration, quantity: str) -> float:
+    """Largest speed, acceleration or jerk of a demonstration at any time."""
+    curves = {"speed": motion.velocities, "acceleration": motion.accelerations}
+    curve = curves.get(quantity)
+    if curve is None:
+        curve = np.gradient(motion.accelerations, motion.times, axis=0)
+    return float(np.abs(curve).max())
 
 
 def _peak_phase(positions: FloatArray) -> float:

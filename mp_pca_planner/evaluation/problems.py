@@ -95,7 +95,7 @@ def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
         return name, config_file("human_arm.urdf"), JOINT_NAMES
     if name in EXAMPLE_ROBOTS:
         file, joints = EXAMPLE_ROBOTS[name]
-        loader = require("example_robot_data.robots_loader", "peers", f"the robot '{name}'")
+        loader = require("example_robot_data.robots_loader", "example", f"the robot '{name}'")
         path = Path(loader.getModelPath(file)) / file
         every = Robot.from_file(path).joint_names
         return name, path, tuple(joint for joint in every if re.fullmatch(joints, joint))

@@ -151,10 +151,13 @@ class SceneReferee:
 
 
 def _hulls(geometry: Any) -> Any:
-    """The same with convex hulls in the place of meshes."""
+    """The same with convex hulls in the place of meshes with a volume."""
     hulls = geometry.copy()
     for part in hulls.geometryObjects:
         if hasattr(part.geometry, "buildConvexHull"):
+            points = np.array(part.geometry.vertices())
+            if np.linalg.matrix_rank(points - points.mean(axis=0), rtol=1e-6) < 3:
+                continue  # Coal would end the process
             part.geometry.buildConvexHull(True, "Qt")
             part.geometry = part.geometry.convex
     return hulls

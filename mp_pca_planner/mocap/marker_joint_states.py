@@ -15,8 +15,8 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..input_limits import INPUT_LIMITS
 from ..recordings.bags import NS_PER_S
-from ..recordings.demonstration import MarkerResidual
 from ..recordings.joint_states import JointLayout, RawJointStates
+from ..recordings.recording_set import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import MarkerProblem, solve
 from .marker_map import MarkerMap, MarkerPlacement, read_marker_map

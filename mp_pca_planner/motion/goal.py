@@ -32,6 +32,13 @@ class JointState:
     ------
     GoalError
         If names repeat, lengths differ or a number is not finite.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> state = mp.JointState(["shoulder", "elbow"], [0.2, -0.5])
+    >>> state.velocities.tolist()
+    [0.0, 0.0]
     """
 
     joint_names: tuple[str, ...]
@@ -79,6 +86,14 @@ class Pose:
     ------
     GoalError
         If a shape is wrong, a number not finite, or the quaternion not of length 1.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> anywhere_turned = mp.Pose("hand", [0.4, 0.1, 0.3])
+    >>> upright = mp.Pose("hand", [0.4, 0.1, 0.3], [0.0, 0.0, 0.0, 1.0])
+    >>> anywhere_turned.orientation is None
+    True
     """
 
     frame: str
@@ -132,6 +147,13 @@ class JointGoal:
     ------
     GoalError
         If a field is something else.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> goal = mp.JointGoal(mp.JointState(["elbow"], [-0.8]), duration=2.0)
+    >>> goal.duration
+    2.0
     """
 
     state: JointState
@@ -158,6 +180,13 @@ class PoseGoal:
     ------
     GoalError
         If a field is something else.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> goal = mp.PoseGoal(mp.Pose("hand", [0.4, 0.1, 0.3]))
+    >>> goal.duration is None
+    True
     """
 
     pose: Pose
@@ -190,6 +219,14 @@ class SequenceGoal:
     GoalError
         If there is no target, one is something else, the numbers of targets, times and stops
         differ, or times don't increase.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> above, there = (mp.JointState(["elbow"], [q]) for q in (-0.4, -0.8))
+    >>> goal = mp.SequenceGoal([above, there], times=[1.0, None])
+    >>> len(goal.targets)
+    2
     """
 
     targets: tuple[JointState | Pose, ...]

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import PlannerError, TrajectoryError, require
-from ..files import write_whole
+from ..files import read_bytes, reading, write_whole
+from ..input_limits import INPUT_LIMITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,13 @@ class Trajectory:
     ------
     TrajectoryError
         If shapes disagree, a number is not finite, or the times don't increase from 0.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> zero = [[0.0], [0.0]]
+    >>> mp.Trajectory(["elbow"], [0.0, 1.0], [[0.0], [0.5]], zero, zero)
+    Trajectory: 1 joints, 2 points, 1 s
     """
 
     joint_names: tuple[str, ...]
@@ -143,6 +151,33 @@ class Trajectory:
 
         write_joint_trajectory(path, self, overwrite=overwrite)
 
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectory:
+        """Read a trajectory that :meth:`save` wrote as a .csv, .json or .npz file.
+
+        Raises
+        ------
+        TrajectoryError
+            If it can't be read, or holds no trajectory.
+
+        Examples
+        --------
+        >>> import mp_pca_planner as mp
+        >>> zero = [[0.0], [0.0]]
+        >>> motion = mp.Trajectory(["elbow"], [0.0, 1.0], [[0.0], [0.5]], zero, zero)
+        >>> motion.save("motion.csv", overwrite=True)
+        >>> mp.Trajectory.load("motion.csv")
+        Trajectory: 1 joints, 2 points, 1 s
+        """
+        path = Path(path)
+        read = {".csv": _from_csv, ".json": _from_json, ".npz": _from_npz}.get(path.suffix)
+        if read is None:
+            raise TrajectoryError(f"'{path}' is no .csv, .json or .npz file of a trajectory")
+        with reading(f"the trajectory '{path}'", TrajectoryError):
+            content = read(read_bytes(path, INPUT_LIMITS.primitive_bytes))
+            names, columns = content.pop("joint_names"), content
+            return cls(names, **{name: columns[name] for name in _COLUMNS if name in columns})
+
     def to_message(self, *, with_efforts: bool = False) -> Any:
         """Convert the trajectory to a ``trajectory_msgs/JointTrajectory``.
 
@@ -178,6 +213,9 @@ def check_format(path: Path) -> None:
         )
 
 
+_COLUMNS = ("times", "positions", "velocities", "accelerations", "efforts")
+
+
 def _csv(trajectory: Trajectory) -> bytes:
     columns = trajectory.columns()
     table = np.column_stack(list(columns.values()))
@@ -187,6 +225,27 @@ def _csv(trajectory: Trajectory) -> bytes:
     # 17 digits restore every number exactly.
     np.savetxt(text, table, "%.17g", delimiter=",", header=",".join(header), comments="")
     return text.getvalue().encode()
+
+
+def _from_csv(content: bytes) -> dict[str, Any]:
+    head, _, rows = content.decode().partition("\n")
+    _, *header = head.split(",")
+    if not header or not rows.strip():
+        raise ValueError("it has no columns or no rows")
+    table = np.loadtxt(io.StringIO(rows), delimiter=",", ndmin=2)
+    kinds = list(dict.fromkeys(name.rpartition(".")[2] for name in header))
+    names = [name.rpartition(".")[0] for name in header[: len(header) // len(kinds)]]
+    blocks = np.split(table[:, 1:], len(kinds), axis=1)
+    return {"joint_names": names, "times": table[:, 0], **dict(zip(kinds, blocks, strict=True))}
+
+
+def _from_json(content: bytes) -> dict[str, Any]:
+    return dict(json.loads(content))
+
+
+def _from_npz(content: bytes) -> dict[str, Any]:
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files if name in ("joint_names", *_COLUMNS)}
 
 
 def _json(trajectory: Trajectory) -> bytes:

@@ -49,11 +49,6 @@ class Checked:
                 check_number(number, one.name, GoalError, *limits, is_whole=is_whole)
 
 
-def never() -> bool:
-    """Not to be stopped."""
-    return False
-
-
 @dataclass(frozen=True)
 class SolverOptions(Checked):
     """Stopping criteria and step limits of the solver.
@@ -85,7 +80,7 @@ class SolverOptions(Checked):
 
     tolerance: float = within(3e-5, 0.0, 1.0)
     max_iterations: int = within(60, 1, 1_000_000, is_whole=True)
-    should_stop: Callable[[], bool] = never
+    should_stop: Callable[[], bool] = bool  # never
     first_radius: float = within(30.0, 1e-6, 1e6)
     first_radius_to_equalities: float = within(10.0, 1e-6, 1e6)
     expected_share: float = within(0.3, 0.0, 1.0)
@@ -428,6 +423,13 @@ class PlannerOptions(Checked):
     ------
     GoalError
         If an option is out of its range.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> options = mp.PlannerOptions(naturalness=0.1, timing="shortest")
+    >>> options.basis
+    'pca'
     """
 
     basis: str = "pca"

@@ -107,6 +107,9 @@ class Plan:
     in_span_score : float
         Distance of the request from the demonstrations (about 1: like them); the largest of
         the segments.
+    expected_error : float
+        RMS difference in path to expect between the predicted motion and what would be demonstrated
+        [rad or m]; the largest of the segments. NaN for a primitive of one demonstration.
     limit_check : LimitCheck
         Comparison with the limits on a grid of at most 1 ms.
     start_error, goal_error : float
@@ -137,6 +140,16 @@ class Plan:
         optimisation) or 'optimal'. Empty for a single goal.
     planner : Planner or None
         The planner that made it.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> urdf = mp.config_file("human_arm.urdf")
+    >>> motions = mp.load_demonstrations(mp.write_example_recording("motions.mcap", 6), robot=urdf)
+    >>> planner = mp.Planner(mp.Robot.from_file(urdf), mp.MovementPrimitive.fit(motions))
+    >>> plan = planner.plan(start=motions[0].positions[0], goal={"elbow": -0.8})
+    >>> plan.is_executable, plan.trajectory.n_joints
+    (True, 4)
     """
 
     status: str
@@ -148,6 +161,7 @@ class Plan:
     considered: int
     selection: str
     in_span_score: float
+    expected_error: float
     limit_check: LimitCheck
     start_error: float
     goal_error: float
@@ -253,6 +267,7 @@ class Plan:
             "iterations": self.solution.iterations,
             "kkt_residual": self.solution.kkt_residual,
             "in_span_score": self.in_span_score,
+            "expected_error": self.expected_error,
             "deviation_score": self.deviation_score,
             "n_components_used": self.n_components_used,
             "correction_used": int(self.correction > 0.0),

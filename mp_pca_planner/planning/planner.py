@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from types import NoneType
+from typing import Any
 
 from ..arrays import check_type
 from ..exceptions import GoalError, LimitsError, PrimitiveError, RobotError, WorldError, quote_names
@@ -70,6 +71,17 @@ class Planner:
         If a moving link has no valid inertia, and efforts are limited or part of the objective.
     WorldError
         If an obstacle is attached to an unknown link or has the name of a link.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> urdf = mp.config_file("human_arm.urdf")
+    >>> motions = mp.load_demonstrations(mp.write_example_recording("motions.mcap", 6), robot=urdf)
+    >>> reach = mp.MovementPrimitive.fit(motions, name="reach")
+    >>> planner = mp.Planner(mp.Robot.from_file(urdf, reach.joint_names), [reach])
+    >>> start, goal = motions[0].positions[[0, -1]]
+    >>> planner.plan(start=start, goal=goal).status
+    'solved'
     """
 
     def __init__(
@@ -111,6 +123,9 @@ class Planner:
         self._selector = Selector(self.robot, self.primitives, objectives, selection)
         bases = BasisStore(self.options)
         self._context = Context(self.robot, self.limits, self.options, collision, bases)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Planner, (self.robot, self.primitives, self.limits, self.options, self.collision)
 
     def __repr__(self) -> str:
         names = quote_names(self.primitives.names)

@@ -7,6 +7,7 @@ All sentences about plans are in this module.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -24,7 +25,7 @@ from .options import DEMONSTRATED, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .program.bases import MotionBasis
 from .request import Request
-from .requests.resolve import in_span_score
+from .requests.resolve import in_span_score, predict
 from .search.candidate import Candidate, with_costs
 from .search.sampling import missing_planner
 from .search.search import Outcome
@@ -131,6 +132,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         considered=max([len(segment.selection.considered) for segment in request.segments]),
         selection=_selection(goal, outcome),
         in_span_score=_in_span_score(context, best),
+        expected_error=_expected_error(context, best),
         limit_check=best.check,
         start_error=float(start_error),
         goal_error=best.target_errors[-1],
@@ -391,6 +393,16 @@ def _in_span_score(context: Context, best: Candidate) -> float:
         )
         for segment, motion in zip(request.segments, best.motions, strict=True)
     )
+
+
+def _expected_error(context: Context, best: Candidate) -> float:
+    """The largest error that the primitives expect of their predictions."""
+    errors = []
+    for segment, motion in zip(best.request.segments, best.motions, strict=True):
+        moved = replace(segment, start=motion.start)
+        expected = predict(context, moved, motion.goal, motion.duration)
+        errors.append(segment.primitive.expected_error(expected))
+    return max(errors)
 
 
 def _is_corrected(basis: MotionBasis) -> bool:

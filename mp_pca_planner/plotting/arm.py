@@ -100,7 +100,8 @@ def arm_figure(
     ]
     marks = [line(name, **style) for name, style in zip(goals, _GOALS, strict=False)]
     width = max(3.1 * (front + side) / up + 2.0, 7.0)
-    add_header(figure, title, entries + marks, width, 4.0 * len(motions))
+    figure.set_size_inches(width, 4.0 * len(motions))
+    add_header(figure, title, entries + marks)
     grid = figure.subplots(len(motions), 2, squeeze=False, width_ratios=[front, side])
     for i, (label, chain) in enumerate(motions.items()):
         for axes, (horizontal, view, name) in zip(grid[i], _VIEWS, strict=True):

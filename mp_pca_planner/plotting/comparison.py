@@ -48,7 +48,8 @@ def comparison_figure(
         line(label, COLOURS[i % n], "", marker=_MARKERS[i % len(_MARKERS)], **style)
         for i, label in enumerate(clouds)
     ]
-    add_header(figure, title, medians, 11.0, 7.0)
+    figure.set_size_inches(11.0, 7.0)
+    add_header(figure, title, medians)
     axes = figure.subplots()
     for median, points in zip(medians, clouds.values(), strict=True):
         values = np.array(points, dtype=np.float64)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import by_name
+from ..arrays import FloatArray, by_name
 from ..planning.plan import Plan
 from ..planning.report import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.differences import PHASES
 from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
-from .motion import QUANTITIES, Curve, MotionContext, motion_figure, plot_motion
+from .motion import Curve, MotionContext, motion_figure, plot_motion
 from .primitive import plot_components, primitive_figure
 from .style import FIGURES, styled_figure
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
-    """Plot a plan, at most twelve panels.
+    """Plot a plan, with a column of panels per joint.
 
     The limits that the motion is near are drawn, and behind each segment the demonstrations whose
     ends are nearest to its own, re-timed to its duration.
@@ -41,7 +41,8 @@ def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
     Returns
     -------
     panels : list of list of Axes
-        By column, the Axes of positions, velocities and, if known, efforts.
+        By joint, the Axes of positions, velocities, accelerations if a limit of them is reached,
+        and efforts if they are known.
     """
     drawn = f"{len(plan.motions)} segments" if plan.mode else f"'{plan.primitive}'"
     title = f"{drawn}: {plan.message}"
@@ -62,18 +63,44 @@ def plan_context(plan: Plan) -> MotionContext:
     for motion, name in zip(plan.motions, plan.primitives, strict=True):
         if plan.planner is not None:
             primitive = plan.planner.primitives.named(name)
-            order = [primitive.joint_names.index(joint) for joint in joints]
             states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
-            ends = np.array([[state[joint] for joint in primitive.joint_names] for state in states])
-            times = begin + motion.duration * PHASES
-            for i in nearest_demonstrations(primitive, ends)[: FIGURES.max_behind]:
-                own = primitive.durations[i] * PHASES
-                behind.append((times, primitive.reproduction(int(i), own)[:, order]))
+            ends = np.array([[state[joint] for joint in joints] for state in states])
+            behind += nearest_curves(primitive, joints, ends, begin, motion.duration)
         begin += motion.duration
     score = plan.in_span_score
     unlike = f"unlike the demonstrations (in-span score {score:.1f}, usual: about 1)"
     warnings = [unlike] if score > UNUSUAL_IN_SPAN_SCORE else []
     return MotionContext(behind, plan.duration * np.array(plan.via_phases), warnings)
+
+
+def nearest_curves(
+    primitive: MovementPrimitive,
+    joint_names: Sequence[str],
+    ends: FloatArray,
+    begin: float,
+    duration: float,
+) -> list[Curve]:
+    """The demonstrations whose ends are nearest to those of a motion, re-timed to it.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        The primitive, which has learned the demonstrations.
+    joint_names : sequence of str
+        The joints of the primitive, in any order.
+    ends : array, shape (2, n_joints)
+        First and last position of these joints [rad or m].
+    begin, duration : float
+        Start and duration of the motion [s].
+    """
+    order = [primitive.joint_names.index(joint) for joint in joint_names]
+    own_ends = np.empty_like(ends)
+    own_ends[:, order] = ends
+    times = begin + duration * PHASES
+    return [
+        (times, primitive.reproduction(int(i), primitive.durations[i] * PHASES)[:, order])
+        for i in nearest_demonstrations(primitive, own_ends)[: FIGURES.max_behind]
+    ]
 
 
 def plot_plan(plan: Plan, axes: Axes | Sequence[Axes] | None = None) -> NDArray[np.object_]:
@@ -90,14 +117,14 @@ def plot_plan(plan: Plan, axes: Axes | Sequence[Axes] | None = None) -> NDArray[
     Returns
     -------
     axes : array of Axes
-        The Axes, shape (n_columns, n_quantities) of a new figure.
+        The Axes, shape (n_joints, n_quantities) of a new figure.
     """
     trajectory = plan.trajectory
     if axes is None:
         with styled_figure(interactive=True) as figure:
             return np.array(plan_figure(figure, plan))
     given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
-    for one, quantity in zip(given, QUANTITIES, strict=False):
+    for one, quantity in zip(given, ("positions", "velocities", "efforts"), strict=False):
         plot_motion(one, trajectory, quantity, prismatic=_prismatic(plan))
     return given
 

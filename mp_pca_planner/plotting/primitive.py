@@ -13,7 +13,7 @@ from ..arrays import FloatArray
 from ..primitives.alignment import own_phases
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
-from .style import FIGURES, LINES, Line, joint_panels, label_left, palette_line
+from .style import FIGURES, LINES, Line, add_header, joint_panels, label_left, palette_line
 from .units import prismatic_joints, unit_of
 
 if TYPE_CHECKING:
@@ -103,7 +103,8 @@ def primitive_figure(
     if shown is None:
         shown = reproductions(primitive, range(len(primitive.durations)))
     lines = [LINES["demonstration"], LINES["mean"], *_component_lines(primitive)]
-    panels = joint_panels(figure, primitive.joint_names, 2, title, lines)
+    panels = joint_panels(figure, primitive.joint_names, 2)
+    add_header(figure, title, lines)
     for joint, (above, below) in enumerate(panels):
         plot_demonstrations(above, primitive, joint, shown)
         plot_components(below, primitive, joint)
@@ -134,7 +135,8 @@ def angle_components_figure(
         Title of the figure.
     """
     lines = [palette_line(f"PC{k + 1}", k) for k in range(max(map(len, components)))]
-    panels = joint_panels(figure, joint_names, 1, title, lines)
+    panels = joint_panels(figure, joint_names, 1)
+    add_header(figure, title, lines)
     for (axes,), found in zip(panels, components, strict=True):
         for row, style in zip(found, lines, strict=False):
             axes.plot(np.linspace(0.0, 1.0, row.size), row, **style)

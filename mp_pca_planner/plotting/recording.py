@@ -42,7 +42,8 @@ def recording_figure(
         raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
     unit = unit_of(report.joint_names, prismatic)
-    add_header(figure, "", [*joints, LINES["motion"], LINES["rest"]], 12.0, 3.6)
+    figure.set_size_inches(12.0, 3.6)
+    add_header(figure, "", [*joints, LINES["motion"], LINES["rest"]])
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     for values, style in zip(overview.positions.T, joints, strict=True):
         above.plot(overview.times, unit.factor * values, **style)

@@ -25,8 +25,9 @@ from ..primitives.library_building import LibraryContent
 from ..primitives.options import PrimitiveOptions
 from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.demonstration import Demonstration, Refusal
+from ..recordings.demonstration import Demonstration
 from ..recordings.load import RecordingReport, RecordingSet
+from ..recordings.recording_set import Refusal
 from ..recordings.repair import REPAIRS
 from ..robot.model import Robot
 from .arm import arm_figure
@@ -265,7 +266,8 @@ def kinds_map(figure: Figure, content: LibraryContent) -> None:
     for k, primitive in enumerate(content.primitives):
         colour = palette_line("", k)["color"]
         styles.append(_points(colour, _MARKERS[k % len(_MARKERS)], primitive.name))
-    add_header(figure, "Motions by kind", styles[1:] + styles[:1], 10.0, 6.0)
+    figure.set_size_inches(10.0, 6.0)
+    add_header(figure, "Motions by kind", styles[1:] + styles[:1])
     axes = figure.subplots()
     for k, style in enumerate(styles, start=OUTLIER):
         axes.plot(*kinds.positions[kinds.members(k)].T, **style)
@@ -283,7 +285,7 @@ def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:
     moved = np.argsort(-np.ptp(paths, axis=1).mean(axis=0), kind="stable")
     joints = np.sort(moved[: REPORT.max_joints])
     names = [primitive.joint_names[j] for j in joints]
-    lines = [LINES["demonstration"], LINES["mean"]]
-    panels = joint_panels(figure, names, 1, primitive.name, lines)
+    panels = joint_panels(figure, names, 1)
+    add_header(figure, primitive.name, [LINES["demonstration"], LINES["mean"]])
     for joint, (axes,) in zip(joints, panels, strict=True):
         plot_demonstrations(axes, primitive, int(joint), paths)

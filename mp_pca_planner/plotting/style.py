@@ -48,6 +48,8 @@ class FigureOptions:
     near_limit : float
         A limit is drawn if it is nearer to the curve than this share of the curve's range; a
         farther one would flatten the curve.
+    reached_limit : float
+        Share of a limit from which on it is reached: planned motions end just below it.
     min_span, min_effort_span : float
         Smallest ranges of a vertical axis [SI units] of positions and velocities, and of efforts:
         rounding errors of joints at rest stay invisible.
@@ -57,6 +59,7 @@ class FigureOptions:
     max_behind: int = 8
     max_components: int = 3
     near_limit: float = 0.25
+    reached_limit: float = 0.95
     min_span: float = 0.02
     min_effort_span: float = 0.2
 
@@ -128,27 +131,23 @@ def styled_figure(*, interactive: bool = False) -> Iterator[Figure]:
         yield figure
 
 
-def add_header(
-    figure: Figure, title: str, lines: Sequence[Line], width: float, height: float
-) -> None:
-    """Set the size of a figure, with a title and a legend above its panels.
+def add_header(figure: Figure, title: str, lines: Sequence[Line]) -> None:
+    """Put a title and a legend above the panels of a figure.
 
     The figure grows by the height of the header. Long texts are broken into several lines.
 
     Parameters
     ----------
     figure :
-        A figure with constrained layout.
+        A figure with constrained layout, of the size of its panels.
     title :
         Its title.
     lines :
         Entries of the legend.
-    width, height :
-        Size of the panels [inch].
     """
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure.set_size_inches(width, height)
+    width, height = figure.get_size_inches()
     # Conversion from average letters to a line of the widest letters.
     for letters_per_inch, n_columns in product((12, 9, 5), range(len(lines), 0, -1)):
         for legend in [*figure.legends]:
@@ -182,10 +181,10 @@ def _legend(
     )
 
 
-def joint_panels(
-    figure: Figure, names: Sequence[str], n_rows: int, title: str, lines: Sequence[Line]
-) -> list[list[Axes]]:
+def joint_panels(figure: Figure, names: Sequence[str], n_rows: int) -> list[list[Axes]]:
     """Make a column of panels per joint, in several bands if there are many joints.
+
+    Sets the size of the figure.
 
     Returns
     -------
@@ -194,7 +193,7 @@ def joint_panels(
     """
     n_bands = ceil(len(names) / FIGURES.max_columns)
     n_columns = ceil(len(names) / n_bands)
-    add_header(figure, title, lines, 3.5 * max(n_columns, 2), 2.3 * n_bands * n_rows)
+    figure.set_size_inches(3.5 * max(n_columns, 2), 2.3 * n_bands * n_rows)
     grid = figure.subplots(n_bands * n_rows, n_columns, squeeze=False)
     panels = []
     for j in range(n_bands * n_columns):

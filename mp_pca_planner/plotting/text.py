@@ -62,7 +62,7 @@ def percents(values: Sequence[float], n: int) -> list[str]:
 
 
 def variance_report(primitive: MovementPrimitive) -> list[str]:
-    """Shares of the variance, of the shapes and of the joint angles beside [P] Table 2."""
+    """Shares of the variance of the shapes and of the joint angles."""
     shares = primitive.explained_variance_ratio
     header, rows = variance_table(shares)
     lines = ["Variance of the shapes (motions less their boundary parts) [%]"]
@@ -75,13 +75,7 @@ def variance_report(primitive: MovementPrimitive) -> list[str]:
             )
     angles = primitive.metadata["angle_variance_ratio"]
     header, rows = variance_table(angles, 4)
-    beside = ""
-    if is_arm_of_paper(angles):
-        beside = ", as in Table 2 of the paper"
-        header += ["paper PC1", "PC2"]
-        for row in rows:
-            row += percents(TABLE_2[row[0]], 2)
-    lines += ["", f"Variance of the joint angles themselves{beside} [%]"]
+    lines += ["", "Variance of the joint angles themselves [%]"]
     return [*lines, *table(rows, header=header).splitlines()]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..primitives.covariances import in_span_score
+from ..primitives.conditional_model import in_span_score
 from ..primitives.cross_validation import HeldOutErrors
 from ..primitives.differences import MEASURES
 from ..primitives.primitive import MovementPrimitive

@@ -9,12 +9,13 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..recordings.demonstration import Demonstration
 from ..rows import empty_rows, row_blocks, row_mean
-from .conditional_model import ConditionalModel, thinned
+from .conditional_model import ConditionalModel, left_out_squares, thinned
 from .motion_sources import MotionSources
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 from .options import PrimitiveOptions as PrimitiveOptions
@@ -57,13 +58,36 @@ def build_primitive(
         if not isinstance(one, Demonstration):
             raise PrimitiveError(
                 f"primitive '{name}' can't be built: {one!r:.80} is no demonstration; "
-                "load_demonstrations reads recordings"
+                "load_demonstrations reads recordings, and arrays need times="
             )
     if not demonstrations:
         raise PrimitiveError(f"primitive '{name}' can't be built: there is no demonstration")
     return build_from_statistics(
         MotionStatistics.of(demonstrations, options), name, options, metadata
     )
+
+
+def demonstrations_of(
+    positions: Sequence[ArrayLike],
+    times: ArrayLike | Sequence[ArrayLike],
+    joint_names: Sequence[str] | None = None,
+) -> list[Demonstration]:
+    """Demonstrations from arrays, see :meth:`.MovementPrimitive.fit`."""
+    motions = list(positions)
+    is_shared = bool(np.isscalar(next(iter(times), 0.0)))  # type: ignore[arg-type]
+    own_times: list[Any] = [times] * len(motions)
+    if not is_shared:
+        own_times = list(times)  # type: ignore[arg-type]
+    if len(own_times) != len(motions):
+        raise PrimitiveError(
+            f"there are {len(motions)} motions, but {len(own_times)} arrays of times: give one for "
+            "each, or one for all"
+        )
+    names = joint_names or [f"joint{j + 1}" for j in range(np.shape(motions[0])[-1])]
+    return [
+        Demonstration.from_arrays(names, t, q, recording=f"motion {k}")
+        for k, (t, q) in enumerate(zip(own_times, motions, strict=True), start=1)
+    ]
 
 
 def options_to_update(primitive: MovementPrimitive) -> PrimitiveOptions:
@@ -133,6 +157,19 @@ def build_from_statistics(
         model=_fit_model(statistics, mean, directions),
         statistics=statistics,
     )
+
+
+def left_out_error(statistics: MotionStatistics, n_phases: int) -> float:
+    """RMS error in path of motions that are left out and predicted from the others [rad or m].
+
+    NaN for a single motion, and at most 200 motions.
+    """
+    used = statistics.chosen(thinned(statistics.requests()))
+    if len(used.durations) < 2:
+        return float("nan")
+    squares = left_out_squares(*used.requests_and_shapes())
+    squares = squares + used.shape_remainders.sum(axis=1)
+    return float(np.sqrt(squares.mean() / (n_phases * len(statistics.joint_names))))
 
 
 def _reproduced(

@@ -26,15 +26,15 @@ from ..files import open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 from ..json_content import check_form, load_json
 from ..rows import BLOCK, row_blocks
-from .conditional_model import ConditionalModel
+from .conditional_model import ConditionalModel, thinned
 from .motion_sources import MotionSource, MotionSources, source_rows
 from .motion_statistics import MotionStatistics
-from .pace import PACE_DEGREE
+from .pace import PACE_DEGREE, fit_paces
 from .primitive import MovementPrimitive
 from .primitive_values import ARRAY_SHAPES
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 _METADATA = {
     "name": str,
@@ -53,6 +53,17 @@ _METADATA = {
     "prismatic_joints?": [str],
     "refined_from?": dict,
 }
+
+# Arrays from which the model of a file of version 1 is fitted anew.
+_REFITTED = (
+    "mean_coefficients",
+    "component_coefficients",
+    "weights",
+    "boundary_states",
+    "durations",
+    "warps",
+    "straight_weights",
+)
 
 # Arrays of the statistics beside those of the primitive; None: any size.
 _STATISTICS: dict[str, tuple[int | None, ...]] = {
@@ -149,10 +160,10 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
     if metadata.get("format") != FORMAT_NAME:
         raise PrimitiveFileError("it was not made by this package (no 'format' in its metadata)")
     version = metadata.get("format_version")
-    if version != FORMAT_VERSION:
+    if version not in (1, FORMAT_VERSION):
         raise PrimitiveFileError(
-            f"its format version is {version}, this release reads version {FORMAT_VERSION}: build "
-            "it again"
+            f"its format version is {version}, this release reads versions 1 and {FORMAT_VERSION}: "
+            "build it again"
         )
     missing = [name for name in ARRAY_SHAPES if name not in arrays]
     if missing:
@@ -162,7 +173,14 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
         raise PrimitiveFileError("its content does not match its checksum: it was damaged")
     check_form(metadata, _METADATA, "it")
     of_model = {field.name for field in fields(ConditionalModel)}
-    model = ConditionalModel(**{key: arrays[key] for key in of_model})
+    if version == 1:
+        try:
+            with np.errstate(all="ignore"):
+                model = _model_of_version_1(arrays, metadata)
+        except (ValueError, IndexError, np.linalg.LinAlgError):
+            raise PrimitiveFileError("its model can't be fitted anew: build it again") from None
+    else:
+        model = ConditionalModel(**{key: arrays[key] for key in of_model})
     own: dict[str, Any] = {key: arrays[key] for key in ARRAY_SHAPES if key not in of_model}
     primitive = MovementPrimitive(
         metadata["name"],
@@ -177,6 +195,34 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
     if not set(_STATISTICS) <= set(arrays):
         return primitive
     return replace(primitive, statistics=_statistics(arrays, primitive))
+
+
+def _model_of_version_1(
+    arrays: dict[str, FloatArray], metadata: dict[str, Any]
+) -> ConditionalModel:
+    """Fit the model anew; the time scalings of the file are replaced by those of its warps."""
+    own = {key: arrays[key] for key in ARRAY_SHAPES if key in arrays}
+    sizes: dict[str | int, int] = {}
+    for name in _REFITTED:
+        expected = tuple(x if isinstance(x, int) else sizes.get(x) for x in ARRAY_SHAPES[name])
+        frozen_array(own[name], expected, f"array '{name}'", PrimitiveFileError)
+        sizes |= dict(zip(ARRAY_SHAPES[name], own[name].shape, strict=True))
+    states, components = own["boundary_states"], own["component_coefficients"]
+    arrays["paces"] = fit_paces(own["warps"])
+    requests = np.column_stack([states[:, 0], states[:, 3], np.log(own["durations"])])
+    used = thinned(requests)
+    # Legendre polynomials are alternately even and odd.
+    rows = np.concatenate([own["mean_coefficients"][None], components])
+    norms = np.sqrt(2.0 * np.arange(rows.shape[2]) + 1.0)
+    signs = (-1.0) ** np.arange(rows.shape[2])
+    there, back = ((rows * x / norms).reshape(len(rows), -1) for x in (1.0, signs))
+    shapes = back[0] + own["weights"][used] @ back[1:]
+    weights = np.linalg.lstsq(there[1:].T, shapes.T, rcond=None)[0].T
+    straight = own["straight_weights"]
+    labels = [metadata["demonstrations"][i]["label"] for i in used]
+    return ConditionalModel.fit(
+        requests, own["weights"][used] - straight, weights, straight, arrays["paces"][used], labels
+    )
 
 
 def _statistics(arrays: dict[str, FloatArray], primitive: MovementPrimitive) -> MotionStatistics:

@@ -86,6 +86,7 @@ def _attributes(kinds: Sequence[MotionStatistics], robot: Robot | None) -> list[
     directions = [(f"{name}_minus", f"{name}_plus", f"{name}_both_ways") for name in joints]
     regions = [(f"{name}_low", f"{name}_high") for name in joints]
     if robot is not None:
+        robot = robot.with_joints(kinds[0].joint_names)
         tip = robot.end_effector
         place = lambda q: robot.frame_positions(q, [tip])[:, 0]  # noqa: E731
         directions, regions = list(_DIRECTIONS), list(_REGIONS)

@@ -115,7 +115,7 @@ class MotionStatistics:
             extents=np.array([extent(d.positions) for d in demonstrations]),
             boundary_states=states,
             warps=warps,
-            paces=fit_paces(warps),
+            paces=fit_paces(warps, np.array([_largest_jerk(d) for d in demonstrations])),
             shapes=shapes,
             shape_remainders=remainders,
             angles=angles,
@@ -265,7 +265,9 @@ def shape_functions(degree: int, n_phases: int) -> tuple[FloatArray, FloatArray]
 
 
 @lru_cache(maxsize=8)
-def shape_smoother(degree: int, n_phases: int, price: float = 1e-9) -> FloatArray:
+def shape_smoother(
+    degree: int, n_phases: int, price: float = 1e-9, end_price: float = 3e-8
+) -> FloatArray:
     """Matrix that smooths shapes, shape (n_functions, n_functions), for rows of coefficients.
 
     It minimises the squared change and the squared third derivative over phase together. Noise of
@@ -277,10 +279,14 @@ def shape_smoother(degree: int, n_phases: int, price: float = 1e-9) -> FloatArra
         See :func:`shape_functions`.
     price : float
         Weight of the third derivative. By default half remains of a wave of a fifth of the motion.
+    end_price : float
+        Its weight in the first and the last tenth of the motion.
     """
     _, coefficients = shape_functions(degree, n_phases)
-    jerks = legendre_values(coefficients, np.linspace(0.0, 1.0, n_phases), 3)
-    return np.asarray(np.linalg.inv(np.eye(jerks.shape[1]) + price * jerks.T @ jerks))
+    phases = np.linspace(0.0, 1.0, n_phases)
+    jerks = legendre_values(coefficients, phases, 3)
+    weights = np.where(np.abs(phases - 0.5) > 0.4, end_price, price)
+    return np.asarray(np.linalg.inv(np.eye(jerks.shape[1]) + (jerks.T * weights) @ jerks))
 
 
 @lru_cache(maxsize=8)
@@ -308,6 +314,14 @@ def _summarise(
         *_project(positions - hermite_functions(phases) @ boundary, functions),
         *_project(angles, _angle_functions(options.n_phases)),
     )
+
+
+def _largest_jerk(demonstration: Demonstration) -> float:
+    """Largest jerk, in units of the path length per cubed duration."""
+    jerks = np.gradient(demonstration.accelerations, demonstration.times, axis=0)
+    path = float(np.linalg.norm(np.diff(demonstration.positions, axis=0), axis=1).sum())
+    highest = float(np.linalg.norm(jerks, axis=1).max())
+    return highest * demonstration.duration**3 / max(path, 1e-9)
 
 
 def _project(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:

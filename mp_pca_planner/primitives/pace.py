@@ -3,14 +3,14 @@
 """Time scaling of motions: the aligned phase σ(p) at each share p of the duration.
 
 Where demonstrations are aligned, components carry the path and the time scaling, here called pace,
-carries the timing. It increases from σ(0) = 0 to σ(1) = 1. The logarithm of its rate is a
-polynomial, log σ'(p) = g(p) + constant: every g is valid, so paces can be averaged and regressed
-like any other data. A pace is a warp of few numbers, see :mod:`.alignment`.
+carries the timing. With x = 2p − 1 it is σ(p) = p + Σ cₖ (1 − x²)³ Pₖ(x), with the Legendre
+polynomials Pₖ. It is linear in its coefficients, so paces can be averaged and regressed like any
+other data. Rate, acceleration and jerk at the very ends are those of an even time scaling.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre, polynomial
@@ -20,74 +20,71 @@ from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis, legendre_derivatives, legendre_values
 
 PACE_DEGREE = 4
-"""Degree of g; higher degrees hardly change the errors of left-out motions."""
+"""Number of coefficients; more hardly change the errors of left-out motions."""
 
-# Degree of the polynomial that represents σ, which makes its derivatives exact.
-_DEGREE = 26
-# Largest sum of the coefficients' magnitudes; the rates of human motions vary by less than e³.
-_MAX_UNEVENNESS = 3.0
+# Least rate σ′ of a motion.
+_MIN_RATE = 0.1
+_SHARES = np.linspace(0.0, 1.0, 101)
+# The first and the last tenth of the duration.
+_ENDS = np.abs(_SHARES - 0.5) > 0.399
 
 
 def fit_paces(
     warps: FloatArray,
+    jerks: FloatArray | None = None,
     *,
-    n_steps: int = 12,
-    price: float = 1e-5,
-    end_price: float = 3e-4,
-    max_step: float = 1.0,
+    price: float = 1e-7,
+    n_prices: int = 12,
+    growth: float = 1.3,
+    max_jerk: float = 300.0,
 ) -> FloatArray:
-    """Paces nearest to warps, by Gauss–Newton steps.
+    """Paces nearest to warps, with bounded jerk at the ends.
+
+    The sum of the squared error of σ and of the priced squared jerk of the course is minimal. The
+    course is the share of the path that is covered. Its jerk is linearised. A motion whose course
+    exceeds the bound is fitted again at three times the price.
 
     Parameters
     ----------
     warps : array, shape (n_demonstrations, n_warp_phases)
         See :func:`.align`.
-    n_steps : int
-        Gauss–Newton steps.
+    jerks : array, shape (n_demonstrations,), optional
+        Largest jerk of each demonstration in units of path length per cubed duration.
     price : float
-        Cost of a coefficient of 1, as a squared error.
-    end_price : float
-        Cost of a value of 1 of g at an end, likewise: accelerations and jerks there grow with the
-        square and the cube of the rate.
-    max_step : float
-        Largest change of a coefficient in a step.
+        Cost of a squared jerk of 1, as a squared error.
+    n_prices : int
+        Number of prices that are tried.
+    growth : float
+        The bound, in units of the demonstration's largest jerk.
+    max_jerk : float
+        Largest bound, in units of path length per cubed duration. A minimum-jerk motion reaches 60.
 
     Returns
     -------
     paces : array, shape (n_demonstrations, PACE_DEGREE)
-        Legendre coefficients of g, from the first degree on; all zero for an even warp.
+        The coefficients; all zero for an even warp.
     """
-    # Late, so that the node starts fast.
-    from scipy.integrate import cumulative_trapezoid
-
-    shares = np.linspace(0.0, 1.0, 101)
-    integral = partial(cumulative_trapezoid, x=shares, axis=1, initial=0)
-    is_even = np.all(warps == np.linspace(0.0, 1.0, warps.shape[1]), axis=1)
-    # In parts that fit into the cache of the processor.
-    parts = np.array_split(warps, len(warps) // 100 + 1)
-    targets = np.concatenate([aligned_phases(part, shares) for part in parts])
-    functions = legendre.legvander(2.0 * shares - 1.0, PACE_DEGREE)[:, 1:]
+    demonstrated = np.full(len(warps), np.inf) if jerks is None else jerks
+    bounds = np.minimum(growth * demonstrated, max_jerk)
+    targets = aligned_phases(warps, _SHARES) - _SHARES
+    values, even = _functions(_SHARES)[0], _course_jerks(np.zeros((1, PACE_DEGREE)))[0]
+    step = 1e-6
+    slopes = (_course_jerks(step * np.eye(PACE_DEGREE)) - even) / step
     paces = np.zeros((len(warps), PACE_DEGREE))
-    ends = functions[[0, -1]]
-    ridge = len(shares) * (price * np.eye(PACE_DEGREE) + end_price * ends.T @ ends)
-    for _ in range(n_steps):
-        rates = np.exp(paces @ functions.T)
-        covered = integral(rates[:, :, None])
-        slopes = integral(rates[:, :, None] * functions)
-        phases = covered / covered[:, -1:]
-        jacobian = (slopes - phases * slopes[:, -1:]) / covered[:, -1:]
-        transposed = jacobian.transpose(0, 2, 1)
-        downhill = transposed @ (targets[:, :, None] - phases) - ridge @ paces[:, :, None]
-        step = np.linalg.solve(transposed @ jacobian + ridge, downhill)[:, :, 0]
-        paces = paces + np.clip(step, -max_step, max_step)
-    # Exactly zero: such motions need no :class:`PacedBasis`.
-    paces[is_even] = 0.0
+    # Even warps keep a pace of zero: such motions need no :class:`PacedBasis`.
+    left = np.any(warps != np.linspace(0.0, 1.0, warps.shape[1]), axis=1)
+    for cost in price * 3.0 ** np.arange(n_prices):
+        gram = values.T @ values + cost * slopes @ slopes.T
+        downhill = targets[left] @ values - cost * slopes @ even
+        paces[left] = np.linalg.solve(gram, downhill.T).T
+        highest = np.abs(_course_jerks(paces)[:, _ENDS]).max(axis=1)
+        left &= highest > bounds
     return paces
 
 
 def reversed_paces(paces: FloatArray) -> FloatArray:
     """Paces of the same motions in reversed time, shape (n_demonstrations, n_pace)."""
-    return np.asarray(paces * (-1.0) ** np.arange(1, paces.shape[1] + 1))
+    return np.asarray(-paces * (-1.0) ** np.arange(paces.shape[1]))
 
 
 class PacedBasis(Basis):
@@ -104,7 +101,7 @@ class PacedBasis(Basis):
     displacement : array, shape (n_joints,)
         Goal minus start [rad or m].
     pace : array, shape (PACE_DEGREE,)
-        The pace, see :func:`fit_paces`; one that is more uneven than human motions is scaled down.
+        The pace, see :func:`fit_paces`; scaled down where the motion would stop or turn back.
     """
 
     def __init__(self, basis: PolynomialBasis, displacement: FloatArray, pace: FloatArray) -> None:
@@ -118,11 +115,9 @@ class PacedBasis(Basis):
         self.n_weights = basis.n_weights
         self.scales = basis.scales
         self.breakpoints = np.array([0.0, 1.0])
-        uneven = float(np.abs(pace).sum())
-        functions, integration = _rate_tables()
-        g = functions @ (pace * (_MAX_UNEVENNESS / max(uneven, _MAX_UNEVENNESS)))
-        series = integration @ np.exp(g)
-        self._series = series / series.sum()
+        slowest = float((_functions(_SHARES)[1] @ pace).min())
+        self._series = pace @ _series() * min(1.0, (1.0 - _MIN_RATE) / max(-slowest, 1e-9))
+        self._series[:2] += 0.5  # σ = p: an even time scaling
 
     def aligned_phases(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
         """σ(p), or a derivative, at shares p of the duration, shape (n_steps,)."""
@@ -162,13 +157,29 @@ def _within(phases: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=1)
-def _rate_tables() -> tuple[FloatArray, FloatArray]:
-    """Functions of g at nodes, and the matrix from rates there to the Legendre series of σ."""
-    nodes, quadrature = legendre.leggauss(_DEGREE)
-    norms = np.arange(_DEGREE)[:, None] + 0.5
-    to_series = (legendre.legvander(nodes, _DEGREE - 1) * quadrature[:, None]).T * norms
-    integration = legendre.legint(np.eye(_DEGREE), lbnd=-1.0) @ to_series
-    return np.asarray(legendre.legvander(nodes, PACE_DEGREE)[:, 1:]), np.asarray(integration)
+def _series() -> FloatArray:
+    """Legendre coefficients of the functions (1 − x²)³ Pₖ(x), shape (PACE_DEGREE, degree + 1)."""
+    window = legendre.poly2leg(polynomial.polypow([1.0, 0.0, -1.0], 3))
+    series = np.zeros((PACE_DEGREE, window.size + PACE_DEGREE - 1))
+    for k, one in enumerate(np.eye(PACE_DEGREE)):
+        product = legendre.legmul(window, one)
+        series[k, : product.size] = product
+    return series
+
+
+def _functions(phases: FloatArray) -> FloatArray:
+    """The functions and three derivatives by share, shape (4, n_steps, PACE_DEGREE)."""
+    return legendre_derivatives(_series(), phases, 3)
+
+
+def _course_jerks(paces: FloatArray) -> FloatArray:
+    """Third derivatives of the minimum-jerk course at paces, shape (n_paces, n_shares)."""
+    linear = np.outer([0.0, 1.0, 0.0, 0.0], np.ones(_SHARES.size))
+    linear[0] = _SHARES
+    s, rate, acceleration, jerk = linear[:, None] + paces @ _functions(_SHARES).swapaxes(1, 2)
+    rest = s * (1.0 - s)
+    own = 60.0 * (1.0 - 6.0 * rest) * rate**3 + 180.0 * rest * (1.0 - 2.0 * s) * rate * acceleration
+    return np.asarray(own + 30.0 * rest**2 * jerk)
 
 
 @lru_cache(maxsize=16)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
 from ..motion.goal import StateLike
@@ -19,7 +20,7 @@ from ..motion.trajectory import Trajectory
 from .alignment import aligned_phases
 from .basis import Basis, PolynomialBasis
 from .boundary import boundary_values, hermite_functions
-from .conditional_model import ConditionalModel
+from .conditional_model import ConditionalDistribution, ConditionalModel
 from .pace import PacedBasis
 from .prediction import drawn_motions, expected_motion
 from .primitive_values import ARRAY_SHAPES, freeze_values
@@ -84,6 +85,15 @@ class MovementPrimitive:
     ------
     PrimitiveFileError
         If arrays are not finite, or their shapes disagree.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> motions = mp.load_demonstrations(mp.write_example_recording("motions.mcap", 6))
+    >>> reach = mp.MovementPrimitive.fit(motions, name="reach")
+    >>> expected = reach.predict(*motions[0].positions[[0, -1]])
+    >>> expected.joint_names
+    ('shoulder1', 'shoulder2', 'shoulder3', 'elbow')
     """
 
     name: str
@@ -118,28 +128,59 @@ class MovementPrimitive:
     @classmethod
     def fit(
         cls,
-        demonstrations: Sequence[Demonstration] | DemonstrationSet,
+        demonstrations: Sequence[Demonstration] | DemonstrationSet | Sequence[ArrayLike],
         *,
+        times: ArrayLike | Sequence[ArrayLike] | None = None,
+        joint_names: Sequence[str] | None = None,
         name: str = "primitive",
         coupling: str = "arm",
         components: int | None = None,
         align: str = "arc_length",
     ) -> MovementPrimitive:
-        """Learn a primitive from demonstrations, or from a value that holds `demonstrations`.
+        """Learn a primitive from demonstrations.
 
-        The other options are those of :class:`.PrimitiveOptions`; `components` is its
-        `n_components`. :func:`.build_primitive` accepts all of them.
+        Parameters
+        ----------
+        demonstrations :
+            Demonstrations, a value that holds `demonstrations`, or the positions of motions
+            [rad or m]: arrays of shape (n_samples, n_joints), or one array of shape
+            (n_motions, n_samples, n_joints).
+        times : array_like, shape (n_samples,), or sequence of these
+            Times of the samples [s] where positions are given, one array for all motions or one
+            for each.
+        joint_names : sequence of str, optional
+            Names of the joints where positions are given; joint1, joint2, … by default.
+        name : str
+            Name of the primitive.
+        coupling, components, align :
+            As `coupling`, `n_components` and `align` of :class:`.PrimitiveOptions`.
+            :func:`.build_primitive` accepts its other options.
 
         Raises
         ------
         PrimitiveError
             If there is no demonstration, something else is among them, their joints differ, nothing
             moves, or an option is out of its range.
+        RecordingError
+            If the arrays can't be used.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import mp_pca_planner as mp
+        >>> t = np.linspace(0.0, 1.0, 51)
+        >>> rise = 10 * t**3 - 15 * t**4 + 6 * t**5
+        >>> reaches = [np.column_stack([a * rise, a * rise**2]) for a in (0.5, 1.0, 1.5)]
+        >>> names = ["shoulder", "elbow"]
+        >>> mp.MovementPrimitive.fit(reaches, times=t, joint_names=names, name="reach")
+        MovementPrimitive 'reach': 1 components of 3 demonstrations, 2 joints, usually 1 s
         """
-        from .build import PrimitiveOptions, build_primitive
+        from .build import PrimitiveOptions, build_primitive, demonstrations_of
 
         options = PrimitiveOptions(coupling=coupling, n_components=components, align=align)
         found: Any = getattr(demonstrations, "demonstrations", demonstrations)
+        if times is not None:
+            return build_primitive(demonstrations_of(found, times, joint_names), name, options)
         several = found if isinstance(found, Sequence) else [found]
         return build_primitive(several, name, options)
 
@@ -216,6 +257,19 @@ class MovementPrimitive:
         for variance, joint in zip(self.explained_variance, self.joint_of_component, strict=True):
             shares[self.joint_names[joint]].append(float(variance / self.total_variance[joint]))
         return shares
+
+    def expected_error(self, expected: ConditionalDistribution) -> float:
+        """RMS difference in path between a prediction and what would be demonstrated.
+
+        Over the phases and the joints [rad or m]; NaN for a primitive of one demonstration, which
+        says nothing about its errors.
+        """
+        if len(self.durations) < 2:
+            return float("nan")
+        series = self.component_coefficients / np.sqrt(2.0 * np.arange(self.degree + 1) + 1.0)
+        rows = series.reshape(self.n_components, -1)
+        variance = float(np.sum((rows @ rows.T) * expected.covariance)) / self.n_joints
+        return float(np.sqrt(variance + np.mean(self.fit_residual**2)))
 
     def reproduction(self, demonstration: int, times: FloatArray) -> FloatArray:
         """Positions of a demonstration as its weights and its own timing reproduce it.

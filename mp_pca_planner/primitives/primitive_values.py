@@ -13,7 +13,7 @@ from ..arrays import frozen_array, unique_names
 from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
-from .kernels import INVERSE_LENGTHS
+from .conditional_model import INVERSE_LENGTHS
 from .pace import PACE_DEGREE
 
 if TYPE_CHECKING:
@@ -33,10 +33,10 @@ ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
     "warps": ("demonstrations", "phases"),
     "fit_residual": ("demonstrations", "joints"),
     "requests": ("requests", "entries"),
-    "shape_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "weights"),
+    "shape_coefficients": ("fits", len(INVERSE_LENGTHS), 2, "requests", "weights"),
     "straight_weights": ("weights",),
-    "pace_coefficients": (len(INVERSE_LENGTHS), "fits", 2, "requests", "rates"),
-    "duration_coefficients": (len(INVERSE_LENGTHS), 1, 2, "requests", 1),
+    "pace_coefficients": ("fits", len(INVERSE_LENGTHS), 2, "requests", "rates"),
+    "duration_coefficients": (1, len(INVERSE_LENGTHS), 2, "requests", 1),
     "weight_covariance": ("weights", "weights"),
     "weight_precision": ("weights", "weights"),
     "request_precision": ("entries", "entries"),
@@ -107,7 +107,7 @@ def _freeze_arrays(primitive: MovementPrimitive) -> None:
 def _problem(primitive: MovementPrimitive) -> str:
     """The reason why the values of the arrays are invalid; empty if they are valid."""
     model, durations, warps = primitive.model, primitive.durations, primitive.warps
-    if 0 in (len(durations), len(model.requests), model.shape_coefficients.shape[1]):
+    if 0 in (len(durations), len(model.requests), len(model.shape_coefficients)):
         return "it needs at least one demonstration"
     if np.any(durations <= 0.0):
         return "its demonstrations must last > 0 s"

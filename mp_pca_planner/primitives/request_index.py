@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .covariances import marginal_precision
+from .conditional_model import marginal_precision
 
 Indices = NDArray[np.intp]
 
@@ -174,10 +174,14 @@ class RequestIndex:
         request = request.copy()
         request[: 2 * n] -= self._whole_turns(request[:n])
         turning = np.flatnonzero(self._continuous)
-        # Primitives whose demonstrations are nearer after one more turn, or one less.
         turns = np.where(request[turning] < np.pi, tau, -tau)
         further = np.array(list(product((0.0, 1.0), repeat=turning.size))) * turns
         requests = np.tile(request, (len(further), 1))
         requests[:, turning] += further
         requests[:, n + turning] += further
-        return np.asarray(self._quadratics(request.size).values(requests).min(axis=1))
+        values = self._quadratics(request.size).values(requests)
+        # Primitives whose demonstrations are nearer after one more turn, or one less.
+        starts = self._means[:, turning] - self._whole_turns(self._means[:, :n])[:, turning]
+        is_further = np.abs(starts - request[turning]) > np.pi
+        columns = is_further @ 2 ** np.arange(turning.size)[::-1]
+        return np.asarray(np.take_along_axis(values, columns[:, None], axis=1)[:, 0])

@@ -11,8 +11,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
-from .demonstration import Demonstration, Overview
+from .demonstration import Demonstration
 from .joint_states import RawJointStates
+from .recording_set import Overview
 from .repair import CleanRecording, Piece, repair
 from .segmentation import (
     SegmentationOptions,
@@ -92,7 +93,11 @@ class SmoothRecording:
 
 
 def cut_joint_states(
-    raw: RawJointStates, joints: Sequence[str] | None, options: SegmentationOptions
+    raw: RawJointStates,
+    joints: Sequence[str] | None,
+    options: SegmentationOptions,
+    *,
+    moving_only: bool = False,
 ) -> tuple[list[Cut], CleanRecording]:
     """Cut joint states as :func:`.load_recordings` cuts a bag that holds nothing else.
 
@@ -104,12 +109,18 @@ def cut_joint_states(
         Names of the joints; by default all that every message lists.
     options :
         Thresholds.
+    moving_only :
+        Leaves out those of `joints` that are not listed or never move.
 
     Raises
     ------
     RecordingError
         If they can't be used, or hold no motion.
     """
+    if moving_only and joints is not None:
+        joints = [name for name in joints if name in raw.listed_joints] or joints
+        still = repair(raw, joints).still_joints
+        joints = [name for name in joints if name not in still]
     recording = SmoothRecording.of(repair(raw, joints), SmoothingOptions(), options)
     cuts, clean = cut_motions(recording, options)
     extents = [cut.extent for cut in cuts]

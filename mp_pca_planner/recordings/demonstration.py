@@ -1,23 +1,23 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Demonstrated motions, cut out of repaired and smoothed recordings, and reports on these."""
+"""Demonstrated motions, cut out of repaired and smoothed recordings, or given as arrays."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+import hashlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import RecordingError
 
-if TYPE_CHECKING:
-    from .bags import BagFormat
-    from .segmentation import SpeedThresholds
+MIN_SAMPLES = 5
+"""Fewest samples of a motion that is given as arrays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,15 @@ class Demonstration:
     ------
     RecordingError
         If shapes disagree, a number is not finite or the times are not evenly spaced.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import mp_pca_planner as mp
+    >>> t = np.linspace(0.0, 1.0, 51)
+    >>> motion = mp.Demonstration.from_arrays(["elbow"], t, np.sin(t)[:, None])
+    >>> motion.duration
+    1.0
     """
 
     joint_names: tuple[str, ...]
@@ -99,6 +108,70 @@ class Demonstration:
         end = float(times[-1])
         return cls(
             tuple(joint_names), times, *states, recording=recording, start_time=0.0, end_time=end
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        joint_names: Sequence[str],
+        times: ArrayLike,
+        positions: ArrayLike,
+        *,
+        recording: str = "arrays",
+        label: str = "",
+    ) -> Demonstration:
+        """A motion from samples, smoothed and resampled as motions of recordings are.
+
+        Parameters
+        ----------
+        joint_names : sequence of str
+            Names of the joints.
+        times : array_like, shape (n_samples,)
+            Times of the samples [s], strictly increasing.
+        positions : array_like, shape (n_samples, n_joints)
+            Joint positions [rad or m].
+        recording : str
+            Name of what they come from.
+        label : str
+            What the motion is called.
+
+        Raises
+        ------
+        RecordingError
+            If shapes disagree, a number is not finite, or the times don't increase.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import mp_pca_planner as mp
+        >>> t = np.linspace(0.0, 1.0, 51)
+        >>> q = np.column_stack([np.sin(t), 1.0 - np.cos(t)])
+        >>> mp.Demonstration.from_arrays(["shoulder", "elbow"], t, q)
+        Demonstration of 'arrays': 2 joints, 0.00 to 1.00 s
+        """
+        from .repair import Piece
+        from .smoothing import smooth
+
+        names = unique_names(joint_names, f"joints of '{recording}'", RecordingError)
+        t = frozen_array(times, (None,), f"times of '{recording}'", RecordingError)
+        shape = (t.size, len(names))
+        q = frozen_array(positions, shape, f"positions of '{recording}'", RecordingError)
+        if t.size < MIN_SAMPLES or np.diff(t).min() <= 0.0:
+            raise RecordingError(
+                f"the times of '{recording}' must be {MIN_SAMPLES} or more and strictly increase"
+            )
+        found = smooth(Piece(t - t[0], q), 1.0 / float(np.median(np.diff(t))))
+        return cls(
+            names,
+            found.times - found.times[0],
+            found.positions,
+            found.velocities,
+            found.accelerations,
+            recording=recording,
+            start_time=0.0,
+            end_time=float(found.times[-1] - found.times[0]),
+            label=label,
+            checksum=hashlib.sha256(t.tobytes() + q.tobytes()).hexdigest(),
         )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -156,198 +229,3 @@ class Demonstration:
             for name in ("positions", "velocities", "accelerations")
         }
         return replace(self, times=times, **curves)
-
-
-@dataclass(frozen=True)
-class Segment:
-    """Interval of a recording that holds one motion.
-
-    Attributes
-    ----------
-    start, end : float
-        Times since the recording's first message [s].
-    label : str
-        Label in the table of segments ('' if there is none).
-    extent : float
-        Norm over the joints of the distance that each of them covers [rad or m].
-    """
-
-    start: float
-    end: float
-    label: str = ""
-    extent: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Overview:
-    """A whole recording in few samples, for a figure.
-
-    Attributes
-    ----------
-    times : array, shape (n_samples,)
-        Times since the recording's first message [s]; NaN between the pieces.
-    positions : array, shape (n_samples, n_joints)
-        Joint positions [rad or m].
-    speed : array, shape (n_samples,)
-        Highest norm of the joint velocities up to the next sample [rad/s or m/s].
-    """
-
-    times: FloatArray
-    positions: FloatArray
-    speed: FloatArray
-
-
-@dataclass(frozen=True)
-class MarkerResidual:
-    """Distances of a marker on the model from its measured positions.
-
-    Attributes
-    ----------
-    median, percentile_95 : float
-        Of the distances [m].
-    n_frames : int
-        Frames in which it was seen and used.
-    """
-
-    median: float
-    percentile_95: float
-    n_frames: int
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """A recording that can't be used, and why.
-
-    Attributes
-    ----------
-    recording, reason : str
-        Its name, and the reason.
-    joint_names : tuple of str
-        All joints that its messages list, if they can be read.
-    """
-
-    recording: str
-    reason: str
-    joint_names: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class RecordingReport:
-    """Content of a recording, its repairs and its motions.
-
-    Attributes
-    ----------
-    name, path, format, topic : str
-        The recording and its topic of joint states.
-    n_messages : int
-        Messages on the topic.
-    rate : float
-        Usual rate [Hz].
-    duration : float
-        Time from the first to the last usable message [s].
-    joint_names : tuple of str
-        Names of the joints taken.
-    checksum : str
-        SHA-256 of the stored bytes.
-    repairs : dict
-        Counts of the repairs, by their names in :data:`.repair.REPAIRS`.
-    motions : tuple of Segment
-        The motions, in order.
-    thresholds : SpeedThresholds
-        Speeds of rest and motion, determined from the recording.
-    notes : tuple of str
-        Other findings, one sentence each.
-    overview : Overview or None
-        The recording in few samples, on request.
-    marker_residuals : dict
-        Residual of each marker; empty unless markers were recorded.
-    seconds : float
-        Time that it took to read it and to cut it into motions [s].
-    """
-
-    name: str
-    path: str
-    format: BagFormat
-    topic: str
-    n_messages: int
-    rate: float
-    duration: float
-    joint_names: tuple[str, ...]
-    checksum: str
-    repairs: dict[str, int]
-    motions: tuple[Segment, ...]
-    thresholds: SpeedThresholds
-    notes: tuple[str, ...]
-    overview: Overview | None = None
-    marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
-    seconds: float = field(default=0.0, compare=False)
-
-
-@dataclass(frozen=True)
-class RecordingSet:
-    """Demonstrations from several recordings, with a report or a refusal for each of these.
-
-    The fields are tuples, or temporary files if the recordings were loaded `on_disk`.
-
-    Attributes
-    ----------
-    demonstrations : sequence of Demonstration
-        Those of all recordings, in order.
-    reports : sequence of RecordingReport
-        One for each recording that is used.
-    refused : sequence of Refusal
-        One for each that is not.
-    summaries : sequence
-        Results of `summarise` for the recordings that are used, if it was given.
-    """
-
-    demonstrations: Sequence[Demonstration] = ()
-    reports: Sequence[RecordingReport] = ()
-    refused: Sequence[Refusal] = ()
-    summaries: Sequence[Any] = ()
-
-    def __len__(self) -> int:
-        return len(self.demonstrations)
-
-    def __iter__(self) -> Iterator[Demonstration]:
-        return iter(self.demonstrations)
-
-    def __getitem__(self, index: int) -> Demonstration:
-        return self.demonstrations[index]
-
-    def __repr__(self) -> str:
-        return (
-            f"RecordingSet: {len(self.demonstrations)} demonstrations of {len(self.reports)} "
-            f"recording(s), {len(self.refused)} rejected"
-        )
-
-    @property
-    def repairs(self) -> dict[str, int]:
-        """Repairs in all recordings, by kind."""
-        totals = Counter[str]()
-        for one in self.reports:
-            totals.update(one.repairs)
-        return {kind: count for kind, count in sorted(totals.items()) if count}
-
-    @property
-    def report(self) -> str:
-        """What was repaired and rejected, one line for each kind and recording."""
-        return "\n".join(
-            [
-                f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
-                *(f"repaired: {count} {kind}" for kind, count in self.repairs.items()),
-                *(f"{one.name}: {note}" for one in self.reports for note in one.notes),
-                *(f"rejected {one.recording}: {one.reason}" for one in self.refused),
-            ]
-        )
-
-    def require_motion(self) -> None:
-        """Raise a RecordingError, with the first reason, if no recording holds a motion."""
-        if self.demonstrations or self.summaries:
-            return
-        if not self.refused:
-            n = len(self.reports)
-            raise RecordingError(f"no motion was found: {n} recordings hold no motion")
-        first, *others = self.refused
-        more = f" (and {len(others)} more refused)" if others else ""
-        raise RecordingError(f"no motion was found: {first.recording}: {first.reason}{more}")

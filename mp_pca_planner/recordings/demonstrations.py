@@ -13,8 +13,8 @@ from ..arrays import check_type
 from ..exceptions import RecordingError, RobotError
 from ..robot.model import Robot
 from .bags import write_joint_states
-from .demonstration import RecordingSet
 from .load import load_recordings
+from .recording_set import RecordingSet
 from .synthetic import continuous_recording, generate_motions
 
 
@@ -29,11 +29,14 @@ def load_demonstrations(
     Parameters
     ----------
     paths :
-        Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
+        Bag files, rosbag2 folders, CSV files, datasets of LeRobot, folders of bags and datasets,
+        glob patterns; one of them or several.
     robot : Robot or path of a URDF file, optional
-        Its joints are taken, in its order; by default all that every message lists.
+        Its joints are taken, in its order; by default all that every message lists. Of a file,
+        the joints that never move in the recordings are left out and noted, such as a gripper's;
+        `joints` or a `Robot` choose them all the same.
     **options :
-        As of :func:`.load_recordings`: topic, joints, segment, segments_csv, jobs, …
+        As of :func:`.load_recordings`: topic, joints, degrees, segment, segments_csv, jobs, …
 
     Returns
     -------
@@ -46,10 +49,18 @@ def load_demonstrations(
         If no recording holds a usable motion, or an option is out of its range.
     RobotError
         If the URDF can't be read or lacks one of the joints.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> bag = mp.write_example_recording("motions.mcap", 6)
+    >>> mp.load_demonstrations(bag, robot=mp.config_file("human_arm.urdf"))
+    RecordingSet: 11 demonstrations of 1 recording(s), 0 rejected
     """
     check_type(paths, "the paths of recordings", RecordingError, str, Path, Iterable)
     check_type(robot, "robot", RobotError, Robot, str, Path, NoneType)
     joints = options.pop("joints", None)
+    options.setdefault("moving_only", joints is None and isinstance(robot, (str, Path)))
     if isinstance(robot, (str, Path)):
         robot = Robot.from_file(robot, joints)
     joints = robot.joint_names if robot else joints
@@ -84,6 +95,12 @@ def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int 
     ------
     RecordingError
         If the number of motions is too small, or the file can't be written.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.write_example_recording("motions.mcap", 6).name
+    'motions.mcap'
     """
     recording = continuous_recording(generate_motions(n_motions, seed), seed=seed)
     names, stamps = recording.joint_names, recording.stamps

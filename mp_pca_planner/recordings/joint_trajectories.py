@@ -32,7 +32,7 @@ from .repair.recording import (
     RepairOptions,
     findings,
     findings_on_refusal,
-    motion_notes,
+    motion_findings,
 )
 
 
@@ -181,13 +181,15 @@ def repair_trajectories(
                 f"none of the {raw.n_messages} trajectories on '{raw.topic}' is a motion; expected "
                 "two points or more, finite numbers, and no other trajectory that starts at once"
             )
-        notes = (*notes, *motion_notes(names, pieces, options))
+        still, of_motions = motion_findings(names, pieces, options)
+        notes = (*notes, *of_motions)
         return CleanRecording(
             joint_names=names,
             pieces=tuple(pieces),
             rate=options.commanded_rate,
             sample_rate=options.commanded_rate,
             pieces_are_motions=True,
+            still_joints=still,
             **findings(raw, repairs, notes),
         )
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -21,9 +21,9 @@ from ..exceptions import RecordingError, quote_names
 from . import bags, cutting
 from .cache import ReadingCache, key_of
 from .cluster import map_on_cluster
-from .demonstration import RecordingReport, RecordingSet
 from .load_one import LoadOptions, LoadTask, load_one
 from .processes import Outcome, map_in_processes
+from .recording_set import RecordingReport, RecordingSet
 from .segmentation import SegmentationOptions, absurd_extent, least_extent_of_set
 from .segments_file import segments_by_hand
 from .spool import GatheredSets
@@ -86,7 +86,7 @@ def load_recordings(
     kept = ReadingCache() if resume is None else ReadingCache.resumed(resume)
     loaded = GatheredSets(len(tasks), on_disk=on_disk)
     _load_all(dict(enumerate(tasks)), loaded, kept, jobs, dask, progress)
-    again = _with_joints_of_set(tasks, loaded, same_joints)
+    again = _with_joints_of_set(tasks, loaded, same_joints, moving_only=settings.moving_only)
     _load_all(again, loaded, kept, jobs, dask, None)
     tasks = [again.get(index, task) for index, task in enumerate(tasks)]
     again = _with_extent_of_set(tasks, loaded, known_extents)
@@ -154,12 +154,14 @@ def _key(task: LoadTask) -> str:
 
 
 def _with_joints_of_set(
-    tasks: Sequence[LoadTask], loaded: GatheredSets, same_joints: bool
+    tasks: Sequence[LoadTask], loaded: GatheredSets, same_joints: bool, *, moving_only: bool
 ) -> dict[int, LoadTask]:
     """Recordings to load again with the joints of the set in its order, by index.
 
-    Copies of other recordings are rejected and, on request, recordings of other joints.
+    Copies of other recordings are rejected and, on request, recordings of other joints. With
+    `moving_only`, joints that move in no recording are no joints of the set.
     """
+    still = _still_joints(len(tasks), loaded) if moving_only else set[str]()
     orders: dict[frozenset[str], tuple[str, ...]] = {}
     originals: dict[str, str] = {}
     counts = Counter[tuple[str, ...]]()
@@ -169,7 +171,7 @@ def _with_joints_of_set(
             if original != task.name and task.segments is None:
                 loaded.refuse(index, task.name, f"it is a copy of '{original}', which is used")
             else:
-                joints = report.joint_names
+                joints = tuple(name for name in report.joint_names if name not in still)
                 counts[orders.setdefault(frozenset(joints), joints)] += 1
     common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
     is_one_set = same_joints and 2 * n_common > counts.total()
@@ -178,7 +180,7 @@ def _with_joints_of_set(
         used, refused = loaded.found(index)
         for report in used:
             own = set(report.joint_names)
-            joints = common if is_one_set else orders[frozenset(own)]
+            joints = common if is_one_set else orders[frozenset(own - still)]
             if not own.issuperset(joints):
                 loaded.refuse(
                     index,
@@ -188,18 +190,37 @@ def _with_joints_of_set(
                     "apart",
                 )
             elif joints != report.joint_names:
-                again[index] = _with_joints(task, joints, report.joint_names)
+                again[index] = _with_joints(task, joints, report.joint_names, still)
         for one in refused:
             if is_one_set and not task.options.joints and set(one.joint_names).issuperset(common):
                 again[index] = _with_joints(task, common, one.joint_names)
     return again
 
 
-def _with_joints(task: LoadTask, joints: tuple[str, ...], found: Sequence[str]) -> LoadTask:
-    """A recording with some of its joints."""
-    others = quote_names(name for name in found if name not in joints)
-    note = f"joints left out, as most recordings lack them: {others}"
-    notes = (note,) if set(found) > set(joints) else ()
+def _still_joints(n_tasks: int, loaded: GatheredSets) -> set[str]:
+    """The joints that move in no recording that is used."""
+    reports = [report for index in range(n_tasks) for report in loaded.found(index)[0]]
+    moving = {n for one in reports for n in one.joint_names if n not in one.still_joints}
+    return {name for one in reports for name in one.still_joints} - moving
+
+
+def _with_joints(
+    task: LoadTask,
+    joints: tuple[str, ...],
+    found: Sequence[str],
+    still: Collection[str] = (),
+) -> LoadTask:
+    """A recording with some of its joints, and notes on the others."""
+    others = [name for name in found if name not in joints]
+    reasons = {
+        "they never move": [name for name in others if name in still],
+        "most recordings lack them": [name for name in others if name not in still],
+    }
+    notes = tuple(
+        f"joints left out, as {why}: {quote_names(names)}"
+        for why, names in reasons.items()
+        if names
+    )
     return replace(task, options=replace(task.options, joints=joints), notes=notes)
 
 

@@ -15,15 +15,9 @@ import numpy as np
 from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
 from . import bags, cutting
 from .cache import ReadingCache
-from .demonstration import (
-    Demonstration,
-    MarkerResidual,
-    RecordingReport,
-    RecordingSet,
-    Refusal,
-    Segment,
-)
-from .reading import read_clean
+from .demonstration import Demonstration
+from .reading import read_recording
+from .recording_set import MarkerResidual, RecordingReport, RecordingSet, Refusal, Segment
 from .repair import CleanRecording, RepairOptions, repair
 from .segmentation import SegmentationOptions, extent
 from .segments_file import SegmentRow
@@ -39,9 +33,15 @@ class LoadOptions:
     Attributes
     ----------
     topic : str or None
-        Topic of the joint states; by default the only one.
+        Topic of the joint states; by default the only one. Of a LeRobot dataset the column; by
+        default :data:`.tables.STATE`.
     joints : sequence of str or None
         Names of the joints; by default all that every message lists.
+    moving_only : bool
+        Leaves out those of `joints` that a recording does not list, or that never move in any
+        recording, such as a gripper's. They are noted. Without effect on `markers`.
+    degrees : bool
+        Whether all recorded positions are in degrees, and not in radians.
     segment : str
         "auto" cuts at rests and valleys of the speed, "none" takes each recording as one motion
         and only trims the stillness at both ends (a recording with gaps: one motion per piece).
@@ -89,6 +89,8 @@ class LoadOptions:
 
     topic: str | None = None
     joints: Sequence[str] | None = None
+    moving_only: bool = False
+    degrees: bool = False
     segment: Literal["auto", "none"] = "auto"
     segments_csv: str | Path | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
@@ -169,6 +171,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
         notes=(*clean.notes, *task.notes, *beyond),
         overview=cutting.overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
+        still_joints=clean.still_joints,
     )
     summaries = () if options.summarise is None else (options.summarise(motions),)
     n = options.most_samples
@@ -235,9 +238,17 @@ def _clean(
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.repair), residuals
     chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+    ways = (options.moving_only, options.degrees)
 
     def read() -> CleanRecording:
-        with bags.open_bag(path, salvage=options.salvage) as bag:
-            return read_clean(bag, *chosen[:3], options=options.repair, progress=progress)
+        return read_recording(
+            path,
+            *chosen[:3],
+            salvage=options.salvage,
+            listed_only=options.moving_only,
+            degrees=options.degrees,
+            options=options.repair,
+            progress=progress,
+        )
 
-    return options.cache.clean(path, repr(chosen), read), {}
+    return options.cache.clean(path, repr((chosen, ways)), read), {}

@@ -8,17 +8,18 @@ demonstrations of one task do; their ends, timing and speed differ.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .demonstration import Demonstration
-from .synthetic import bell, progress
+from .synthetic import SyntheticRecording, bell, progress
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,10 @@ class ReachOptions:
         Phases of a path at which it is computed.
     max_draws : int
         Random draws after which the limits leave no reach.
+    rest : tuple of float
+        Shortest and longest rest between the motions of a recording [s].
+    sensor_noise : float
+        Standard deviation of recorded positions [rad].
     """
 
     max_reach: float = 2.0
@@ -69,6 +74,8 @@ class ReachOptions:
     rate: float = 100.0
     n_phases: int = 101
     max_draws: int = 1000
+    rest: tuple[float, float] = (0.8, 1.2)
+    sensor_noise: float = 1e-4
 
 
 OPTIONS = ReachOptions()
@@ -102,6 +109,53 @@ def random_reaches(
     arm = _Arm(robot, limits)
     kind = _ReachTask(arm, np.random.default_rng([task, robot.n_joints]))
     return [kind.reach(np.random.default_rng([seed, task, i]), i) for i in range(n_motions)]
+
+
+def reach_recording(
+    motions: Sequence[Demonstration], still: Mapping[str, float], *, seed: int
+) -> SyntheticRecording:
+    """Measure a robot that is led through motions one after the other, and back each time.
+
+    Parameters
+    ----------
+    motions : sequence of Demonstration
+        The motions, at least one.
+    still : mapping of str to float
+        Positions [rad or m] of further joints that rest, such as a gripper's.
+    seed : int
+        Chooses the rests and the noise.
+
+    Returns
+    -------
+    recording : SyntheticRecording
+        The measured positions and the true spans of the motions.
+    """
+    rng = np.random.default_rng(seed)
+    times, path, spans, now = [], [], [], 0.0
+    for motion, following in zip(motions, [*motions[1:], motions[0]], strict=True):
+        s = (motion.times / motion.duration)[:, None]
+        shift = following.positions[0] - motion.positions[0]
+        back = motion.positions[::-1] + shift * progress(s, np.array(0.5))
+        for positions in (motion.positions, back):
+            now += rng.uniform(*OPTIONS.rest)
+            times.append(now + motion.times)
+            path.append(positions)
+            spans.append((now, now + motion.duration))
+            now += motion.duration
+    grid = np.arange(0.0, now + OPTIONS.rest[1], 1.0 / OPTIONS.rate)
+    # Monotone interpolation: a spline would ring in the rests.
+    curve = PchipInterpolator(np.concatenate(times), np.concatenate(path))
+    positions = curve(np.clip(grid, times[0][0], times[-1][-1]))
+    positions += rng.normal(0.0, OPTIONS.sensor_noise, positions.shape)
+    resting = np.tile(list(still.values()), (len(grid), 1))
+    of_all = np.array(spans)
+    return SyntheticRecording(
+        (*motions[0].joint_names, *still),
+        grid,
+        np.column_stack([positions, resting]),
+        of_all[::2],
+        of_all[1::2],
+    )
 
 
 def random_ends(

@@ -1,16 +1,74 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repaired joint states of a bag, from joint states or commanded motions, and its inspection."""
+"""Repaired joint states of a recording, and its inspection."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
-from ..exceptions import RecordingError, UnusableRecordingError
+import numpy as np
+
+from ..exceptions import RecordingError, UnusableRecordingError, quote_names
 from . import bags
+from .joint_states import JointLayout, RawJointStates
 from .joint_trajectories import read_trajectories, repair_trajectories
 from .repair import CleanRecording, RepairOptions, repair
+from .tables import FORMATS, TableOptions, read_table
+
+
+def read_recording(
+    path: Path,
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+    state_field: str | None = None,
+    *,
+    salvage: bool = False,
+    listed_only: bool = False,
+    degrees: bool = False,
+    options: RepairOptions | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> CleanRecording:
+    """Read a bag or a table of joint states, and repair it.
+
+    Parameters
+    ----------
+    path :
+        The recording.
+    salvage :
+        Reads the messages before the damage of a damaged bag.
+    topic, joints, state_field, listed_only, degrees, options, progress :
+        As of :func:`read_clean`; the topic of a LeRobot dataset is its column.
+
+    Raises
+    ------
+    RecordingError
+        If the recording can't be read or repaired.
+    """
+    table_format = bags.recording_format(path)
+    if table_format not in FORMATS:
+        with bags.open_bag(path, salvage=salvage) as bag:
+            return read_clean(
+                bag,
+                topic,
+                joints,
+                state_field,
+                listed_only=listed_only,
+                degrees=degrees,
+                options=options,
+                progress=progress,
+            )
+    if state_field is not None:
+        raise RecordingError("--field is for messages of bags: a table has columns")
+    options = options or RepairOptions()
+    raw = read_table(path, table_format, TableOptions(topic, joints, options.max_gap or 0.0))
+    clean = _repaired(raw, joints, options, listed_only=listed_only, degrees=degrees)
+    if table_format == "csv":
+        return clean
+    # The gaps are those between episodes, each of which is a motion.
+    repairs = {kind: count for kind, count in clean.repairs.items() if kind != "gaps"}
+    return replace(clean, repairs=repairs, pieces_are_motions=True)
 
 
 def read_clean(
@@ -19,6 +77,8 @@ def read_clean(
     joints: Sequence[str] | None = None,
     state_field: str | None = None,
     *,
+    listed_only: bool = False,
+    degrees: bool = False,
     options: RepairOptions | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CleanRecording:
@@ -34,6 +94,10 @@ def read_clean(
         Names of the joints; by default all that every message lists.
     state_field :
         The field of the topic's messages that is a JointState; needs `topic`.
+    listed_only :
+        Takes only those of `joints` that messages list, and notes the others.
+    degrees :
+        Whether the positions are in degrees.
     options :
         Thresholds of the repairs.
     progress :
@@ -47,10 +111,47 @@ def read_clean(
     if topic is None or state_field is None:
         chosen = _chosen_topic(bag, topic)
         if chosen.type == bags.JOINT_TRAJECTORY:
-            return repair_trajectories(read_trajectories(bag, chosen), joints, options)
+            if degrees:
+                raise RecordingError("--degrees is for joint states, not for commanded motions")
+            motions = read_trajectories(bag, chosen)
+            taken = _listed(joints, motions.listed_joints) if listed_only else joints
+            return _noted(repair_trajectories(motions, taken, options), joints)
         topic = chosen.name
     raw = bag.joint_states(topic, field=state_field, progress=progress)
-    return repair(raw, joints, options)
+    return _repaired(raw, joints, options, listed_only=listed_only, degrees=degrees)
+
+
+def _repaired(
+    raw: RawJointStates,
+    joints: Sequence[str] | None,
+    options: RepairOptions | None,
+    *,
+    listed_only: bool,
+    degrees: bool,
+) -> CleanRecording:
+    if degrees:
+        raw = replace(raw, layouts=tuple(map(_in_radians, raw.layouts)))
+    taken = _listed(joints, raw.listed_joints) if listed_only else joints
+    return _noted(repair(raw, taken, options), joints)
+
+
+def _in_radians(layout: JointLayout) -> JointLayout:
+    velocities = None if layout.velocities is None else np.deg2rad(layout.velocities)
+    return replace(layout, positions=np.deg2rad(layout.positions), velocities=velocities)
+
+
+def _listed(joints: Sequence[str] | None, listed: Sequence[str]) -> Sequence[str] | None:
+    """The joints that are listed; all of them if none is, which is an error later."""
+    return [name for name in joints or () if name in listed] or joints
+
+
+def _noted(clean: CleanRecording, joints: Sequence[str] | None) -> CleanRecording:
+    """The recording with a note on the joints that it lacks."""
+    missing = [name for name in joints or () if name not in clean.joint_names]
+    if not missing:
+        return clean
+    note = f"joints left out, as the recording lacks them: {quote_names(missing)}"
+    return replace(clean, notes=(*clean.notes, note))
 
 
 def _chosen_topic(bag: bags.Bag, topic: str | None) -> bags.Topic:
@@ -100,7 +201,7 @@ class RecordingInspection:
 
     name: str
     path: str
-    format: bags.BagFormat
+    format: bags.RecordingFormat
     topics: tuple[bags.Topic, ...] = ()
     topic: str | None = None
     n_messages: int = 0
@@ -146,9 +247,12 @@ def inspect_recording(
             bags.recording_names(paths)[0], str(recording), bags.recording_format(copy)
         )
         try:
-            with bags.open_bag(copy, salvage=salvage) as bag:
-                inspection = replace(inspection, topics=bag.topics)
-                clean = read_clean(bag, topic, state_field=state_field)
+            if inspection.format in FORMATS:
+                clean = read_recording(copy, topic, state_field=state_field)
+            else:
+                with bags.open_bag(copy, salvage=salvage) as bag:
+                    inspection = replace(inspection, topics=bag.topics)
+                    clean = read_clean(bag, topic, state_field=state_field)
             found, refusal = vars(clean) | {"duration": clean.duration}, None
         except UnusableRecordingError as error:
             found, refusal = error.findings, str(error)

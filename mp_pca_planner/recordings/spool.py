@@ -15,7 +15,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 
 from ..exceptions import RecordingError
-from .demonstration import RecordingReport, RecordingSet, Refusal
+from .recording_set import RecordingReport, RecordingSet, Refusal
 
 Value = TypeVar("Value")
 

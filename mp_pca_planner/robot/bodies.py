@@ -15,16 +15,10 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..exceptions import WorldError, unknown_name
 from .inertias import joint_of
-from .world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
+from .solids import Solid, coal, solids_of
+from .world import Obstacle, World
 
-try:
-    import coal as coal
-except ImportError:  # its name before release 3
-    import hppfcl as coal
-
-# Share of its convex hull's volume from which on a closed mesh is convex: files hold 6 digits. The
-# hull in its place is on the safe side.
-_CONVEX_SHARE = 1.0 - 1e-3
+__all__ = ["Bodies", "coal"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +62,11 @@ class Bodies:
     halves: FloatArray
 
     @classmethod
-    def of_links(cls, model: Any, geometry: Any) -> Bodies:
-        """The shapes of a robot's links."""
+    def of_links(cls, model: Any, geometry: Any, solids: Sequence[Solid]) -> Bodies:
+        """The shapes of a robot's links, for each object of a geometry."""
         parts = [
-            (model.frames[one.parentFrame].name, one.parentJoint, one.placement, one.geometry)
-            for one in geometry.geometryObjects
+            (model.frames[one.parentFrame].name, one.parentJoint, one.placement, solid)
+            for one, solid in zip(geometry.geometryObjects, solids, strict=True)
         ]
         return cls._made(model, parts)
 
@@ -91,7 +85,7 @@ class Bodies:
             joint, frame = self._attachment(obstacle)
             for shape in obstacle.shapes:
                 placement = frame * pin.XYZQUATToSE3(shape.pose)
-                parts.append((obstacle.name, joint, placement, _geometry_of(shape)))
+                parts += [(obstacle.name, joint, placement, one) for one in solids_of(shape)]
         others, joined = vars(self._made(self.model, parts)), {}
         for key, own in vars(self).items():
             if isinstance(own, tuple):
@@ -101,26 +95,28 @@ class Bodies:
         return replace(self, **joined)
 
     @classmethod
-    def _made(cls, model: Any, parts: Sequence[tuple[str, int, Any, Any]]) -> Bodies:
+    def _made(cls, model: Any, parts: Sequence[tuple[str, int, Any, Solid]]) -> Bodies:
         """Bodies of shapes with their names, joints and placements."""
-        hulls = [_hull_of(shape) for *_, shape in parts]
-        for *_, shape in parts:
-            shape.computeLocalAABB()
-        boxes = [shape.aabb_local for *_, shape in parts]
+        solids = [solid for *_, solid in parts]
+        for solid in solids:
+            solid.shape.computeLocalAABB()
+            solid.hull.computeLocalAABB()
+        # That of a hull is larger, if the shape is a surface without volume.
+        boxes = [solid.hull.aabb_local for solid in solids]
         corners = np.array([(box.min_, box.max_) for box in boxes]).reshape(-1, 2, 3)
         origins = np.reshape([placement.translation for *_, placement, _ in parts], (-1, 3))
         rotations = np.reshape([placement.rotation for *_, placement, _ in parts], (-1, 3, 3))
         return cls(
             model,
-            tuple(shape for *_, shape in parts),
-            tuple(hull for hull, _ in hulls),
+            tuple(solid.shape for solid in solids),
+            tuple(solid.hull for solid in solids),
             tuple(name for name, *_ in parts),
-            np.array([is_convex for _, is_convex in hulls], dtype=bool),
+            np.array([solid.is_convex for solid in solids], dtype=bool),
             np.array([joint for _, joint, *_ in parts], dtype=np.intp),
             origins,
             rotations,
             origins + (rotations @ corners.mean(axis=1)[:, :, None])[..., 0],
-            np.array([float(shape.aabb_radius) for *_, shape in parts]),
+            np.array([float(solid.hull.aabb_radius) for solid in solids]),
             0.5 * (corners[:, 1] - corners[:, 0]),
         )
 
@@ -135,34 +131,3 @@ class Bodies:
             )
         frame = self.model.frames[self.model.getFrameId(obstacle.frame, pin.FrameType.BODY)]
         return joint_of(frame), frame.placement
-
-
-def _geometry_of(shape: Shape) -> Any:
-    """The shape for the distance library."""
-    if isinstance(shape, Box):
-        return coal.Box(*shape.size)
-    if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
-    if isinstance(shape, Capsule):
-        return coal.Capsule(shape.radius, shape.height)
-    if isinstance(shape, Cylinder):
-        return coal.Cylinder(shape.radius, shape.height)
-    assert isinstance(shape, Mesh)
-    mesh = coal.BVHModelOBBRSS()
-    mesh.beginModel(len(shape.triangles), len(shape.vertices))
-    mesh.addVertices(shape.vertices)
-    mesh.addTriangles(shape.triangles)
-    mesh.endModel()
-    return mesh
-
-
-def _hull_of(shape: Any) -> tuple[Any, bool]:
-    """The convex hull of a mesh, or another shape itself; whether it is the shape itself."""
-    if not hasattr(shape, "buildConvexHull"):
-        return shape, True
-    try:
-        shape.buildConvexHull(True, "Qt")
-    except (RuntimeError, ValueError):
-        return shape, False  # it is flat, or the library was built without qhull
-    hull = shape.convex
-    return hull, bool(abs(shape.computeVolume()) >= _CONVEX_SHARE * hull.computeVolume())

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -79,18 +80,35 @@ class CollisionGeometry:
         margin: float = 0.0,
         self_collision: bool = True,
     ) -> None:
-        model, geometry, order = robot.collision_geometry(package_dirs)
+        self._made = partial(
+            type(self),
+            robot,
+            srdf=srdf,
+            package_dirs=tuple(package_dirs),
+            self_collision=self_collision,
+        )
+        model, geometry, order, links = robot.collision_geometry(package_dirs)
         if srdf is not None:
             geometry.addAllCollisionPairs()
             _remove_disabled(model, geometry, Path(srdf))
         pairs = _pairs_of_links(model, geometry, touching=srdf is not None)
-        self._links = Bodies.of_links(model, geometry)
+        self._links = Bodies.of_links(model, geometry, links.solids)
+        self._notes = links.notes
         self._tree, joints = JointTree(model, order), self._links.joints
         # A pair without relative motion is not checked.
         moving = [(a, b) for a, b in pairs if joints[a] != joints[b]]
         self._pairs_of_links = moving if self_collision else []
         self.margin = _checked_margin(margin)
         self.set_world(World() if world is None else world)
+
+    def __copy__(self) -> Self:
+        other = object.__new__(type(self))
+        vars(other).update(vars(self))
+        return other
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Meshes are read again where it is unpickled.
+        return partial(self._made, world=self.world, margin=self.margin), ()
 
     def set_world(self, world: World, margin: float | None = None) -> None:
         """Replace the obstacles.
@@ -130,6 +148,11 @@ class CollisionGeometry:
         other = copy(self)
         other.set_world(world)
         return other
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is unusual about the shapes of links and obstacles, as sentences."""
+        return self._notes + self.world.notes
 
     @property
     def has_geometry(self) -> bool:
@@ -194,7 +217,8 @@ def _checked_margin(margin: float) -> float:
 
 def _pairs_with_world(bodies: Bodies, n_links: int, world: World) -> Iterator[tuple[int, int]]:
     """The pairs of a link, or an obstacle on a link, with an obstacle that moves relative to it."""
-    obstacles = [obstacle for obstacle in world for _ in obstacle.shapes]
+    by_name = {obstacle.name: obstacle for obstacle in world}
+    obstacles = [by_name[name] for name in bodies.names[n_links:]]
     for i, obstacle in enumerate(obstacles):
         b = n_links + i
         excepted = {obstacle.name, obstacle.frame, *obstacle.touch_links}

@@ -17,6 +17,8 @@ from .pinocchio_model import PinocchioModel
 class Dynamics(PinocchioModel):
     """Efforts of motions, and accelerations under efforts."""
 
+    _working_memory = ("_data", "_results", "_pool", "_slopes")
+
     def _use(self, model: Any) -> None:
         super()._use(model)
         data = self._data

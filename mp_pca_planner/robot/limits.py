@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, check_type, unique_names
+from ..arrays import FloatArray, check_type, html_table, unique_names
 from ..exceptions import LimitsError, unknown_name
 from ..files import load_yaml, read_text, reading
 
@@ -31,6 +31,14 @@ _QUANTITIES = {
     f"has_{quantity}_limits": quantity
     for quantity in ("position", "velocity", "acceleration", "jerk", "effort")
 }
+
+_KINDS = (
+    "position [rad, m]",
+    "velocity [/s]",
+    "acceleration [/s²]",
+    "jerk [/s³]",
+    "effort [N·m, N]",
+)
 
 Overrides = Mapping[str, Mapping[str, float]]
 """Limits by joint name and key (see `LIMIT_KEYS`); infinite ones remove a limit."""
@@ -55,6 +63,13 @@ class JointLimits:
     ------
     LimitsError
         If a range is empty, a magnitude is not positive or NaN, or a kind of limit is unknown.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.JointLimits(["elbow"], {"elbow": {"min_position": -2.4, "max_velocity": 3.0}})
+    JointLimits  position [rad, m]  velocity [/s]  acceleration [/s²]  jerk [/s³]  effort [N·m, N]
+    elbow        -2.4 to inf        3              inf                 inf         inf
     """
 
     joint_names: tuple[str, ...]
@@ -82,6 +97,25 @@ class JointLimits:
                     f"{source}: the positions of joint '{name}' range from {low:g} to {high:g}, "
                     "which leaves no room; the lower limit must be below the upper one"
                 )
+
+    def __repr__(self) -> str:
+        rows = [["JointLimits", *_KINDS], *self._rows()]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = (zip(row, widths, strict=True) for row in rows)
+        return "\n".join("  ".join(x.ljust(width) for x, width in line).rstrip() for line in lines)
+
+    def _repr_html_(self) -> str:
+        return html_table(["joint", *_KINDS], self._rows())
+
+    def _rows(self) -> list[list[str]]:
+        """The limits of each joint as text, in the order of `_KINDS`."""
+        magnitudes = (self.velocity, self.acceleration, self.jerk, self.effort)
+        rates = zip(*(values.tolist() for values in magnitudes), strict=True)
+        ends = zip(self.lower.tolist(), self.upper.tolist(), strict=True)
+        return [
+            [name, f"{low:.4g} to {high:.4g}", *(f"{value:.4g}" for value in values)]
+            for name, (low, high), values in zip(self.joint_names, ends, rates, strict=True)
+        ]
 
 
 def _absent(key: str) -> float:

@@ -6,15 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ..arrays import frozen_array
-from ..exceptions import RobotError, quote_names
-from .urdf import Description
+from ..exceptions import RobotError
+from .inertias import joint_of
+from .link_shapes import LinkShapes
 
 _NOT_A_LINK = " (joint)"
 
@@ -70,32 +70,20 @@ class LockedModel:
             reduced.names[joint] = name.removesuffix(_NOT_A_LINK)
         return reduced, geometries
 
-    def collision_geometry(
-        self, description: Description, package_dirs: Sequence[Path], source: str
-    ) -> tuple[Any, Any]:
-        """The reduced model, and the collision geometry of its links with all distant pairs.
-
-        Raises
-        ------
-        RobotError
-            If a shape can't be used, or a mesh can't be found or read.
-        """
-        for link, problem in description.lost_shapes.items():
-            raise RobotError(f"{source}: <collision> of link '{link}': {problem}")
-        folders = [str(folder) for folder in package_dirs]
-        kind = pin.GeometryType.COLLISION
-        try:
-            whole = pin.buildGeomFromUrdfString(
-                self._full, description.xml, kind, package_dirs=folders
+    def collision_geometry(self, shapes: LinkShapes) -> tuple[Any, Any]:
+        """The reduced model, and the collision geometry of its links with all distant pairs."""
+        full, whole = self._full, pin.GeometryModel()
+        for k, (link, placement, solid) in enumerate(shapes):
+            frame = full.frames[full.getFrameId(link, pin.FrameType.BODY)]
+            part = pin.GeometryObject(
+                f"{link}_{k}",
+                parent_joint=joint_of(frame),
+                placement=frame.placement * placement,
+                collision_geometry=solid.shape,
             )
-        except (ValueError, RuntimeError) as error:
-            searched = f"packages were searched in {quote_names(folders)}"
-            hint = searched if folders else "give the folders of packages"
-            raise RobotError(
-                f"the collision geometry of the {source} can't be read: {str(error).rstrip('.')}; "
-                f"{hint} (package_dirs)"
-            ) from None
-        above, objects = self._full.parents, whole.geometryObjects
+            part.parentFrame = full.getFrameId(link, pin.FrameType.BODY)
+            whole.addGeometryObject(part)
+        above, objects = full.parents, whole.geometryObjects
         for first, second in combinations(range(whole.ngeoms), 2):
             a, b = objects[first].parentJoint, objects[second].parentJoint
             if a not in (b, above[b]) and b != above[a]:

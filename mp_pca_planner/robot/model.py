@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, check_type, unique_names
+from ..arrays import FloatArray, check_type, html_table, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
 from .dynamics import Dynamics
@@ -22,8 +23,16 @@ from .kinematics import AttachedPoints as AttachedPoints
 from .kinematics import Kinematics
 from .limits import JointLimits, Overrides, given_limits, merge_limits
 from .link_inertias import LinkInertias
+from .link_shapes import LinkShapes
 from .locked_model import LockedModel
 from .urdf import read_description
+
+_SHOWN = {
+    "lowest [rad or m]": "min_position",
+    "highest": "max_position",
+    "speed [/s]": "max_velocity",
+    "effort [N·m or N]": "max_effort",
+}
 
 
 class Robot(Dynamics, Kinematics):
@@ -62,6 +71,15 @@ class Robot(Dynamics, Kinematics):
     ------
     RobotError
         If the description is no URDF, or a joint is unknown or can't move.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> robot = mp.Robot.from_file(mp.config_file("human_arm.urdf"))
+    >>> robot
+    Robot 'human_arm': shoulder1, shoulder2, shoulder3, elbow
+    >>> robot.frame_positions([[0.0, 0.0, 0.0, 0.0]], ["wrist"]).round(2).tolist()
+    [[[-0.02, -0.17, -0.57]]]
     """
 
     def __init__(
@@ -72,7 +90,7 @@ class Robot(Dynamics, Kinematics):
         locked: Mapping[str, float] | None = None,
         source: str = "robot description",
     ) -> None:
-        self._source = source
+        self._source, self._given = source, (urdf, dict(locked or {}))
         self.path: Path | None = None
         self._description = found = read_description(urdf, source)
         self.name = found.name
@@ -100,6 +118,21 @@ class Robot(Dynamics, Kinematics):
 
     def __repr__(self) -> str:
         return f"Robot '{self.name}': {', '.join(self.joint_names)}"
+
+    def _repr_html_(self) -> str:
+        limits = self._description.limits
+        rows = [
+            [
+                name,
+                self._description.types[name],
+                *(f"{limits.get(name, {}).get(key, np.inf):.4g}" for key in _SHOWN.values()),
+            ]
+            for name in self.joint_names
+        ]
+        table = html_table(["joint", "type", *_SHOWN], rows)
+        return (
+            f"<p>Robot '{escape(self.name)}', end effector '{escape(self.end_effector)}'</p>{table}"
+        )
 
     @classmethod
     def from_file(
@@ -136,6 +169,22 @@ class Robot(Dynamics, Kinematics):
             merge_limits(self._description.limits, *layers),
             source=f"limits of the {self._source}",
         )
+
+    def with_joints(self, joint_names: Sequence[str]) -> Robot:
+        """The robot with these joints moving; itself, if they are its own in this order.
+
+        Raises
+        ------
+        RobotError
+            If a joint is unknown or can't move.
+        """
+        if tuple(joint_names) == self.joint_names:
+            return self
+        urdf, given = self._given
+        locked = {name: value for name, value in given.items() if name not in joint_names}
+        robot = Robot(urdf, joint_names, locked=locked, source=self._source)
+        robot.path = self.path
+        return robot
 
     def require_inertias(self, purpose: str, instead: str = "") -> None:
         """Reject a robot whose efforts can't be computed.
@@ -201,7 +250,9 @@ class Robot(Dynamics, Kinematics):
         self.link_inertias.change(model, factors)
         return self._with_model(model)
 
-    def collision_geometry(self, package_dirs: Sequence[Path]) -> tuple[Any, Any, NDArray[np.intp]]:
+    def collision_geometry(
+        self, package_dirs: Sequence[Path]
+    ) -> tuple[Any, Any, NDArray[np.intp], LinkShapes]:
         """Pinocchio's model, the collision geometry of the links, and the order of the joints.
 
         Parameters
@@ -218,14 +269,17 @@ class Robot(Dynamics, Kinematics):
             joint is between them, locked ones included.
         order : array of int, shape (n_joints,)
             For each joint of the model, its index in `joint_names`.
+        shapes : LinkShapes
+            The shapes of the geometry.
 
         Raises
         ------
         RobotError
             If a shape can't be used, or a mesh can't be found or read.
         """
-        found = self._locked.collision_geometry(self._description, package_dirs, self._source)
-        return *found, self._order.from_pin
+        shapes = LinkShapes(self._description, package_dirs, self._source)
+        model, geometry = self._locked.collision_geometry(shapes)
+        return model, geometry, self._order.from_pin, shapes
 
 
 def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple[str, ...]:

@@ -78,6 +78,9 @@ class PinocchioModel:
         The link that most joints move, the last one of several.
     """
 
+    _working_memory: tuple[str, ...] = ("_data",)
+    """Attributes that are not pickled, because `_use` makes them of the model."""
+
     def __init__(self, model: Any, joint_names: Sequence[str], source: str) -> None:
         self.joint_names = tuple(joint_names)
         self._source = source
@@ -93,6 +96,13 @@ class PinocchioModel:
         self._data = model.createData()
         body = pin.FrameType.BODY
         self._ids = {name: model.getFrameId(name, body) for name in self.frame_names}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: x for name, x in vars(self).items() if name not in self._working_memory}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._use(state["_model"])
 
     def _with_model(self, model: Any) -> Self:
         other = copy.copy(self)

@@ -3,8 +3,8 @@
 """Robot descriptions (URDF), read once and checked before Pinocchio parses them.
 
 urdfdom, the parser behind Pinocchio, reports errors on stderr and skips the malformed part.
-Therefore Pinocchio gets a copy that holds only joints and links with their inertials and collision
-shapes, all numbers of which have been checked here.
+Therefore Pinocchio gets a copy that holds only joints and links with their inertials, all numbers
+of which have been checked here. Collision shapes are made of their numbers, without Pinocchio.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -65,6 +65,8 @@ class Description:
         The usable <inertial> elements by link.
     lost_inertials : mapping of str to str
         Defect of the inertial of each link whose inertial can't be used.
+    shapes : mapping of str to sequence of StatedShape
+        The usable collision shapes by link.
     lost_shapes : mapping of str to str
         Defect of the collision shape of each link whose shape can't be used.
     solid_links : frozenset of str
@@ -79,6 +81,7 @@ class Description:
     child_links: Mapping[str, str]
     inertials: Mapping[str, ET.Element]
     lost_inertials: Mapping[str, str]
+    shapes: Mapping[str, Sequence[StatedShape]]
     lost_shapes: Mapping[str, str]
     solid_links: frozenset[str]
 
@@ -105,7 +108,8 @@ def read_description(urdf: str, source: str) -> Description:
         raise RobotError(f"{source} has no revolute, continuous or prismatic joint")
     _check_tree(root, source)
     clean = ET.Element("robot", name=root.get("name") or "robot")
-    lost_inertials, lost_shapes = _copy_links(root, clean)
+    lost_inertials = _copy_links(root, clean)
+    shapes, lost_shapes = _collision_shapes(root)
     for joint in every.values():
         _copy_joint(joint, clean, source)
     copies = {link.get("name", ""): link.find("inertial") for link in clean.findall("link")}
@@ -118,6 +122,7 @@ def read_description(urdf: str, source: str) -> Description:
         child_links={name: _end(joint, "child") for name, joint in joints.items()},
         inertials={name: inertial for name, inertial in copies.items() if inertial is not None},
         lost_inertials=lost_inertials,
+        shapes=shapes,
         lost_shapes=lost_shapes,
         solid_links=frozenset(
             link.get("name", "")
@@ -221,19 +226,32 @@ def _check_tree(root: ET.Element, source: str) -> None:
         )
 
 
-def _copy_links(root: ET.Element, clean: ET.Element) -> tuple[dict[str, str], dict[str, str]]:
-    """Copy the links; return what is wrong with the inertials and shapes left out, by link."""
-    lost: dict[str, dict[str, str]] = {"inertial": {}, "collision": {}}
+def _copy_links(root: ET.Element, clean: ET.Element) -> dict[str, str]:
+    """Copy the links; return what is wrong with the inertials left out, by link."""
+    lost: dict[str, str] = {}
     for link in root.findall("link"):
         name = link.get("name", "")
         copy = ET.SubElement(clean, "link", name=name)
-        for part in (*link.findall("inertial")[:1], *link.findall("collision")):
-            check = _wrong_inertial if part.tag == "inertial" else _wrong_shape
-            if problem := check(part):
-                lost[part.tag][name] = problem
+        for inertial in link.findall("inertial")[:1]:
+            if problem := _wrong_inertial(inertial):
+                lost[name] = problem
             else:
-                copy.append(part)
-    return lost["inertial"], lost["collision"]
+                copy.append(inertial)
+    return lost
+
+
+def _collision_shapes(root: ET.Element) -> tuple[dict[str, list[StatedShape]], dict[str, str]]:
+    """The collision shapes, and what is wrong with those left out, by link."""
+    shapes: dict[str, list[StatedShape]] = {}
+    lost: dict[str, str] = {}
+    for link in root.findall("link"):
+        name = link.get("name", "")
+        for part in link.findall("collision"):
+            if problem := _wrong_shape(part):
+                lost[name] = problem
+            else:
+                shapes.setdefault(name, []).append(stated_shape(part))
+    return shapes, lost
 
 
 def _wrong_shape(collision: ET.Element) -> str:

@@ -225,6 +225,10 @@ class PlannerNode(GuardedNode):
 
     def _log_readiness(self) -> None:
         self.get_logger().info(self._setup.missing or "ready for goals")
+        context = self._setup.context
+        if context is not None and context.planner.collision is not None:
+            for note in context.planner.collision.notes:
+                self.get_logger().warning(to_text(note))
 
     def _seconds(self) -> float:
         return float(self.get_clock().now().nanoseconds) * 1e-9

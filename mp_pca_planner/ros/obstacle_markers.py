@@ -15,10 +15,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable, unknown_name
 from ..input_limits import INPUT_LIMITS
+from ..robot.mesh_files import find_mesh, scaled
 from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
-from ..robot.world_meshes import read_mesh
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
+
+_MAX_NAME = 500  # characters
 
 
 def marker_name(marker: Marker) -> str:
@@ -64,13 +66,13 @@ def _shapes(marker: Marker, package_dirs: Sequence[Path]) -> list[Shape]:
     if kind == Marker.CYLINDER:
         return [Cylinder(0.5 * _diameter(scale[:2], "a cylinder"), scale[2])]
     if kind == Marker.MESH_RESOURCE:
-        vertices, triangles = read_mesh(marker.mesh_resource, package_dirs)
-        return [Mesh(vertices * scale, triangles)]
+        found = find_mesh(marker.mesh_resource, package_dirs)
+        return [Mesh(scaled(found.vertices, scale), found.triangles)]
     points = _points(marker)
     if kind == Marker.TRIANGLE_LIST:
         if len(points) % 3:
             raise WorldError(f"a TRIANGLE_LIST has 3 points per triangle, got {len(points)} points")
-        return [Mesh(points * scale, np.arange(len(points)).reshape(-1, 3))]
+        return [Mesh(scaled(points, scale), np.arange(len(points)).reshape(-1, 3))]
     if kind == Marker.CUBE_LIST:
         return [Box(scale, point) for point in points]
     if kind == Marker.SPHERE_LIST:
@@ -107,13 +109,13 @@ class MarkerMessages:
     """
 
     most = 400
-    """Largest numbers of remembered messages, and of remembered rejections."""
+    """Largest numbers of remembered messages, of rejections, and of names that were deleted."""
 
     def __init__(self) -> None:
         self.rejected: dict[str, str] = {}
         # The latest messages, because latched ones arrive on both subscriptions.
         self._seen: deque[int] = deque(maxlen=self.most)
-        # Source time of the last change of each obstacle, and of all of them [ns].
+        # Source time of the last change of each obstacle, and of all of them [ns]; the latest last.
         self._changed: dict[str, int] = {}
         self._cleared = 0
 
@@ -163,14 +165,22 @@ class MarkerMessages:
             except WorldError as error:
                 problems.append(str(error))
                 if len(self.rejected) < self.most:
-                    self.rejected[name] = str(error)
+                    self.rejected[name[:_MAX_NAME]] = str(error)
                 continue
             for cleared in [x for x in self.rejected if _concerns(marker, x)]:
                 del self.rejected[cleared]
+            self._changed.pop(name, None)
             self._changed[name] = stamp
             if marker.action == Marker.DELETEALL and not marker.ns:
                 self._cleared = stamp
+        self._forget(obstacles)
         return list(obstacles.values()), problems
+
+    def _forget(self, obstacles: Collection[str]) -> None:
+        """Forget the first of too many deleted names: a late message may bring them back."""
+        deleted = [name for name in self._changed if name not in obstacles]
+        for name in deleted[: max(len(deleted) - self.most, 0)]:
+            del self._changed[name]
 
 
 def _concerns(marker: Marker, name: str) -> bool:
@@ -187,6 +197,10 @@ def _apply_marker(
     folders: Sequence[Path],
 ) -> None:
     name, frame = marker_name(marker), marker.header.frame_id
+    if len(name) > _MAX_NAME:
+        raise WorldError(
+            f"a marker's name has {len(name)} characters, at most {_MAX_NAME} are used"
+        )
     if marker.action == Marker.DELETEALL:
         for other in [one for one in obstacles if _concerns(marker, one)]:
             del obstacles[other]

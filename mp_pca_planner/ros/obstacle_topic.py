@@ -45,6 +45,8 @@ class ObstacleTopic:
         self._node, self._setup, self._server = node, setup, server
         self._on_threat = on_threat
         self._messages = MarkerMessages()
+        # Notes on the present obstacles, each of which is logged once.
+        self._notes: frozenset[str] = frozenset()
         group = ThreadGroup()
         for callback, qos in ((self._on_live, BURSTS), (self._on_late, LATCHED_BURSTS)):
             node.create_subscription(
@@ -87,8 +89,13 @@ class ObstacleTopic:
         obstacles, problems = applied
         missing = list(self._messages.rejected.values())
         try:
-            if surroundings.replace(World(obstacles), context):
+            world = World(obstacles)
+            if surroundings.replace(world, context):
                 self._on_threat()
+            for note in world.notes:
+                if note not in self._notes:
+                    self._node.get_logger().warning(to_text(note))
+            self._notes = frozenset(world.notes)
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))

@@ -16,7 +16,7 @@ from ..exceptions import MissingDependencyError, PlannerError, printable
 
 DONE, FAILED, REFUSED = 0, 1, 2
 
-_PROGRAM = "mp_pca_planner planner_node"
+_PROGRAM = "mp-pca planner_node"
 _ROS_ARGUMENTS = "--ros-args"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..primitives.conditional_model import LEAST_NOISE, OFFSET, RequestFeatures
 from ..primitives.cross_validation import leave_one_out
-from ..primitives.kernels import LEAST_NOISE, remaining_covariance
 from ..primitives.options import PrimitiveOptions
 from ..recordings.demonstration import Demonstration
 from ..robot.limits import JointLimits
@@ -152,13 +152,39 @@ def _some(rows: NDArray[np.intp], most: int) -> NDArray[np.intp]:
     return rows[np.random.default_rng(0).permutation(len(rows))[:most]]
 
 
+def remaining_covariance(demonstrated: FloatArray, requests: FloatArray) -> FloatArray:
+    """Covariance of the shapes of requests that demonstrations leave, in units of the prior's.
+
+    That of a Gaussian process with the least noise (Rasmussen and Williams, equation 2.24). The
+    common offset of all shapes counts as known. It does not depend on the shapes, so it is known
+    before a motion is demonstrated.
+
+    Parameters
+    ----------
+    demonstrated : array, shape (n_demonstrations, 2 n_joints)
+        Start and goal of each demonstration [rad or m].
+    requests : array, shape (n_requests, 2 n_joints)
+        Start and goal of each request.
+
+    Returns
+    -------
+    covariance : array, shape (n_requests, n_requests)
+        On its diagonal, 0 is at a demonstration and 1 far from all.
+    """
+    every, n = np.concatenate([demonstrated, requests]), len(demonstrated)
+    similar, _ = RequestFeatures(every).of(every)
+    prior = similar[0, 0] - OFFSET
+    gram = prior[:n, :n] + LEAST_NOISE * np.eye(n)
+    return np.asarray(prior[n:, n:] - prior[n:, :n] @ np.linalg.solve(gram, prior[:n, n:]))
+
+
 def _least_known(covariance: FloatArray, n: int) -> list[int]:
     """Requests of largest variance, each given the demonstration of those before it.
 
     Parameters
     ----------
     covariance : array, shape (n_requests, n_requests)
-        See :func:`.remaining_covariance`.
+        See :func:`remaining_covariance`.
     n : int
         Largest number of requests.
     """

@@ -93,6 +93,8 @@ class TeachingSession:
         Topic of the joint states.
     joints : sequence of str or None
         Names of the joints; by default all that every message lists.
+    moving_only : bool
+        Leaves out those of `joints` that are not listed or never move, such as a gripper's.
 
     Attributes
     ----------
@@ -107,8 +109,15 @@ class TeachingSession:
         If a file can't be used.
     """
 
-    def __init__(self, files: SessionFiles, topic: str, joints: Sequence[str] | None) -> None:
-        self.files, self._joints = files, joints
+    def __init__(
+        self,
+        files: SessionFiles,
+        topic: str,
+        joints: Sequence[str] | None,
+        *,
+        moving_only: bool = False,
+    ) -> None:
+        self.files, self._joints, self._moving_only = files, joints, moving_only
         self.motions: tuple[Demonstration, ...] = ()
         self.present: FloatArray | None = None
         self._name, self._notes = files.bag.stem, set[str]()
@@ -175,7 +184,9 @@ class TeachingSession:
         """
         self._take()
         try:
-            cuts, clean = cutting.cut_joint_states(self._raw, self._joints, _SEGMENTATION)
+            cuts, clean = cutting.cut_joint_states(
+                self._raw, self._joints, _SEGMENTATION, moving_only=self._moving_only
+            )
         except RecordingError as error:
             reasons = [str(error)] if explains and (self.n_messages or is_over) else []
             return SessionUpdate(notes=self._new_notes(reasons, re.compile(r"\d\S*")))

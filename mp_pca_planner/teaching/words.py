@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
-from ..plotting.units import Unit, unit_of
+from ..plotting.units import DEGREES, Unit, unit_of
 from ..recordings.demonstration import Demonstration
 from ..recordings.segmentation import extent
 from ..robot.model import Robot
@@ -58,13 +58,14 @@ class SessionWords:
         names = motions[0].joint_names
         yield (
             f"  left-out error {unit.number(learned.error)} {unit.name} (straight motions: "
-            f"{unit.number(learned.straight_error)}); {learned.covered:.0%} of the motions between "
-            "shown starts and goals are covered"
+            f"{unit.number(learned.straight_error)} {unit.name}); {learned.covered:.0%} of the "
+            "motions between shown starts and goals are covered"
         )
-        yield f"  goals shown: {_ranges(names, learned.low, learned.high)}"
+        yield f"  goals shown {self._si(names)}: {_ranges(names, learned.low, learned.high)}"
         if self._robot is not None:
             goals = np.array([motion.positions[-1] for motion in motions])
-            places = self._robot.frame_positions(goals, [self._frame])[:, 0]
+            robot = self._robot.with_joints(names)
+            places = robot.frame_positions(goals, [self._frame])[:, 0]
             shown = _ranges("xyz", places.min(axis=0), places.max(axis=0))
             yield f"  {self._frame} at goals [m]: {shown}"
         for start, goal in learned.suggested:
@@ -74,25 +75,34 @@ class SessionWords:
         """Positions of joints, shape (n_joints,), and the place of the end effector."""
         rounded = np.round(q, 2) + 0.0  # no minus before zero
         joints = ",".join(f"{name}={x:.2f}" for name, x in zip(joint_names, rounded, strict=True))
+        joints = f"{joints} {self._si(joint_names)}"
         if self._robot is None:
             return joints
-        place = self._robot.frame_positions(q[None], [self._frame])[0, 0]
+        robot = self._robot.with_joints(joint_names)
+        place = robot.frame_positions(q[None], [self._frame])[0, 0]
         x, y, z = (f"{value:.2f}" for value in place)
         return f"{joints} ({self._frame} at {x} {y} {z} m)"
 
     def _learned(self, motions: Sequence[Demonstration]) -> Learned:
         if len(motions) < 2:
             raise PlannerError("two motions are needed")
-        return Learned.of(motions, self._robot.limits() if self._robot else None)
+        robot = self._robot and self._robot.with_joints(motions[0].joint_names)
+        return Learned.of(motions, robot.limits() if robot else None)
 
     def _length(self, motion: Demonstration) -> str:
         unit = self._unit(motion.joint_names)
         text = f"{unit.number(extent(motion.positions))} {unit.name}"
         if self._robot is None:
             return text
-        path = self._robot.frame_positions(motion.positions, [self._frame])[:, 0]
+        robot = self._robot.with_joints(motion.joint_names)
+        path = robot.frame_positions(motion.positions, [self._frame])[:, 0]
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
         return f"{text}, {self._frame} over {length:.2f} m"
+
+    def _si(self, joint_names: Sequence[str]) -> str:
+        """The unit of positions that commands read."""
+        unit = self._unit(joint_names)
+        return "[rad]" if unit is DEGREES else f"[{unit.name}]"
 
     def _unit(self, joint_names: Sequence[str]) -> Unit:
         return unit_of(joint_names, self._robot.prismatic_joints if self._robot else ())

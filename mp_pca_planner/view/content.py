@@ -17,15 +17,16 @@ from ..files import read_text, reading
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.plan import Plan
 from ..planning.planner import Planner
-from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.demonstration import RecordingSet
+from ..recordings.recording_set import RecordingSet
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
 
 if TYPE_CHECKING:
     from .page import ViewPage
+
+_N_COMPARED = 200  # demonstrations that each one is compared with
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +101,25 @@ def read_content(
     return PageContent(robot, text, tuple(primitives), robot.limits(), folders, collision)
 
 
+def typical_demonstration(primitive: MovementPrimitive) -> int:
+    """Index of the demonstration with the least mean distance from all others.
+
+    The mean of different motions need not be like any of them: the mean of raising an arm and of
+    lowering it hardly moves. A demonstration moves as people do.
+    """
+    ends = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.durations), -1)
+    shapes = primitive.weights / np.sqrt(np.maximum(primitive.explained_variance, 1e-12))
+    spread = ends.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
+    places = np.hstack([ends / spread, shapes])
+    others = places[:: max(1, len(places) // _N_COMPARED)]
+    distances = [np.linalg.norm(others - place, axis=1).sum() for place in places]
+    return int(np.argmin(distances))
+
+
 def first_ends(primitive: MovementPrimitive, limits: JointLimits) -> tuple[FloatArray, FloatArray]:
-    """Start and goal of the demonstration nearest to the mean, within the limits."""
-    ends = primitive.boundary_states[:, [0, 3]]
-    nearest, *_ = nearest_demonstrations(primitive, ends.mean(axis=0))
-    start, goal = np.clip(ends[nearest], limits.lower, limits.upper)
+    """Start and goal of a typical demonstration, within the limits."""
+    ends = primitive.boundary_states[typical_demonstration(primitive), [0, 3]]
+    start, goal = np.clip(ends, limits.lower, limits.upper)
     return start, goal
 
 
@@ -131,6 +146,11 @@ def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> Vie
         If the robot was not read from a file.
     MissingDependencyError
         If the extra `view` is not installed.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> page = mp.show(planner, plan)  # doctest: +SKIP
     """
     check_type(planner, "planner", PlannerError, Planner)
     try:

@@ -13,7 +13,9 @@ import numpy as np
 from ..arrays import FloatArray
 from ..motion.trajectory import Trajectory
 from ..robot.world import World
-from .options import PAGE
+
+SILENCE = 3.0
+"""Time without diagnostics, which come once a second, after which the node counts as gone [s]."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class LiveView:
 
     def has_node(self, now: float) -> bool:
         """Whether the node runs."""
-        return self.diagnostics is not None and now - self.diagnostics.time < PAGE.silence
+        return self.diagnostics is not None and now - self.diagnostics.time < SILENCE
 
 
 class LiveLink(Protocol):

@@ -4,28 +4,31 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
 import viser
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, short
 from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
 from ..robot.world import World
-from .live import LiveLink, LiveView
-from .options import PAGE
-from .stage import DrawnPaths, DrawnRobot, Stage
-from .words import figures_html, node_html, part, reports_html, states_html
-from .world_edit import WorldEditor
-from .world_panel import DrawnWorld
+from .live import LiveLink, LiveView, NodeStatus
+from .stage import BAD, GOOD, GREY, WARNING, DrawnPaths, DrawnRobot, Rgb, Stage, part
+from .world_panel import DrawnWorld, WorldEditor
 
 NAME = "Live"
+_COLOURS = (GOOD, WARNING, BAD, GREY)
+_FIGURES = ("effort_cost", "solve_time_s", "duration", "primitive", "in_span_score", "outcome")
+_MEASURED: Rgb = (230, 159, 0)
+_PERIOD = 0.05  # between two looks at the node [s]
+_TEXT_STEPS = 4  # its text follows every so many
+_STALE = 0.5  # age above which joint states count as old [s]
 
 
 class LivePanel:
@@ -52,9 +55,9 @@ class LivePanel:
         self._goals: SimpleQueue[dict[str, float]] = SimpleQueue()
         self._drawn_motion: Any = None
         scene = stage.server.scene
-        self._measured = DrawnRobot(scene, "/measured", stage.shapes, PAGE.measured, 0.6)
+        self._measured = DrawnRobot(scene, "/measured", stage.shapes, _MEASURED, 0.6)
         self._measured.visible = False
-        self._path = DrawnPaths(scene, "/commanded", PAGE.measured, 4.0)
+        self._path = DrawnPaths(scene, "/commanded", _MEASURED, 4.0)
         self._drawn_world, self._obstacles = World(), DrawnWorld(stage, lambda _: None, "/measured")
         self._closed, self._stopping = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
@@ -138,21 +141,20 @@ class LivePanel:
 
     def _run(self) -> None:
         steps = 0
-        while not self._closed.wait(PAGE.live_period):
-            try:
-                self._serve()
-                self.view = self._link.view()
-            except PlannerError as error:
-                with self._stage.lock:
-                    self._answer.content = part("lines", [str(error)])
-            except Exception:  # the stop button must outlive every error
-                traceback.print_exc()
-            # A page that is busy must not delay a stop.
-            if self._stage.lock.acquire(timeout=PAGE.live_period):
+        while not self._closed.wait(_PERIOD):
+            with self._stage.caught():  # the stop button must outlive every error
                 try:
-                    self._show(with_text=steps % PAGE.text_steps == 0)
-                finally:
-                    self._stage.lock.release()
+                    self._serve()
+                    self.view = self._link.view()
+                except PlannerError as error:
+                    with self._stage.lock:
+                        self._answer.content = part("lines", [str(error)])
+                # A page that is busy must not delay a stop.
+                if self._stage.lock.acquire(timeout=_PERIOD):
+                    try:
+                        self._show(with_text=steps % _TEXT_STEPS == 0)
+                    finally:
+                        self._stage.lock.release()
             steps += 1
 
     def _show(self, *, with_text: bool) -> None:
@@ -200,3 +202,57 @@ class LivePanel:
         self._reports.content = reports_html(self.view, now)
         self._states.content = states_html(self.view, self._limits, now)
         self._figures.content = figures_html(self.view)
+
+
+def node_html(view: LiveView, now: float) -> str:
+    """Whether the node runs, and what it says of itself."""
+    if view.diagnostics is None:
+        return part("verdict", "No node yet", "waiting for a planner node", GREY)
+    if not view.has_node(now):
+        age = now - view.diagnostics.time
+        return part("verdict", "The node is gone", f"nothing was heard of it for {age:.0f} s", BAD)
+    return _status_html("Node", view.diagnostics, now)
+
+
+def reports_html(view: LiveView, now: float) -> str:
+    """The goal, the obstacles, the report of the plan, and that of its execution."""
+    goal = "none yet" if view.goal is None else f"{view.goal[0]} ({_age(view.goal[1], now)})"
+    obstacles = ", ".join(view.world.names) or "none"
+    parts = [part("rows", [("Last goal", goal), ("Obstacles", obstacles)])]
+    for title, status in (("Plan", view.report), ("Execution", view.execution)):
+        if status is not None:
+            parts.append(_status_html(title, status, now, _FIGURES))
+    return "".join(parts)
+
+
+def figures_html(view: LiveView) -> str:
+    """All figures of the node."""
+    if view.diagnostics is None:
+        return ""
+    return part("rows", [(name, short(value)) for name, value in view.diagnostics.values.items()])
+
+
+def states_html(view: LiveView, limits: JointLimits, now: float) -> str:
+    """The measured joint states within their limits; old ones are pale, those outside are red."""
+    ends = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)
+    bounds, rows = dict(zip(limits.joint_names, ends, strict=True)), []
+    for name, (q, v, received) in view.states.items():
+        low, high = bounds.get(name, (-math.inf, math.inf))
+        is_bounded = math.isfinite(high - low) and math.isfinite(q)
+        share = min(max((q - low) / (high - low), 0.0), 1.0) if is_bounded else None
+        age = now - received if now - received > _STALE else None
+        velocity = v if math.isfinite(v) else None
+        rows.append((name, q, share, low, high, not low <= q <= high, velocity, age))
+    return part("states", rows)
+
+
+def _status_html(title: str, status: NodeStatus, now: float, figures: Sequence[str] = ()) -> str:
+    colour = _COLOURS[min(status.level, len(_COLOURS) - 1)]
+    head = part("verdict", f"{title}, {_age(status.time, now)}", status.message, colour)
+    known = [(name, status.values[name]) for name in figures if name in status.values]
+    rows = [(name, short(value)) for name, value in known if value != "nan"]
+    return head + (part("rows", rows) if rows else "")
+
+
+def _age(time: float, now: float) -> str:
+    return f"{now - time:.0f} s ago"

@@ -1,31 +1,39 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page in the browser: its server, its scene and its panels."""
+"""The page in the browser: its server, its scene, its panels and their tabs."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import viser
 
 from ..robot.model import Robot
-from .components import NAME as COMPONENTS
-from .components import ComponentsPanel
 from .content import PageContent, first_ends
-from .demonstrations import NAME as DEMONSTRATIONS
-from .demonstrations import DemonstrationsPanel, recorded, reproduced
+from .learned import (
+    COMPONENTS,
+    DEMONSTRATIONS,
+    ComponentsPanel,
+    DemonstrationsPanel,
+    recorded,
+    reproduced,
+)
 from .live import LiveLink
 from .live_panel import NAME as LIVE
 from .live_panel import LivePanel
-from .options import PAGE
 from .plan_panel import NAME as PLAN
 from .plan_panel import PlanPanel
 from .planning import InteractivePlanner, ViewRequest
 from .player import Player, ShownMotion
 from .robot_shapes import RobotShapes
 from .server import PageServer
-from .stage import Stage
-from .words import part
+from .stage import Rgb, Stage, part
 from .world_panel import NAME as WORLD
 from .world_panel import WorldPanel
+
+_BRAND: Rgb = (0, 82, 130)
+_LIGHT, _DARK = "Light", "Dark"
 
 
 class ViewPage:
@@ -84,57 +92,63 @@ class ViewPage:
             self.server.stop()
             raise
 
+    def open(self, name: str) -> None:
+        """Open a tab: show its subject, and the handles of that only."""
+        for tab, folder in self._folders.items():
+            folder.visible = tab == name
+        self._marks.content = part("tabs_style", list(self._folders).index(name) + 1)
+        self.components.set_open(name == COMPONENTS)
+        self.demonstrations.set_open(name == DEMONSTRATIONS)
+        self.world.set_open(name == WORLD)
+        # Obstacles change the plan, and a node gets its goal.
+        self.plan.set_open(name in (PLAN, WORLD, LIVE), with_handles=name in (PLAN, LIVE))
+
     def _add_panels(self) -> None:
-        gui, content = self.server.gui, self._content
+        stage, gui, content = self.stage, self.server.gui, self._content
         gui.set_panel_label(content.robot.name or "Robot")
-        self._theme(is_dark=False)
+        _set_theme(gui, is_dark=False)
         start, goal = content.ends or first_ends(content.primitives[0], content.limits)
-        self.stage.arrange(np.array([start, goal]))
-        if self.stage.shapes.notes:
-            gui.add_html(part("lines", self.stage.shapes.notes[:3]))
+        stage.arrange(np.array([start, goal]))
+        gui.add_html(part("style", content.robot.name or "Robot", _LIGHT, _DARK))
+        self._marks = gui.add_html("")
+        names = (PLAN, COMPONENTS, DEMONSTRATIONS, WORLD, *(() if self.live is None else (LIVE,)))
+        tabs = gui.add_button_group("Tabs", names)
+        stage.on_click(tabs, lambda: self.open(tabs.value))
+        if stage.shapes.notes:
+            gui.add_html(part("lines", stage.shapes.notes[:3]))
         if self.live is not None:
             self.live.add_stop()
-        first = ShownMotion(PLAN, np.array([0.0]), start[None])
-        self.player = Player(self.stage, PLAN, first)
-        tabs = gui.add_tab_group()
-        with tabs.add_tab(PLAN):
+        self.player = Player(stage, ShownMotion(PLAN, np.zeros(1), start[None]))
+        self._folders = {name: gui.add_folder(None) for name in names}
+        with self._folders[PLAN]:
             planner = InteractivePlanner(
                 content.robot, content.primitives, content.limits, content.collision
             )
             request = ViewRequest(start, goal, world=content.world)
-            self.plan = PlanPanel(self.stage, self.player, planner, request, self.live)
-        with tabs.add_tab(COMPONENTS):
-            ComponentsPanel(self.stage, self.player, content.primitives)
-        with tabs.add_tab(DEMONSTRATIONS):
-            self._add_demonstrations()
-        with tabs.add_tab(WORLD):
-            WorldPanel(self.stage, content.world, lambda world: self.plan.submit(world=world))
+            self.plan = PlanPanel(stage, self.player, planner, request, self.live)
+        with self._folders[COMPONENTS]:
+            self.components = ComponentsPanel(stage, self.player, content.primitives)
+        with self._folders[DEMONSTRATIONS]:
+            self.demonstrations = DemonstrationsPanel(stage, self.player, *self._demonstrations())
+        with self._folders[WORLD]:
+            self.world = WorldPanel(
+                stage, content.world, lambda world: self.plan.submit(world=world)
+            )
         if self.live is not None:
-            with tabs.add_tab(LIVE):
+            with self._folders[LIVE]:
                 self.live.add_tab()
             self.live.when_sent(lambda: self.plan.goal)
-        dark = gui.add_checkbox("Dark", False)
-        self.stage.on_change(dark, lambda: self._theme(is_dark=dark.value))
+        colours = gui.add_button_group("Colours", (_LIGHT, _DARK))
+        colours.on_click(_on_colours)
+        self.open(PLAN)
 
-    def _add_demonstrations(self) -> None:
+    def _demonstrations(self) -> tuple[Any, list[str]]:
+        """The demonstrations by label, and remarks on them."""
         recordings = self._content.recordings
-        if recordings is None:
-            groups = reproduced(self._content.primitives)
-            remarks = [
-                "As the components reproduce them; --demonstrations BAG shows the recorded ones."
-            ]
-        else:
-            groups, remarks = recorded(recordings), recordings.report.splitlines()
-        DemonstrationsPanel(self.stage, self.player, groups, remarks)
-
-    def _theme(self, *, is_dark: bool) -> None:
-        self.server.gui.configure_theme(
-            dark_mode=is_dark,
-            control_width="large",
-            show_logo=False,
-            show_share_button=False,
-            brand_color=PAGE.brand,
-        )
+        if recordings is not None:
+            return recorded(recordings), recordings.report.splitlines()
+        remark = "As the components reproduce them; --demonstrations BAG shows the recorded ones."
+        return reproduced(self._content.primitives), [remark]
 
     @property
     def url(self) -> str:
@@ -160,3 +174,19 @@ class ViewPage:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _on_colours(event: viser.GuiEvent[Any]) -> None:
+    """Give the browser that asked, by its owner or by its own preference, other colours."""
+    if event.client is not None:
+        _set_theme(event.client.gui, is_dark=event.target.value == _DARK)
+
+
+def _set_theme(gui: viser.GuiApi, *, is_dark: bool) -> None:
+    gui.configure_theme(
+        dark_mode=is_dark,
+        control_width="large",
+        show_logo=False,
+        show_share_button=False,
+        brand_color=_BRAND,
+    )

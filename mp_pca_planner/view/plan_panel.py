@@ -1,11 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel of the plan: a handle for the goal, and the motion that follows it."""
+"""The panel of the plan: a handle for the goal, the motion that follows it, and how to plan it."""
 
 from __future__ import annotations
 
-import traceback
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,63 +16,96 @@ import viser
 from ..arrays import FloatArray
 from ..execution.preemptive_worker import PreemptiveWorker
 from ..motion.goal import Pose
+from ..planning.plan import DEMONSTRATED, TIMINGS
+from .learned import explanation
 from .live_panel import LivePanel
-from .options import PAGE
-from .plan_widgets import ViaHandles, add_export, add_settings
-from .planning import InteractivePlanner, PlanAnswer, ViewRequest
+from .planning import (
+    FIXED,
+    InteractivePlanner,
+    PlanAnswer,
+    PlanSettings,
+    ViewRequest,
+    answer_html,
+    limit_shares,
+)
 from .player import Player, ShownMotion
-from .stage import DrawnPaths, DrawnRobot, Stage
-from .words import answer_html, limit_shares, part
+from .stage import DrawnPaths, DrawnRobot, Rgb, Stage, part
 
 NAME = "Plan"
+_TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."
 _CONTINUE, _RESET = "At the goal", "Reset"
+_ADD, _REMOVE = "Add", "Remove all"
+_MAX_VIAS = 4
+_NATURALNESS = ("0", "0.01", "0.1", "1", "10")
+_OBJECTIVES = ("effort", "energy", "jerk", "straightness")
+_FORMATS = {"CSV": "motion.csv", "JSON": "motion.json", "Bag (.mcap)": "motion.mcap"}
+_GOAL: Rgb = (0, 158, 115)
+_SHORT: Rgb = (230, 159, 0)
+_REJECTED: Rgb = (217, 53, 43)
+_PATH: Rgb = (0, 114, 178)
+_SPLINES: Rgb = (204, 121, 167)
 
 
-class PlanDrawing:
-    """Ghost and paths of the newest answer; red if the goal is refused.
+class ViaHandles:
+    """Handles of the places to pass, and the buttons that add and remove them.
 
     Parameters
     ----------
     stage : Stage
         The scene.
-    goal : array, shape (n_joints,)
-        The first goal.
-
-    Attributes
-    ----------
-    ghost : DrawnRobot
-        The robot at the goal.
+    new_place : callable
+        Position of a new point [m], shape (3,).
+    react : callable
+        Called with the vias when a person changes them.
     """
 
-    def __init__(self, stage: Stage, goal: FloatArray) -> None:
-        self._stage = stage
-        scene = stage.server.scene
-        self.ghost = DrawnRobot(scene, "/goal", stage.shapes, PAGE.goal)
-        self._path = DrawnPaths(scene, "/plan/path", PAGE.path, 5.0)
-        self._splines = DrawnPaths(scene, "/plan/splines", PAGE.splines, 3.0)
-        self._answer: PlanAnswer | None = None
-        self.ghost.show(goal)
+    def __init__(
+        self,
+        stage: Stage,
+        new_place: Callable[[], FloatArray],
+        react: Callable[[tuple[Pose, ...]], None],
+    ) -> None:
+        self._stage, self._new_place, self._react = stage, new_place, react
+        self._handles: list[viser.TransformControlsHandle] = []
+        gui = stage.server.gui
+        hint = "Places that the end effector passes, in order"
+        choice = gui.add_button_group("Points to pass", (_ADD, _REMOVE), hint=hint)
+        stage.on_click(
+            choice, lambda: self._on_add() if choice.value == _ADD else self._on_remove()
+        )
 
-    def show(self, answer: PlanAnswer) -> None:
-        """Draw an answer."""
-        self._answer = answer
-        self.ghost.show(answer.goal)
-        self.ghost.paint(PAGE.refused if answer.problem else PAGE.goal)
-        self._draw_paths()
+    def clear(self) -> None:
+        """Remove all points without a call."""
+        for handle in self._handles:
+            handle.remove()
+        self._handles = []
 
     def set_visible(self, is_visible: bool) -> None:
-        """Show or hide the drawing."""
-        self.ghost.visible = is_visible
-        self._draw_paths()
+        """Show or hide the handles."""
+        for handle in self._handles:
+            handle.visible = is_visible
 
-    def _draw_paths(self) -> None:
-        answer = self._answer if self.ghost.visible else None
-        plan = None if answer is None else answer.plan
-        other = None if answer is None else answer.comparison
-        colour = PAGE.refused if answer is not None and answer.problem else PAGE.path
-        for path, one, tint in ((self._path, plan, colour), (self._splines, other, PAGE.splines)):
-            drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
-            path.show(*drawn, colour=tint)
+    @property
+    def poses(self) -> tuple[Pose, ...]:
+        """The points in the order in which they were added."""
+        return tuple(Pose(self._stage.frame, handle.position) for handle in self._handles)
+
+    def _on_add(self) -> None:
+        if len(self._handles) == _MAX_VIAS:
+            return
+        scene, size = self._stage.server.scene, self._stage.size
+        name, place = f"/vias/{len(self._handles)}", self._new_place()
+        handle = scene.add_transform_controls(
+            name, scale=0.1 * size, disable_rotations=True, depth_test=False, position=place
+        )
+        scene.add_icosphere(f"{name}/ball", 0.012 * size, color=_SHORT)
+        self._stage.on_drag(handle, lambda _: self._react(self.poses))
+        self._handles.append(handle)
+        self._react(self.poses)
+
+    def _on_remove(self) -> None:
+        self.clear()
+        self._react(())
 
 
 class PlanPanel:
@@ -106,28 +141,53 @@ class PlanPanel:
         live: LivePanel | None = None,
     ) -> None:
         self._stage, self._player, self._planner = stage, player, planner
-        self._live = live
+        self._live, self._is_open = live, False
         self._home = request.start, request.goal
         self.answer: PlanAnswer | None = None
         self._request = request
-        self._drawing = PlanDrawing(stage, request.goal)
-        self.handle = stage.server.scene.add_transform_controls(
+        scene = stage.server.scene
+        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
+        self._ghost.show(request.goal)
+        self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
+        self._splines = DrawnPaths(scene, "/plan/splines", _SPLINES, 3.0)
+        self.handle = scene.add_transform_controls(
             "/handle", scale=0.16 * stage.size, disable_rotations=True, depth_test=False
         )
-        self.handle.on_update(self._on_handle)
+        stage.on_drag(self.handle, self._on_handle)
+        gui = stage.server.gui
+        gui.add_html(part("lines", [_TEXT]))
+        gui.add_html(explanation(planner.primitives[0]))
+        self._verdict = gui.add_html("")
         self._add_goal()
         self._vias = ViaHandles(stage, self._new_via, lambda vias: self.submit(vias=vias))
-        add_settings(stage, lambda settings: self.submit(settings=settings))
-        gui = stage.server.gui
+        self._add_settings()
         with gui.add_folder("Limits used"):
             self._bars = gui.add_html("")
-        add_export(stage, lambda: None if self.answer is None else self.answer.plan)
+        self._formats = gui.add_button_group("Save as", tuple(_FORMATS))
+        self._formats.on_click(self._on_save)
         self._worker = PreemptiveWorker[ViewRequest](
             lambda request, _: self._serve(request), lambda _: None, lambda: None
         )
-        player.when_shown(NAME, self._drawing.set_visible)
         self._place_handle()
         self.submit()
+
+    def set_open(self, is_open: bool, *, with_handles: bool) -> None:
+        """Show the plan, and its handles or not."""
+        self._is_open = is_open
+        self._ghost.visible = is_open
+        self._draw_paths()
+        self.handle.visible = with_handles
+        self._vias.set_visible(with_handles)
+        if is_open:
+            self._player.show(self._motion)
+
+    @property
+    def _motion(self) -> ShownMotion:
+        """The newest motion that may be executed; the start before there is one."""
+        answer = self.answer
+        if answer is None or answer.plan is None or answer.problem:
+            return ShownMotion(NAME, np.zeros(1), self._request.start[None])
+        return ShownMotion.of(NAME, answer.plan.trajectory)
 
     def submit(self, **changes: Any) -> None:
         """Request a plan with changes to the present request; the newest request wins."""
@@ -153,31 +213,70 @@ class PlanPanel:
 
     def _add_goal(self) -> None:
         stage, gui = self._stage, self._stage.server.gui
-        self._verdict = gui.add_html("")
         self._turns = gui.add_checkbox(
             "Orientation too", False, hint="The handle sets the full pose, not only the position"
         )
         stage.on_change(self._turns, self._on_turns)
         self._sliders: list[Any] = []
         with gui.add_folder("Goal by joint", expand_by_default=False):
-            limits = stage.limits
-            for i, name in enumerate(stage.robot.joint_names):
-                low, high = max(limits.lower[i], -np.pi), min(limits.upper[i], np.pi)
-                value = float(np.clip(self._request.goal[i], low, high))
-                slider = gui.add_slider(name, float(low), float(high), 0.001, value)
+            for name, goal in zip(stage.robot.joint_names, self._request.goal, strict=True):
+                low, high, unit = stage.joint_range(name)
+                value = float(np.clip(round(goal, 3), low, high))
+                slider = gui.add_slider(f"{name} [{unit}]", low, high, 0.001, value)
                 stage.on_change(slider, self._on_joints)
                 self._sliders.append(slider)
-        ends = gui.add_button_group(
-            "Start", (_CONTINUE, _RESET), hint="Continue from the goal, or go back to the beginning"
-        )
+        hint = "Continue from the goal, or go back to the beginning"
+        ends = gui.add_button_group("Start", (_CONTINUE, _RESET), hint=hint)
         stage.on_click(
             ends, lambda: self._on_swap() if ends.value == _CONTINUE else self._on_reset()
         )
 
-    async def _on_handle(self, event: viser.TransformControlsEvent) -> None:
-        # Viser keeps the order of the events for coroutines only; the release must be the last.
-        with self._stage.lock:
-            self.submit(pose=self._pose(), is_final=event.phase == "end")
+    def _add_settings(self) -> None:
+        gui = self._stage.server.gui
+        with gui.add_folder("How", expand_by_default=False):
+            text = "0: least cost alone; more: more like the demonstrations"
+            naturalness = gui.add_dropdown(
+                "Naturalness ρ", _NATURALNESS, initial_value="1", hint=text
+            )
+            objective = gui.add_dropdown("Least", _OBJECTIVES)
+            timing = gui.add_dropdown("Duration", (*TIMINGS, FIXED), initial_value=DEMONSTRATED)
+            duration = gui.add_number("Seconds", 1.0, min=0.1, max=60.0, step=0.1, visible=False)
+            compares = gui.add_checkbox("Compare with B-splines", False)
+
+        def on_change() -> None:
+            duration.visible = timing.value == FIXED
+            settings = PlanSettings(
+                naturalness=float(naturalness.value),
+                objective=objective.value,
+                timing=timing.value,
+                duration=float(duration.value),
+                compares=compares.value,
+            )
+            self.submit(settings=settings)
+
+        for widget in (naturalness, objective, timing, duration, compares):
+            self._stage.on_change(widget, on_change)
+
+    def _on_save(self, event: viser.GuiEvent[Any]) -> None:
+        """Send the motion as a file to the browser that asked; none that must not be executed."""
+        if event.client is None:
+            return
+        with self._stage.caught():
+            with self._stage.lock:
+                plan = None if self.answer is None else self.answer.plan
+            if plan is None or not plan.is_executable:
+                text = "there is no motion to save"
+                event.client.add_notification("Not saved", text, auto_close_seconds=4.0)
+                return
+            name = _FORMATS[self._formats.value]
+            with TemporaryDirectory() as folder:
+                path = Path(folder) / name
+                plan.trajectory.save(path)
+                content = path.read_bytes()
+            event.client.send_file_download(name, content, save_immediately=True)
+
+    def _on_handle(self, is_released: bool) -> None:
+        self.submit(pose=self._pose(), is_final=is_released)
 
     def _pose(self) -> Pose:
         handle = self.handle
@@ -191,7 +290,7 @@ class PlanPanel:
 
     def _on_joints(self) -> None:
         goal = np.array([slider.value for slider in self._sliders])
-        self._drawing.ghost.show(goal)
+        self._ghost.show(goal)
         self._place_handle(goal)
         self.submit(goal=goal, pose=None)
 
@@ -221,40 +320,57 @@ class PlanPanel:
 
     def _serve(self, request: ViewRequest) -> None:
         # In the planning thread: only what is under the lock changes the page.
-        request = self._with_newest_goal(request)
-        try:
+        if request.pose is not None and self.answer is not None:
+            # The search for a pose begins where the last answer ended.
+            request = replace(request, goal=self.answer.goal)
+        answer = None
+        with self._stage.caught():  # the thread must outlive every error
             answer = self._planner.answer(request)
-        except Exception as error:  # the thread must outlive errors of the planner
-            traceback.print_exc()
-            problem = f"internal error, {type(error).__name__}: {error}"
-            answer = PlanAnswer(request, request.goal, None, problem, None, 0.0)
-        # Words sent alone appear at once; with the scene, they would wait until it is drawn.
-        for show in (self._say, self._draw):
-            with self._stage.lock, self._stage.server.atomic():
-                show(answer)
-            self._stage.server.flush()
+            # Words sent alone appear at once; with the scene, they would wait until it is drawn.
+            for show in (self._say, self._draw):
+                with self._stage.lock, self._stage.server.atomic():
+                    show(answer)
+                self._stage.server.flush()
+        if answer is None:
+            self._fail(request)
 
-    def _with_newest_goal(self, request: ViewRequest) -> ViewRequest:
-        """Begin the search for a pose where the last answer ended."""
-        if request.pose is None or self.answer is None:
-            return request
-        return replace(request, goal=self.answer.goal)
+    def _fail(self, request: ViewRequest) -> None:
+        """Show that a plan failed for a reason that no goal should cause."""
+        problem = "internal error; its traceback is in the log of this command"
+        with self._stage.caught(), self._stage.lock:
+            self._say(PlanAnswer(request, request.goal, None, problem, None, 0.0))
 
     def _say(self, answer: PlanAnswer) -> None:
         self.answer, plan = answer, answer.plan
         if answer.request.pose is not None:
             self._request = replace(self._request, goal=answer.goal)
             for slider, q in zip(self._sliders, answer.goal, strict=True):
-                slider.value = float(np.clip(q, slider.min, slider.max))
+                slider.value = float(np.clip(round(q, 3), slider.min, slider.max))
         self._verdict.content = answer_html(answer)
-        if plan is not None:
+        if plan is None or answer.problem:
+            self._bars.content = part("lines", ["no motion"])
+        else:
             shares = limit_shares(plan.trajectory, self._stage.limits)
             self._bars.content = part("bars", plan.trajectory.joint_names, shares)
 
     def _draw(self, answer: PlanAnswer) -> None:
-        self._player.take(NAME)
-        self._drawing.show(answer)
-        if self._live is not None and answer.request.is_final:
-            self._live.send(self.goal)
-        if answer.plan is not None and not answer.problem:
-            self._player.offer(NAME, ShownMotion.of(NAME, answer.plan.trajectory))
+        self._ghost.show(answer.goal)
+        self._ghost.paint(_REJECTED if answer.problem else _SHORT if answer.distance else _GOAL)
+        self._draw_paths()
+        if answer.request.is_final:
+            if answer.distance:
+                self._place_handle(answer.goal)
+            if self._live is not None:
+                self._live.send(self.goal)
+        if self._is_open and not answer.problem:
+            self._player.show(self._motion)
+
+    def _draw_paths(self) -> None:
+        """Draw the paths of the newest answer while the plan is shown; red if it is rejected."""
+        answer = self.answer if self._is_open else None
+        plan = None if answer is None else answer.plan
+        other = None if answer is None else answer.comparison
+        colour = _REJECTED if answer is not None and answer.problem else _PATH
+        for path, one, tint in ((self._path, plan, colour), (self._splines, other, _SPLINES)):
+            drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
+            path.show(*drawn, colour=tint)

@@ -1,12 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plans to a goal that is dragged: the request, its answer, and the planner between them."""
+"""Plans to a goal that is dragged: the request, its answer in figures and words, the planner."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -14,15 +14,22 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import CollisionModel
-from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..motion.goal import JointGoal, JointState, Pose, SequenceGoal
+from ..motion.trajectory import Trajectory
+from ..motion.validation import interpolate
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.objectives import objective_by_name
 from ..planning.plan import DEMONSTRATED, TIMINGS, Plan, PlannerOptions
 from ..planning.planner import Planner
+from ..planning.report import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
+from .stage import BAD, GOOD, WARNING, part
+
+LIKE_SCORE = 1.5
+"""In-span score up to which a request is like the demonstrations; about 1 is usual."""
 
 FIXED = "fixed"
 """Timing of a request with a duration of its own."""
@@ -98,6 +105,8 @@ class PlanAnswer:
         The plan; None if the goal is rejected.
     problem : str
         Why there is no motion to execute; empty if there is one.
+    distance : float
+        Distance of the goal from the place to reach, if that is out of reach [m]; else 0.
     comparison : Plan or None
         The plan with B-splines, if it was requested and there is one.
     seconds : float
@@ -110,6 +119,7 @@ class PlanAnswer:
     problem: str
     comparison: Plan | None
     seconds: float
+    distance: float = 0.0
 
 
 class InteractivePlanner:
@@ -145,17 +155,14 @@ class InteractivePlanner:
         """Plan the motion of a request; a goal that can't be served is an answer, too."""
         began = time.perf_counter()
         settings, start = request.settings, JointState(self.robot.joint_names, request.start)
-        reached, goal = request.goal, self._goal(request, request.goal)
+        reached, distance = request.goal, 0.0
         plan = comparison = None
         problem = ""
         try:
             self._use_world(request.world)
             if request.pose is not None:
-                reached, error = nearest_configuration(
-                    self.robot, self.limits, request.pose, request.goal
-                )
-                if np.abs(error).max() <= POSE_TOLERANCE:
-                    goal = self._goal(replace(request, pose=None), reached)
+                reached, distance = self._nearest(request.pose, request.goal)
+            goal = self._goal(request, reached)
             plan = self._planner("pca", settings).plan(goal, start)
             reached = plan.trajectory.positions[-1]
             problem = "" if plan.is_executable else plan.message
@@ -163,7 +170,19 @@ class InteractivePlanner:
                 comparison = self._planner("bspline", settings).plan(goal, start)
         except PlannerError as error:
             problem = str(error)
-        return PlanAnswer(request, reached, plan, problem, comparison, time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        return PlanAnswer(request, reached, plan, problem, comparison, seconds, distance)
+
+    def _nearest(self, pose: Pose, start: FloatArray) -> tuple[FloatArray, float]:
+        """The configuration nearest to a pose, and how far from it that is [m]; 0 if it is reached.
+
+        The search begins where the last one ended, so that the configuration follows a drag without
+        jumps.
+        """
+        reached, error = nearest_configuration(self.robot, self.limits, pose, start)
+        if np.abs(error).max() <= POSE_TOLERANCE:
+            return reached, 0.0
+        return reached, float(np.linalg.norm(error[:3]))
 
     def _use_world(self, world: World) -> None:
         """Avoid obstacles; those that were used before are kept as they are."""
@@ -175,15 +194,14 @@ class InteractivePlanner:
         elif self.collision.world is not world:
             self.collision.set_world(world)
 
-    def _goal(self, request: ViewRequest, configuration: FloatArray) -> Goal:
+    def _goal(self, request: ViewRequest, configuration: FloatArray) -> JointGoal | SequenceGoal:
         settings = request.settings
         duration = settings.duration if settings.timing == FIXED else None
         state = JointState(self.robot.joint_names, configuration)
-        end = state if request.pose is None else request.pose
         if request.vias:
             times = (*(None for _ in request.vias), duration)
-            return SequenceGoal((*request.vias, end), times)
-        return PoseGoal(end, duration) if isinstance(end, Pose) else JointGoal(end, duration)
+            return SequenceGoal((*request.vias, state), times)
+        return JointGoal(state, duration)
 
     def _new_planner(self, basis: str, settings: PlanSettings) -> Planner:
         timing = settings.timing if settings.timing in TIMINGS else DEMONSTRATED
@@ -195,3 +213,86 @@ class InteractivePlanner:
             max_solve_time=self._max_solve_time,
         )
         return Planner(self.robot, self.primitives, self.limits, options, self.collision)
+
+
+def in_span_words(score: float) -> str:
+    """How near a request is to the demonstrations, in words."""
+    if score <= LIKE_SCORE:
+        return "like the demonstrations"
+    if score <= UNUSUAL_IN_SPAN_SCORE:
+        return "at the edge of the demonstrations"
+    return "unlike the demonstrations: the motion may look unlike them, too"
+
+
+def limit_shares(trajectory: Trajectory, limits: JointLimits) -> dict[str, FloatArray]:
+    """Largest share of each limit that a motion uses, by quantity.
+
+    Returns
+    -------
+    shares : dict of array, shape (n_joints,)
+        1 is at the limit; 0 where there is none. Positions count from the middle of their range.
+        Only quantities with a limit, and always the position.
+    """
+    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
+    low, high = np.where(bounded, [limits.lower, limits.upper], [[-1.0], [1.0]])
+    dense = interpolate(trajectory)
+    away = np.abs(dense.q - 0.5 * (low + high)).max(axis=0)
+    shares = {"position": np.where(bounded, away / (0.5 * (high - low)), 0.0)}
+    values = {"velocity": dense.v, "acceleration": dense.a, "jerk": dense.jerk}
+    if trajectory.efforts is not None:
+        values["effort"] = trajectory.efforts
+    for quantity, value in values.items():
+        limit = getattr(limits, quantity)
+        if np.any(np.isfinite(limit)):
+            shares[quantity] = np.abs(value).max(axis=0) / limit
+    return shares
+
+
+def answer_html(answer: PlanAnswer) -> str:
+    """The verdict and the figures of an answer."""
+    plan = answer.plan
+    if plan is None or answer.problem:
+        return part("verdict", "No motion", answer.problem, BAD)
+    if answer.distance > 0.0:
+        head = part("verdict", "Out of reach", _shortfall(answer), WARNING)
+    else:
+        unlike = plan.in_span_score > UNUSUAL_IN_SPAN_SCORE
+        head = part(
+            "verdict",
+            "Motion found" if plan.status == "solved" else "Motion found, not optimal",
+            plan.message,
+            WARNING if unlike or plan.status != "solved" else GOOD,
+        )
+    score = f"{in_span_words(plan.in_span_score)} (score {plan.in_span_score:.1f})"
+    rows = [
+        ("Primitive", plan.primitive),
+        ("Duration", f"{plan.duration:.2f} s"),
+        ("Effort", _effort(plan)),
+        ("The goal is", score),
+        ("Planned in", f"{1e3 * answer.seconds:.0f} ms"),
+    ]
+    if answer.comparison is not None:
+        rows.append(("B-splines", _comparison(plan, answer.comparison)))
+    elif answer.request.settings.compares:
+        rows.append(("B-splines", "no motion"))
+    return head + part("rows", rows)
+
+
+def _shortfall(answer: PlanAnswer) -> str:
+    """How far from its place the motion of an answer ends."""
+    if answer.distance < 5e-4:
+        return "no configuration has this orientation here; the motion goes to the nearest pose"
+    return f"the motion goes to the nearest pose, {1e3 * answer.distance:.0f} mm from the handle"
+
+
+def _effort(plan: Plan) -> str:
+    effort = plan.effort_cost
+    return f"{effort:.4g} N²m²s" if np.isfinite(effort) else "unknown: inertias are missing"
+
+
+def _comparison(plan: Plan, other: Plan) -> str:
+    """The effort of the motion of B-splines beside that of the components."""
+    if not other.is_executable:
+        return f"no motion within the limits: {other.message}"
+    times = f"{1e3 * other.solve_time:.1f} ms, components {1e3 * plan.solve_time:.1f} ms"
+    return f"effort {_effort(other)}, solved in {times}"

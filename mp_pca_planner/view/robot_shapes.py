@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes of a robot's links to draw: visual ones, else collision shapes, else a skeleton."""
+"""Shapes of each link to draw: visual ones, else collision shapes, else a skeleton."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -18,14 +18,17 @@ import trimesh
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
 from ..robot.inertias import joint_of
+from ..robot.mesh_files import find_mesh, scaled
+from ..robot.mesh_pieces import whole_piece
 from ..robot.model import Robot
 from ..robot.urdf import StatedShape, numbers_of, parse_xml, stated_shape
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
-from ..robot.world_meshes import find_file
-from .options import PAGE
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
+
+# Size of a ghost as a multiple of the robot's, whose surface would flicker with an equal one.
+_GHOST_GROWTH = 1.02
 
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
 _SHAPES: dict[str, Callable[..., Shape]] = {
@@ -56,11 +59,9 @@ class RobotShape:
     @property
     def hull(self) -> Any:
         """The convex hull of the mesh, a little larger than that, as the surface of a ghost."""
-        try:
-            hull = self.mesh.convex_hull
-        except Exception:  # a flat mesh; the library has no error type of its own for that
-            hull = self.mesh.copy()
-        hull.vertices = hull.centroid + PAGE.ghost_growth * (hull.vertices - hull.centroid)
+        piece = whole_piece(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
+        hull = trimesh.Trimesh(piece.corners, piece.faces, process=False)
+        hull.vertices = hull.centroid + _GHOST_GROWTH * (hull.vertices - hull.centroid)
         return hull
 
 
@@ -94,11 +95,12 @@ class RobotShapes:
         self.n_joints = int(self._model.njoints)
         root = parse_xml(urdf, "the robot description")
         reader = _ShapeReader(self._model, root, folders)
-        self.shapes: tuple[RobotShape, ...] = ()
-        for tag in ("visual", "collision"):
-            self.shapes = self.shapes or tuple(reader.shapes(tag))
-        if not self.shapes:
-            self.shapes = tuple(_skeleton(self._model))
+        links = root.findall("link")
+        shapes = [shape for link in links for shape in reader.visual_shapes(link)]
+        if not shapes:
+            shapes = [shape for link in links for shape in reader.shapes(link, "collision")]
+        shapes += _skeleton(self._model, {shape.joint for shape in shapes})
+        self.shapes: tuple[RobotShape, ...] = tuple(shapes)
         self.notes = tuple(dict.fromkeys(reader.notes))
 
     def placements(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -167,25 +169,33 @@ class _ShapeReader:
         self._colours = dict(filter(None, map(_named_colour, root.findall("material"))))
         self.notes: list[str] = []
 
-    def shapes(self, tag: str) -> Iterator[RobotShape]:
-        for link in self._root.findall("link"):
-            frame = self._model.frames[
-                self._model.getFrameId(link.get("name", ""), pin.FrameType.BODY)
-            ]
-            for part in link.findall(tag):
-                try:
-                    shape = stated_shape(part)
-                    mesh, has_colours = self._mesh(shape)
-                except PlannerError as error:
-                    self.notes.append(f"link '{link.get('name')}': {error}")
-                    continue
-                turn = pin.rpy.rpyToMatrix(*shape.origin[3:])
-                place = frame.placement * pin.SE3(turn, shape.origin[:3])
-                mesh.apply_transform(place.homogeneous)
-                colour = self._colour(part)
-                if colour is None and not has_colours:
-                    colour = _PLAIN
-                yield RobotShape(joint_of(frame), mesh, colour)
+    def visual_shapes(self, link: ET.Element) -> list[RobotShape]:
+        """The visual shapes of a link; its collision shapes if none of these can be used."""
+        found = self.shapes(link, "visual")
+        is_missing = link.find("visual") is not None and not found
+        return self.shapes(link, "collision") if is_missing else found
+
+    def shapes(self, link: ET.Element, tag: str) -> list[RobotShape]:
+        """The usable shapes of a link under a tag."""
+        found = (self._shape(link, part) for part in link.findall(tag))
+        return [shape for shape in found if shape is not None]
+
+    def _shape(self, link: ET.Element, part: ET.Element) -> RobotShape | None:
+        name = link.get("name", "")
+        frame = self._model.frames[self._model.getFrameId(name, pin.FrameType.BODY)]
+        try:
+            shape = stated_shape(part)
+            mesh, has_colours = self._mesh(shape)
+        except PlannerError as error:
+            self.notes.append(f"link '{name}': {error}")
+            return None
+        turn = pin.rpy.rpyToMatrix(*shape.origin[3:])
+        place = frame.placement * pin.SE3(turn, shape.origin[:3])
+        mesh.apply_transform(place.homogeneous)
+        colour = self._colour(part)
+        if colour is None and not has_colours:
+            colour = _PLAIN
+        return RobotShape(joint_of(frame), mesh, colour)
 
     def _colour(self, part: ET.Element) -> Colour | None:
         material = part.find("material")
@@ -203,18 +213,14 @@ class _ShapeReader:
         return surface(_SHAPES[shape.kind](*shape.sizes)), False
 
     def _loaded(self, shape: StatedShape) -> tuple[Any, bool]:
-        path = find_file(shape.file, self._folders)
-        if path is None:
-            searched = ", ".join(f"'{folder}'" for folder in self._folders[:3]) or "no folder"
-            raise RobotError(f"the mesh '{shape.file}' was not found (searched in {searched}, …)")
-        try:
-            mesh = trimesh.load_scene(path).to_mesh()
-        except Exception as error:  # any reader of the library, with its own errors
-            raise RobotError(f"the mesh '{path}' can't be read: {error}") from None
-        if len(mesh.faces) == 0:
-            raise RobotError(f"the mesh '{path}' has no surface")
-        mesh.apply_scale(shape.sizes)
-        return mesh, mesh.visual.kind in ("texture", "face", "vertex")
+        found = find_mesh(shape.file, self._folders)
+        vertices = scaled(found.vertices, shape.sizes)
+        # Merged vertices make smooth surfaces, and mix their colours.
+        is_plain = found.colours is None
+        mesh = trimesh.Trimesh(
+            vertices, found.triangles, face_colors=found.colours, process=is_plain
+        )
+        return mesh, not is_plain
 
 
 def surface(shape: Shape) -> Any:
@@ -244,8 +250,11 @@ def _named_colour(material: ET.Element) -> tuple[str, Colour] | None:
     return material.get("name", ""), (red, green, blue, opacity)
 
 
-def _skeleton(model: Any) -> Iterator[RobotShape]:
-    """Balls at the joints, and rods from each to the next ones and to the links it moves."""
+def _skeleton(model: Any, drawn: Collection[int]) -> Iterator[RobotShape]:
+    """Balls at the joints that move no shape, and rods from each to the next ones and its links.
+
+    Several joints in one place have one ball, that of the last.
+    """
     ends: list[tuple[int, FloatArray]] = [
         (int(model.parents[joint]), np.array(model.jointPlacements[joint].translation))
         for joint in range(1, model.njoints)
@@ -257,9 +266,11 @@ def _skeleton(model: Any) -> Iterator[RobotShape]:
     ]
     reach = sum(float(np.linalg.norm(end)) for _, end in ends) or 1.0
     radius = float(np.clip(0.02 * reach, 0.005, 0.05))
-    for joint in range(model.njoints):
-        yield RobotShape(joint, trimesh.creation.icosphere(radius=1.4 * radius), _PLAIN)
-    for joint, end in ends:
-        if np.linalg.norm(end) > radius:
+    parents = set(model.parents[1:])
+    for joint in set(range(model.njoints)) - set(drawn):
+        rods = [end for at, end in ends if at == joint and np.linalg.norm(end) > radius]
+        if rods or joint not in parents:
+            yield RobotShape(joint, trimesh.creation.icosphere(radius=1.4 * radius), _PLAIN)
+        for end in rods:
             rod = trimesh.creation.cylinder(radius, segment=[np.zeros(3), end], sections=24)
             yield RobotShape(joint, rod, _PLAIN)

@@ -1,33 +1,201 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The web server of the page, which serves this machine only unless the host says otherwise."""
+"""The web server of the page: who may open it, and what a browser may send to it."""
 
 from __future__ import annotations
 
+import asyncio
+import http
+import logging
 import re
+import secrets
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
-from typing import Any
+from typing import Annotated, Any
 from unittest import mock
 
+import msgspec
 import rich
 import viser
 import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
 
 from ..arrays import check_number
-from ..exceptions import PlannerError
+from ..exceptions import PlannerError, printable
 
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
+"""Hosts that only this machine reaches."""
 
-# Pages that may connect to a server of this machine only: its own. Browsers let every site open
-# websockets to this machine; without this check, any site could move the handle.
-_LOCAL_ORIGIN = re.compile(r"http://(127\.0\.0\.1|localhost|\[::1\])(:\d+)?")
+LOG = logging.getLogger("mp_pca_planner.view.server")
+"""Log of the server: one line per event, because others cause these."""
+
+# A name or an address, and a port. The policy below repeats it, so it may hold nothing else.
+_HOST = re.compile(r"(?P<name>[\w.-]+|\[[0-9a-fA-F:.]+\])(:\d+)?", re.ASCII)
+_LOCAL_NAMES = ("127.0.0.1", "localhost", "[::1]")
+
+# Frames of a browser are short, because the page takes no uploads.
+_MAX_FRAME_SIZE = 64 * 1024
+
+_Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+_Text = Annotated[str, msgspec.Meta(max_length=1000)]
+_Vector = tuple[_Number, _Number, _Number]
+_Quaternion = tuple[_Number, _Number, _Number, _Number]
+
+
+class _Frame(msgspec.Struct, tag_field="type"):
+    """A message that a page sends; the names are Viser's."""
+
+
+class _Camera(_Frame, tag="ViewerCameraMessage"):
+    wxyz: _Quaternion
+    position: _Vector
+    fov: _Number
+    near: _Number
+    far: _Number
+    image_height: int
+    image_width: int
+    look_at: _Vector
+    up_direction: _Vector
+
+
+class _NewValue(msgspec.Struct, forbid_unknown_fields=True):
+    value: bool | _Number | _Text
+
+
+class _Widget(_Frame, tag="GuiUpdateMessage"):
+    uuid: _Text
+    updates: _NewValue
+
+
+class _Command(_Frame, tag="CommandTriggerMessage"):
+    uuid: _Text
+
+
+class _Handle(_Frame, tag="TransformControlsUpdateMessage"):
+    name: _Text
+    wxyz: _Quaternion
+    position: _Vector
+    owner: _Text = ""
+
+
+class _HandleTaken(_Frame, tag="TransformControlsDragStartMessage"):
+    name: _Text
+    owner: _Text = ""
+
+
+class _HandleReleased(_Frame, tag="TransformControlsDragEndMessage"):
+    name: _Text
+    owner: _Text = ""
+
+
+class _Click(_Frame, tag="SceneNodeClickMessage"):
+    name: _Text
+    instance_index: int | None
+    ray_origin: _Vector
+    ray_direction: _Vector
+    screen_pos: tuple[_Number, _Number]
+    modifier: _Text | None
+    owner: _Text = ""
+
+
+_FRAMES = msgspec.msgpack.Decoder(
+    _Camera | _Widget | _Command | _Handle | _HandleTaken | _HandleReleased | _Click
+)
+
+
+ValueProblem = Callable[[str, Any], str]
+"""Why a widget, by its identity, can't have a value; empty if it can."""
+
+
+class _Connection(ServerConnection):
+    """A connection whose owner gets frames only that a page could have sent."""
+
+    value_problem: ValueProblem
+    _is_blamed = False
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        """Return the next frame that the page could have sent; the others are dropped."""
+        while True:
+            frame = await super().recv(decode)
+            reason = frame_problem(frame, self.value_problem)
+            if not reason:
+                return frame
+            if not self._is_blamed:  # further ones of the same browser are dropped in silence
+                self._is_blamed = True
+                LOG.warning("a browser at %s sent no frame of the page: %s", self._sender, reason)
+
+    @property
+    def _sender(self) -> str:
+        return str(self.remote_address[0]) if self.remote_address else "an unknown address"
+
+
+def frame_problem(frame: str | bytes, value_problem: ValueProblem) -> str:
+    """Why a frame of a browser is dropped; empty if the page takes it."""
+    if isinstance(frame, str):
+        return "it is text"
+    try:
+        message = _FRAMES.decode(frame)
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        return printable(str(error))[:200]
+    if isinstance(message, _Widget):
+        return value_problem(message.uuid, message.updates.value)
+    return ""
+
+
+class Access:
+    """Who may open a page and connect to it.
+
+    A browser lets every web site open a websocket to this machine. Therefore, a request must name
+    the page's own host as its origin. A site whose name resolves to this machine does so, too:
+    a local page must be asked for by a local name, and any other needs a token.
+
+    Parameters
+    ----------
+    token : str
+        First part of the path of each request; empty for a page that only this machine reaches.
+    """
+
+    def __init__(self, token: str) -> None:
+        self._token = token
+
+    def refusal(self, request: Request) -> str:
+        """Why a request is refused; empty if it is admitted."""
+        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        found = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+        if found is None:
+            return "expected one host"
+        if not self._token and found["name"].lower() not in _LOCAL_NAMES:
+            return "this page is asked for as localhost or 127.0.0.1"
+        own = [[f"{scheme}://{hosts[0].lower()}"] for scheme in ("http", "https")]
+        is_connection = "Upgrade" in request.headers
+        if (is_connection or origins) and [origin.lower() for origin in origins] not in own:
+            return "another web site can't use this page"
+        first, *_ = re.split("[/?]", request.path.removeprefix("/"), maxsplit=1)
+        given = first.encode("utf-8", "surrogateescape")
+        if self._token and not secrets.compare_digest(given, self._token.encode()):
+            return "the address of this page ends with a token, which the command has printed"
+        return ""
+
+    def without_token(self, path: str) -> str:
+        """The path of an admitted request within the page."""
+        return "/" + path.removeprefix(f"/{self._token}").removeprefix("/")
+
+
+def _policy(host: str) -> str:
+    """What the page may connect to, and that no site may show it in a frame of its own.
+
+    Viser's page connects to any server that its address names; that server could run scripts in it.
+    """
+    own = f"'self' ws://{host} wss://{host} data: blob:"
+    return f"connect-src {own}; frame-ancestors 'none'; form-action 'none'"
 
 
 class PageServer(viser.ViserServer):
     """A server that other sites can't connect to, and that no page can open to the internet.
+
+    A host that other machines reach has a token in its address.
 
     Parameters
     ----------
@@ -54,12 +222,28 @@ class PageServer(viser.ViserServer):
                 "address of this machine, such as 127.0.0.1 or 0.0.0.0"
             ) from None
         self.is_local = host in LOCAL_HOSTS
-        serve: Any = websockets.asyncio.server.serve
-        if self.is_local:
-            serve = partial(serve, origins=[_LOCAL_ORIGIN])
+        self._token = "" if self.is_local else secrets.token_urlsafe(16)
         # Viser has no option for this; its server is up when its constructor returns.
+        serve = _guarded(Access(self._token), self.value_problem)
         with mock.patch.object(websockets.asyncio.server, "serve", serve), _quiet():
             super().__init__(host, port, label="mp_pca_planner", verbose=False)
+
+    def value_problem(self, widget: str, value: Any) -> str:
+        """Why a widget can't have a value of a browser; empty if it can, or if it is gone.
+
+        Viser casts values and passes them on, whatever the widget offers.
+        """
+        handle: Any = self.gui._gui_input_handle_from_uuid.get(widget)
+        if handle is None:
+            return ""
+        present, is_number = handle.value, isinstance(value, (int, float))
+        if hasattr(handle, "options"):
+            is_offered = value in handle.options
+        elif isinstance(present, bool) or isinstance(value, bool):
+            is_offered = isinstance(value, bool) and isinstance(present, bool)
+        else:  # rounded in the browser
+            is_offered = is_number and handle.min - 1e-6 <= value <= handle.max + 1e-6
+        return "" if is_offered else printable(f"'{handle.label}' can't have the value {value!r}")
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse a public address, which any client of Viser may request."""
@@ -72,10 +256,56 @@ class PageServer(viser.ViserServer):
 
     @property
     def url(self) -> str:
-        """Address of the page."""
+        """Address of the page, with its token."""
         host = self.get_host()
         shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
-        return f"http://{f'[{shown}]' if ':' in shown else shown}:{self.get_port()}"
+        address = f"http://{f'[{shown}]' if ':' in shown else shown}:{self.get_port()}"
+        return f"{address}/{self._token}/" if self._token else address
+
+
+def _guarded(access: Access, value_problem: ValueProblem) -> Callable[..., Any]:
+    """The function of websockets that serves, for admitted requests and frames of the page."""
+    serve = websockets.asyncio.server.serve
+
+    def connection(*arguments: Any, **options: Any) -> _Connection:
+        made = _Connection(*arguments, **options)
+        made.value_problem = value_problem
+        return made
+
+    def guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
+        def admit(connection: ServerConnection, request: Request) -> Response | None:
+            reason = access.refusal(request)
+            if reason:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"Refused: {reason}.\n")
+            request.path = access.without_token(request.path)
+            response: Response | None = process_request(connection, request)
+            if response is not None:
+                response.headers["Content-Security-Policy"] = _policy(request.headers["Host"])
+                response.headers["Referrer-Policy"] = "no-referrer"
+            return response
+
+        asyncio.get_running_loop().set_exception_handler(_log_failure)
+        options |= {"max_size": _MAX_FRAME_SIZE, "logger": LOG, "create_connection": connection}
+        return serve(*arguments, process_request=admit, **options)
+
+    return guarded
+
+
+def _log_failure(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Log what failed in the server in one line."""
+    LOG.error("the page: %s", context["message"], exc_info=context.get("exception"))
+
+
+def _in_one_line(record: logging.LogRecord) -> bool:
+    """Name an exception in the message of a record, instead of its traceback."""
+    if record.exc_info and record.exc_info[1] is not None:
+        error = record.exc_info[1]
+        text = f"{record.getMessage()}: {type(error).__name__}: {error}"
+        record.msg, record.args, record.exc_info = printable(text), None, None
+    return True
+
+
+LOG.addFilter(_in_one_line)
 
 
 @contextmanager

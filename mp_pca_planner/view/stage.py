@@ -1,21 +1,51 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The scene of the page: robots, paths, the ground, and what all panels share."""
+"""What all panels share: the scene with robots and paths, parts of HTML, and caught errors."""
 
 from __future__ import annotations
 
+import logging
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
+import jinja2  # noqa: F401  # missing, it is reported before the page is made
 import numpy as np
 import viser
 
 from ..arrays import FloatArray
+from ..exceptions import PlannerError, printable
+from ..plotting.page import environment
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .options import PAGE, Rgb
 from .robot_shapes import RobotShape, RobotShapes
+
+Rgb = tuple[int, int, int]
+
+GOOD, WARNING, BAD, GREY = "#009E73", "#E69F00", "#D9352B", "#8C8C8C"
+"""Colours of verdicts, legible on light and on dark."""
+
+LOG = logging.getLogger("mp_pca_planner.view")
+"""Log of the page."""
+
+# Faces of a mesh above which its convex hull is drawn; browsers without a GPU need that.
+_MAX_FACES = 40_000
+
+_COMPLAINT_TIME = 10.0  # for which an error is shown, and not repeated [s]
+
+
+def part(macro: str, *content: Any) -> str:
+    """HTML of a part of the page, by a macro of the template."""
+    return str(getattr(_macros(), macro)(*content))
+
+
+@cache
+def _macros() -> Any:
+    colours = {"GOOD": GOOD, "WARNING": WARNING, "BAD": BAD, "GREY": GREY}
+    return environment().get_template("view.html", globals=colours).module
 
 
 class DrawnRobot:
@@ -92,7 +122,7 @@ def add_mesh(scene: viser.SceneApi, name: str, mesh: Any, colour: Rgb, **more: A
 
 
 def _add_shape(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
-    mesh = shape.mesh if len(shape.mesh.faces) <= PAGE.max_faces else shape.hull
+    mesh = shape.mesh if len(shape.mesh.faces) <= _MAX_FACES else shape.hull
     if shape.colour is None and mesh is shape.mesh:
         scene.add_mesh_trimesh(name, mesh)
         return
@@ -180,6 +210,7 @@ class Stage:
         self.server, self.robot, self.limits = server, robot, limits
         self.shapes, self.frame = shapes, frame
         self.lock = threading.RLock()
+        self._complaint = "", 0.0
         self.drawn = DrawnRobot(server.scene, "/robot", shapes)
 
     def arrange(self, configurations: FloatArray) -> None:
@@ -201,8 +232,9 @@ class Stage:
             height=4.0 * size,
             cell_size=cell,
             section_size=2.0 * cell,
-            cell_color=(200, 200, 200),
-            section_color=(165, 165, 165),
+            # Between the backgrounds of the light and of the dark page.
+            cell_color=(165, 168, 172),
+            section_color=(140, 143, 148),
             position=(0.0, 0.0, min(float(low[2]), 0.0)),
         )
         centre = 0.5 * (low + high)
@@ -217,12 +249,41 @@ class Stage:
         with self.lock:
             return np.asarray(self.robot.frame_positions(positions, [self.frame])[:, 0])
 
+    def joint_range(self, name: str) -> tuple[float, float, str]:
+        """Lowest and highest position of a joint and their unit; a turn each way without limits."""
+        i = self.robot.joint_names.index(name)
+        is_prismatic = name in self.robot.prismatic_joints
+        wide = 1.0 if is_prismatic else 2.0 * np.pi
+        ends = np.array([self.limits.lower[i], self.limits.upper[i]])
+        low, high = np.nan_to_num(ends, posinf=wide, neginf=-wide).tolist()
+        return low, high, "m" if is_prismatic else "rad"
+
+    @contextmanager
+    def caught(self) -> Iterator[None]:
+        """Log an error and show it to everybody: threads and widgets of the page outlive it."""
+        try:
+            yield
+        except BaseException as error:  # such as SystemExit, which ends a thread silently
+            is_internal = not isinstance(error, PlannerError)
+            text = f"internal error, {type(error).__name__}: {error}" if is_internal else str(error)
+            self._complain(printable(text), error if is_internal else None)
+
+    def _complain(self, text: str, error: BaseException | None) -> None:
+        """Show an error and log it with its traceback, once if it comes again and again."""
+        now = time.monotonic()
+        if text == self._complaint[0] and now < self._complaint[1] + _COMPLAINT_TIME:
+            return
+        self._complaint = text, now
+        LOG.error("the page goes on: %s", text, exc_info=error)
+        for client in self.server.get_clients().values():
+            client.add_notification("Not done", text, auto_close_seconds=_COMPLAINT_TIME)
+
     def on_change(self, handle: Any, react: Callable[[], None]) -> None:
         """Call a function when a person changes a widget; the page's own changes don't count."""
 
         def call(event: Any) -> None:
             if event.client_id is not None:
-                with self.lock:
+                with self.caught(), self.lock:
                     react()
 
         handle.on_update(call)
@@ -231,7 +292,17 @@ class Stage:
         """Call a function when a person clicks a button."""
 
         def call(_: Any) -> None:
-            with self.lock:
+            with self.caught(), self.lock:
                 react()
 
         handle.on_click(call)
+
+    def on_drag(self, handle: Any, react: Callable[[bool], None]) -> None:
+        """Call a function when a person drags a handle, with whether he has released it."""
+
+        # Viser keeps the order of the events for coroutines only; the release must be the last.
+        async def call(event: viser.TransformControlsEvent) -> None:
+            with self.caught(), self.lock:
+                react(event.phase == "end")
+
+        handle.on_update(call)

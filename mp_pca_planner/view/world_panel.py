@@ -1,25 +1,124 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Obstacles on the page: drawn, added, moved and removed."""
+"""The panel of the obstacles: drawn, added, moved, resized and removed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import viser
+from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
-from ..robot.world import Box, Obstacle, Shape, World
-from .options import PAGE
+from ..robot.world import Box, Cylinder, Obstacle, Shape, Sphere, World
 from .robot_shapes import surface
-from .stage import Stage, add_mesh
-from .world_edit import KINDS, WorldEditor
+from .stage import Rgb, Stage, add_mesh
 
 NAME = "World"
 _NOTHING = "none"
-_TEXT = "Plans avoid obstacles while these are moved. Click an obstacle, or choose it, to move it."
+_TEXT = (
+    "Add an obstacle and drag it: the plan avoids it. Click another one, or choose it, to move it."
+)
+_OBSTACLE: Rgb = (150, 128, 104)
+_CHOSEN: Rgb = (230, 159, 0)
+
+KINDS = ("Box", "Sphere", "Cylinder")
+"""Shapes of new obstacles."""
+
+
+class WorldEditor:
+    """Adds, moves, resizes and removes obstacles.
+
+    Parameters
+    ----------
+    world : World
+        The world at the beginning.
+
+    Attributes
+    ----------
+    world : World
+        The present world.
+    """
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._places: dict[str, FloatArray] = {}
+
+    def __getitem__(self, name: str) -> Obstacle:
+        return next(one for one in self.world if one.name == name)
+
+    def place(self, name: str) -> FloatArray:
+        """Position and orientation (x, y, z, w) of an obstacle, shape (7,).
+
+        An obstacle of one shape has the pose of that; another one is upright in the middle of its
+        shapes at the beginning.
+        """
+        obstacle = self[name]
+        if len(obstacle.shapes) == 1:
+            return obstacle.shapes[0].pose
+        if name not in self._places:
+            middle = np.mean([shape.position for shape in obstacle.shapes], axis=0)
+            self._places[name] = np.append(middle, [0.0, 0.0, 0.0, 1.0])
+        return self._places[name]
+
+    def parts(self, name: str) -> list[Shape]:
+        """The shapes of an obstacle relative to its place."""
+        back = np.array(pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(self.place(name)).inverse()))
+        return [shape.moved(back) for shape in self[name].shapes]
+
+    def add(self, kind: str, position: ArrayLike, size: float) -> str:
+        """Add an obstacle of a kind at a position [m] with a size [m]; returns its name."""
+        name = next(
+            name
+            for number in range(1, len(self.world) + 2)
+            if (name := f"{kind.lower()} {number}") not in self.world.names
+        )
+        shapes: Mapping[str, Shape] = {
+            "Box": Box((size, size, size), position),
+            "Sphere": Sphere(0.5 * size, position),
+            "Cylinder": Cylinder(0.4 * size, 1.5 * size, position),
+        }
+        self._replace(Obstacle(name, shapes[kind]))
+        return name
+
+    def move(self, name: str, pose: FloatArray) -> None:
+        """Move an obstacle to a pose, shape (7,); see :meth:`place`."""
+        shapes = tuple(shape.moved(pose) for shape in self.parts(name))
+        self._places[name] = np.array(pose)
+        self._replace(replace(self[name], shapes=shapes))
+
+    def resize(self, name: str, sizes: Iterable[float]) -> None:
+        """Give the sizes of :meth:`sizes` of an obstacle other values [m]."""
+        obstacle, values = self[name], tuple(sizes)
+        shape: Any = obstacle.shapes[0]
+        given = (values,) if isinstance(shape, Box) else values
+        new = type(shape)(*given, shape.position, shape.orientation) if values else shape
+        self._replace(replace(obstacle, shapes=(new,)))
+
+    def sizes(self, name: str) -> dict[str, float]:
+        """The sizes of an obstacle that can be changed [m]; none if it has several shapes."""
+        shape, *others = self[name].shapes
+        if isinstance(shape, Box) and not others:
+            return dict(zip(("Length", "Width", "Height"), map(float, shape.size), strict=True))
+        names = () if others else ("radius", "height")
+        return {x.capitalize(): getattr(shape, x) for x in names if hasattr(shape, x)}
+
+    def remove(self, name: str) -> None:
+        """Remove an obstacle."""
+        self.world = self.world.without([name])
+        self._places.pop(name, None)
+
+    def _replace(self, obstacle: Obstacle) -> None:
+        """Put an obstacle into the place of the one with its name, or at the end."""
+        if obstacle.name not in self.world.names:
+            self.world = self.world.with_obstacles(obstacle)
+            return
+        obstacles = [obstacle if one.name == obstacle.name else one for one in self.world]
+        self.world = World(obstacles, self.world.allowed)
 
 
 class DrawnWorld:
@@ -78,7 +177,7 @@ class DrawnWorld:
         """Draw one obstacle in another colour than the others."""
         for name, (_, parts) in self._drawn.items():
             for part in parts:
-                part.color = PAGE.chosen if name == chosen else PAGE.obstacle
+                part.color = _CHOSEN if name == chosen else _OBSTACLE
 
     def _parent(self, frame: str) -> str:
         """The node of a link of the robot; that of the world for an empty name."""
@@ -95,7 +194,7 @@ class DrawnWorld:
         place: Any = {"position": shape.position, "wxyz": np.roll(shape.orientation, 1)}
         scene, is_flat = self._stage.server.scene, isinstance(shape, Box)
         look: Any = {"side": "double", "flat_shading": is_flat, **place}
-        return add_mesh(scene, node, surface(shape), PAGE.obstacle, **look)
+        return add_mesh(scene, node, surface(shape), _OBSTACLE, **look)
 
 
 class WorldPanel:
@@ -113,7 +212,7 @@ class WorldPanel:
 
     def __init__(self, stage: Stage, world: World, react: Callable[[World], None]) -> None:
         self._stage, self._react = stage, react
-        self._editor = WorldEditor(world)
+        self._editor, self._is_open = WorldEditor(world), False
         self._drawn = DrawnWorld(stage, self._on_picked)
         gui = stage.server.gui
         gui.add_markdown(_TEXT)
@@ -125,13 +224,18 @@ class WorldPanel:
         self._handle = stage.server.scene.add_transform_controls(
             "/obstacle_handle", scale=0.14 * stage.size, depth_test=False, visible=False
         )
-        self._handle.on_update(self._on_moved)
+        stage.on_drag(self._handle, lambda _: self._on_moved())
         stage.on_click(kinds, lambda: self._on_add(kinds.value))
         stage.on_click(remove, self._on_remove)
         stage.on_change(self._choice, lambda: self._choose(self._choice.value))
         for name in world.names:
             self._draw(name)
         self._choose(_NOTHING)
+
+    def set_open(self, is_open: bool) -> None:
+        """Show or hide the handle; obstacles are always shown."""
+        self._is_open = is_open
+        self._place_handle()
 
     def _on_add(self, kind: str) -> None:
         stage = self._stage
@@ -153,17 +257,16 @@ class WorldPanel:
             self._react(self._editor.world)
 
     def _on_picked(self, name: str) -> None:
-        with self._stage.lock:
+        with self._stage.caught(), self._stage.lock:
             self._choose(name)
 
-    def _on_moved(self, _: viser.TransformControlsEvent) -> None:
-        with self._stage.lock:
-            name, handle = self._choice.value, self._handle
-            if name != _NOTHING:
-                pose = np.concatenate([handle.position, np.roll(handle.wxyz, -1)])
-                self._editor.move(name, pose)
-                self._drawn.place(name, pose)
-                self._react(self._editor.world)
+    def _on_moved(self) -> None:
+        name, handle = self._choice.value, self._handle
+        if name != _NOTHING:
+            pose = np.concatenate([handle.position, np.roll(handle.wxyz, -1)])
+            self._editor.move(name, pose)
+            self._drawn.place(name, pose)
+            self._react(self._editor.world)
 
     def _on_size(self) -> None:
         name = self._choice.value
@@ -177,12 +280,16 @@ class WorldPanel:
         self._choice.options = (_NOTHING, *self._editor.world.names)
         self._choice.value = name
         self._drawn.mark(name)
+        self._place_handle()
+        self._show_sizes(name)
+
+    def _place_handle(self) -> None:
+        name = self._choice.value
         is_movable = name != _NOTHING and not self._editor[name].frame
-        self._handle.visible = is_movable
+        self._handle.visible = self._is_open and is_movable
         if is_movable:
             place = self._editor.place(name)
             self._handle.position, self._handle.wxyz = place[:3], np.roll(place[3:], 1)
-        self._show_sizes(name)
 
     def _show_sizes(self, name: str) -> None:
         sizes = {} if name == _NOTHING else self._editor.sizes(name)

@@ -3,6 +3,7 @@
 """Lists of values mean the joints of the robot description, whatever order a primitive has."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 from arm import JOINTS, arm_demonstrations
 
+from mp_pca_planner.cli.goal_arguments import joint_values
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.planning.report import UNUSUAL_IN_SPAN_SCORE
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -90,6 +92,33 @@ def test_vias_and_rates_are_printed_by_name(run: Run) -> None:
     assert "velocities shoulder1=0.1, shoulder2=0, shoulder3=0, elbow=0.2" in text
     text = run("sequence", "--start", START, "--via", via, "--goal", GOAL)
     assert lines(text)["via 1"] == named
+
+
+@pytest.mark.parametrize("command", ["plan", "sequence", "refine"])
+def test_degrees_are_read_and_printed(command: str, run: Run) -> None:
+    start, goal, via = "-10,5,30,-20", "shoulder1=-60,elbow=-50", "shoulder1=-30,elbow=-30"
+    given = ("--start", start, "--goal", goal, "--via", via)
+    facts = json.loads(run(command, *given, "--degrees", "--json"))
+    expected = {"shoulder1": -60.0, "shoulder2": 5.0, "shoulder3": 30.0, "elbow": -50.0}
+    assert facts["goal"] == pytest.approx({n: math.radians(x) for n, x in expected.items()})
+    assert facts["vias"][0]["elbow"] == pytest.approx(math.radians(-30.0), abs=1e-6)
+    text = run(command, *given, "--degrees")
+    assert lines(text)["goal"] == "shoulder1=-60, shoulder2=5, shoulder3=30, elbow=-50 [deg or m]"
+
+
+def test_metres_stay_metres_with_degrees() -> None:
+    values = joint_values("finger=0.02,elbow=90", ["elbow", "finger"], "--goal", angles=["elbow"])
+    assert values == {"finger": 0.02, "elbow": pytest.approx(math.pi / 2)}
+
+
+def test_gains_are_printed_in_the_order_of_lists(run: Run) -> None:
+    gains = ("--position-gains", "90,80,70,60", "--velocity-gains", "6,5,4,3")
+    text = run("verify", "--start", START, "--goal", GOAL, "--trials", "1", *gains)
+    rows = [line.split() for line in text.splitlines()]
+    rows = [row for row in rows if row and row[0] in JOINTS and len(row) == 6]
+    assert [row[:2] for row in rows] == [
+        [name, gain] for name, gain in zip(JOINTS, ["90", "80", "70", "60"], strict=True)
+    ]
 
 
 def test_gains_follow_the_robot_description(run: Run) -> None:

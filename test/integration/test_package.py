@@ -66,9 +66,9 @@ ROSDEP_NAMES = {
 # Extras that rosdep has no name for: pip brings them.
 EXTRAS_ONLY = {
     "argcomplete",
-    *("filelock", "cmaes", "distributed", "fsspec", "mujoco"),
+    *("filelock", "cmaes", "distributed", "fsspec", "mujoco", "pyarrow"),
     "threadpoolctl",  # planning is slower without it
-    *("rich", "trimesh", "viser", "websockets"),
+    *("msgspec", "rich", "trimesh", "viser", "websockets"),
 }
 
 
@@ -260,7 +260,7 @@ def test_without_a_command_the_help_is_printed(capsys: pytest.CaptureFixture[str
         assert exit_info.value.code == 0
         printed.append(capsys.readouterr())
     assert printed[0] == printed[1]
-    assert printed[0].out.startswith("usage: mp_pca_planner") and printed[0].err == ""
+    assert printed[0].out.startswith("usage: mp-pca ") and printed[0].err == ""
 
 
 def test_wrong_option_before_the_command_is_refused_in_one_line(
@@ -328,7 +328,7 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in (PACKAGE, "resource", "config", "launch", "scripts"):
         ignore = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=ignore)
-    for name in ("setup.py", "setup.cfg", "package.xml", "pyproject.toml"):
+    for name in ("setup.py", "setup.cfg", "package.xml", "pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
 
     environment = folder / "venv"

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -37,6 +38,12 @@ def test_the_primitive_is_that_of_the_recording_with_the_same_cuts(tmp_path: Pat
     assert (done.returncode, done.stderr) == (0, "")
     assert "motion 7: " in done.stdout and "motion 7 is discarded: 6 left" in done.stdout
     assert "left-out error" in done.stdout and "wrist at" in done.stdout
+    errors = re.findall(r"left-out error (.*)", done.stdout)
+    assert errors and all(
+        re.match(r"[\d.]+ deg \(straight motions: [\d.]+ deg\)", x) for x in errors
+    )
+    ranges = re.findall(r"(?:goals shown|least known)(.*)", done.stdout)
+    assert ranges and all("[rad]" in x for x in ranges)
     again = tmp_path / "again.npz"
     bag, table = tmp_path / "taught.mcap", tmp_path / "taught_segments.csv"
     command = ["build_primitives", str(bag), "--segments", str(table), "--output", str(again)]

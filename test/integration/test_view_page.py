@@ -3,11 +3,13 @@
 """The page in a real browser: it loads, the plan follows the handle, and people share it."""
 
 import os
+import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from patience import HANG
 
 from mp_pca_planner.exceptions import PlannerError, RobotError
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.recordings.demonstration import RecordingSet
+from mp_pca_planner.recordings.recording_set import RecordingSet
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -27,8 +29,6 @@ pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
 from playwright.sync_api import expect
 from view_browser import SIZE, arrow_of, chromium, chromium_path, on_screen
-from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
 
 from mp_pca_planner.view.live import LiveView
 from mp_pca_planner.view.page import ViewPage
@@ -130,25 +130,47 @@ def test_the_page_loads_without_errors_and_without_the_internet(browser, page, s
 def test_every_tab_and_the_dark_page_are_shown(browser, page):
     tab = opened(browser, page)
     for name, text in (
-        ("Components", "Back to the mean motion"),
+        ("Components", "Back to the demonstration"),
         ("Demonstrations", "20 motions in 0 usable"),
-        ("World", "Click an obstacle"),
+        ("World", "Add an obstacle"),
     ):
-        tab.get_by_role("tab", name=name).click()
+        tab.get_by_role("button", name=name, exact=True).click()
         tab.get_by_text(text).wait_for()
         keep(tab, name.lower())
-    tab.get_by_role("checkbox", name="Dark").check()
+    tab.get_by_role("button", name="Dark", exact=True).click()
     tab.wait_for_selector('[data-mantine-color-scheme="dark"]')
     keep(tab, "dark")
     tab.close()
 
 
-def test_another_site_cannot_connect_and_no_page_opens_it_to_the_internet(page):
-    address = page.url.replace("http", "ws")
-    with pytest.raises(InvalidStatus, match="403"):
-        connect(address, origin="https://example.org")
-    connect(address, origin=page.url).close()
+def test_no_page_opens_it_to_the_internet(page):
     assert page.server.request_share_url() is None
+
+
+def test_a_page_for_other_machines_works_by_its_whole_address_only(browser):
+    with ViewPage(content(), "0.0.0.0", 0) as page:
+        page.player.play(False)
+        address = urlsplit(page.url)._replace(netloc=f"127.0.0.1:{page.server.get_port()}")
+        tab = browser.new_page()
+        tab.set_default_timeout(1e3 * HANG)
+        assert tab.goto(address._replace(path="/").geturl()).status == 403
+        tab.goto(address.geturl())
+        tab.wait_for_selector(FOUND)
+        tab.close()
+
+
+def test_the_page_connects_to_no_server_that_its_address_names(browser, page):
+    """That server could run scripts in the page, and these could arm it."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        address = f"ws://127.0.0.1:{other.getsockname()[1]}"
+        tab = browser.new_page()
+        with tab.expect_console_message(lambda message: f"to: {address}" in message.text):
+            tab.goto(f"{page.url}/?websocket={address}")
+        tab.wait_for_timeout(2000)
+        other.setblocking(False)
+        with pytest.raises(BlockingIOError):  # nobody knocked
+            other.accept()
+        tab.close()
 
 
 def test_an_address_of_another_machine_is_refused_in_a_sentence():
@@ -200,18 +222,18 @@ def test_a_goal_in_collision_turns_red_with_its_reason(browser):
         assert colour == "rgb(217, 53, 43)"
         assert "the big ball" in tab.inner_text("body")
         keep(tab, "refused")
-        tab.get_by_role("tab", name="World").click()
+        tab.get_by_role("button", name="World", exact=True).click()
         tab.get_by_role("combobox", name="Obstacle").click()
         tab.get_by_role("option", name="the big ball").click()
         tab.get_by_role("button", name="Remove").click()
-        tab.get_by_role("tab", name="Plan").click()
+        tab.get_by_role("button", name="Plan", exact=True).click()
         tab.wait_for_selector(FOUND)
         tab.close()
 
 
 def test_an_added_obstacle_reaches_the_planner(browser, page):
     tab = opened(browser, page)
-    tab.get_by_role("tab", name="World").click()
+    tab.get_by_role("button", name="World", exact=True).click()
     tab.get_by_role("button", name="Sphere", exact=True).click()
     until(lambda: page.plan.answer.request.world.names == ("sphere 1",))
     keep(tab, "obstacle")
@@ -249,14 +271,14 @@ def test_play_moves_the_robot_and_pause_stops_it(browser, page):
 
 def test_a_slider_of_a_component_bends_the_motion_that_is_played(browser, page):
     tab = opened(browser, page)
-    tab.get_by_role("tab", name="Components").click()
+    tab.get_by_role("button", name="Components", exact=True).click()
     slider = tab.get_by_role("slider").filter(visible=True).nth(1)
-    before = page.player.offered("Components").positions
+    before = page.components.motion.positions
     slider.focus()
     for _ in range(10):
         slider.press("ArrowRight")
-    until(lambda: np.abs(page.player.offered("Components").positions - before).max() > 0.05)
-    until(lambda: page.player.playback.motion is page.player.offered("Components"))
+    until(lambda: np.abs(page.components.motion.positions - before).max() > 0.05)
+    until(lambda: page.player.playback.motion is page.components.motion)
     keep(tab, "bent")
     tab.close()
 
@@ -284,9 +306,9 @@ def test_the_stop_button_stays_on_the_screen_of_a_phone(browser):
     with ViewPage(content(), port=0, link=link) as page:
         page.player.play(False)
         tab = opened(browser, page, PHONE)
-        tab.get_by_role("tab", name="Live").click()
+        tab.get_by_role("button", name="Live", exact=True).click()
         tab.get_by_text("a ball").wait_for()
-        tab.get_by_text("Dark", exact=True).scroll_into_view_if_needed()
+        tab.get_by_role("button", name="Dark", exact=True).scroll_into_view_if_needed()
         box = tab.get_by_role("button", name="Stop the robot").bounding_box()
         assert box["width"] == PHONE[0] and box["height"] >= 36.0
         assert box["y"] + box["height"] <= PHONE[1]
@@ -294,6 +316,40 @@ def test_the_stop_button_stays_on_the_screen_of_a_phone(browser):
         until(lambda: link.n_stops == 1)
         keep(tab, "live_390")
         tab.close()
+
+
+# Colours and phones
+
+
+def test_a_page_has_the_colours_that_its_browser_prefers(browser, page):
+    tabs = {}
+    for scheme in ("dark", "light"):
+        tab = tabs[scheme] = browser.new_page(color_scheme=scheme)
+        tab.set_default_timeout(1e3 * HANG)
+        tab.goto(page.url)
+        tab.wait_for_selector(FOUND)
+    for scheme, tab in tabs.items():
+        tab.wait_for_selector(f'[data-mantine-color-scheme="{scheme}"]')
+    assert tabs["light"].title() == "human_arm"
+    tabs["light"].emulate_media(color_scheme="dark")
+    tabs["light"].wait_for_selector('[data-mantine-color-scheme="dark"]')
+    for tab in tabs.values():
+        tab.close()
+
+
+def test_on_a_phone_the_panel_is_a_sheet_that_folds_to_one_row(browser, page):
+    tab = opened(browser, page, PHONE)
+    sheet = tab.locator('.mantine-Paper-root[style*="max-height: 60%"]')
+    box = sheet.bounding_box()
+    assert (box["x"], box["width"]) == (0, PHONE[0])
+    assert box["y"] + box["height"] == PHONE[1] and box["height"] < 0.6 * PHONE[1]
+    names = [tab.get_by_role("button", name=name, exact=True) for name in ("Plan", "World")]
+    assert len({name.bounding_box()["y"] for name in names}) == 1  # the tabs are one row
+    tab.get_by_role("button", name="Dark", exact=True).scroll_into_view_if_needed()
+    tab.get_by_text("human_arm", exact=True).first.click()
+    until(lambda: sheet.bounding_box()["height"] < 64.0)
+    keep(tab, "folded_390")
+    tab.close()
 
 
 # Several people

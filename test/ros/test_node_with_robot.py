@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -29,6 +30,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import Answer, report_values
@@ -181,6 +183,24 @@ def test_goal_to_an_inactive_controller_is_reported_as_never_started(bench: Benc
     with bench.fault("active", False, True):
         assert bench.execution(bench.send(VIA))["outcome"] == "never_started"
     assert bench.execution(bench.send(START))["outcome"] == "arrived"
+
+
+def test_send_goal_waits_until_the_robot_has_arrived(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def send(positions: Sequence[float], *options: str) -> int:
+        goal = ",".join(f"{n}={x}" for n, x in zip(JOINTS, positions, strict=True))
+        return main(["send_goal", goal, "--timeout", f"{HANG}", *options])
+
+    patience = ("--wait", f"{HANG}")
+    assert send(VIA, *patience) == 0
+    bench.wait(lambda: np.allclose(bench.position, VIA, atol=1e-3))
+    assert "arrived: the largest error is" in capsys.readouterr().out
+    with bench.fault("active", False, True):
+        assert send(START, "--json", *patience) == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["execution"]["outcome"] == "never_started"
+    assert send(START, *patience) == 0
 
 
 def is_erased(preview: MarkerArray) -> bool:

@@ -16,6 +16,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 from arm import JOINTS, arm_robot
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
+from mesh_inputs import FILES
 from nodes import GOAL, START, NodeClient, column, running_node, set_domain, times
 from patience import HANG
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -30,7 +31,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros.client import report_values
-from mp_pca_planner.ros.obstacle_markers import to_obstacle
+from mp_pca_planner.ros.obstacle_markers import MarkerMessages, to_obstacle
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -243,6 +244,55 @@ def test_triangles_are_scaled_before_they_are_moved() -> None:
     one.points = one.points[:2]
     with pytest.raises(WorldError, match="3 points per triangle, got 2"):
         to_obstacle(one, [])
+
+
+@pytest.mark.parametrize("scale", [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0)])
+def test_a_scale_of_zero_is_refused(scale: tuple[float, ...]) -> None:
+    one = marker(1, np.zeros(3), type=Marker.TRIANGLE_LIST)
+    one.scale.x, one.scale.y, one.scale.z = scale
+    one.points = [Point(), Point(x=1.0), Point(y=1.0)]
+    with pytest.raises(WorldError, match=r"marker 'test/1': scale of a mesh must not be 0, got"):
+        to_obstacle(one, [])
+
+
+@pytest.mark.parametrize("name", ["pipe.stl", "cycle.dae", "glb.stl", "small.irr"])
+def test_a_mesh_of_a_hostile_file_is_refused(tmp_path: Path, name: str) -> None:
+    FILES[name](tmp_path / name)
+    one = marker(
+        1, np.zeros(3), type=Marker.MESH_RESOURCE, mesh_resource=f"file://{tmp_path}/{name}"
+    )
+    with pytest.raises(WorldError, match=rf"marker 'test/1': mesh '.*{name}' can't be read: "):
+        to_obstacle(one, [])
+
+
+def test_names_of_deleted_markers_are_forgotten_in_the_end() -> None:
+    messages, world = MarkerMessages(), World()
+    kept = marker(0, np.zeros(3))
+    for k in range(3 * messages.most):
+        added, gone = marker(k + 1, np.zeros(3)), deletion(k + 1)
+        for stamp, sent in ((2 * k + 1, [kept, added]), (2 * k + 2, [gone])):
+            applied = messages.apply(
+                world, MarkerArray(markers=sent), stamp, is_late=False, links=None, folders=[]
+            )
+            assert applied is not None
+            world = World(applied[0])
+    assert world.names == ("test/0",)
+    assert len(messages._changed) <= messages.most + 1
+    # What was deleted last does not come back with an older latched message.
+    late = MarkerArray(markers=[marker(3 * messages.most, np.zeros(3))])
+    again = messages.apply(world, late, 1, is_late=True, links=None, folders=[])
+    assert again is None or [one.name for one in again[0]] == ["test/0"]
+
+
+def test_a_marker_with_a_huge_name_is_refused() -> None:
+    one = marker(1, np.zeros(3))
+    one.ns = "x" * 100_000
+    messages = MarkerMessages()
+    applied = messages.apply(
+        World(), MarkerArray(markers=[one]), 1, is_late=False, links=None, folders=[]
+    )
+    assert applied == ([], ["a marker's name has 100002 characters, at most 500 are used"])
+    assert max(map(len, messages.rejected)) <= 500
 
 
 def test_an_ellipsoid_is_refused() -> None:

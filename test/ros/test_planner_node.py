@@ -556,7 +556,7 @@ def test_command_sends_a_goal_in_degrees_and_prints_the_report(
     with parameters(client, state_timeout=0.0):
         elbow = math.degrees(GOAL[3])
         n_trajectories = len(client.trajectories)
-        assert main(["send_goal", f"elbow={elbow}", "--degrees", "--json"]) == 0
+        assert main(["send_goal", f"elbow={elbow}", "--degrees", "--wait", "0", "--json"]) == 0
         report = json.loads(capsys.readouterr().out)
         assert float(report["goal_error"]) == 0.0
         assert main(["send_goal", "elbo=0.1"]) == 2
@@ -569,7 +569,10 @@ def test_command_sends_a_goal_in_degrees_and_prints_the_report(
 
 def test_command_sends_a_sequence(client: NodeClient, capsys: pytest.CaptureFixture[str]) -> None:
     with parameters(client, state_timeout=0.0):
-        assert main(["send_goal", "elbow=-0.3@2", "--via", "elbow=-0.6@1", "--json"]) == 0
+        assert (
+            main(["send_goal", "elbow=-0.3@2", "--via", "elbow=-0.6@1", "--wait", "0", "--json"])
+            == 0
+        )
         report = json.loads(capsys.readouterr().out)
         assert report["n_segments"] == "2"
         client.wait_for_diagnostics()

@@ -120,12 +120,12 @@ def test_command_sends_a_pose(client: NodeClient, capsys: pytest.CaptureFixture[
     quaternion = np.array([x, y, z, 4.0 * w * w]) / (4.0 * w)
     pose = " ".join(map(str, [*corners[0], *quaternion]))
     n = len(client.trajectories)
-    status, output = run(capsys, "send_goal", "--pose", pose)
+    status, output = run(capsys, "send_goal", "--pose", pose, "--wait", "0")
     assert status == 0, output
     client.wait(lambda: len(client.trajectories) > n, 10.0, "published no trajectory")
     end = np.array([client.trajectories[-1].points[-1].positions])
     np.testing.assert_allclose(robot.frame_positions(end, ["wrist"])[0, 0], corners[0], atol=1e-5)
-    status, output = run(capsys, "send_goal", "--pose", pose, "--frame", "hand")
+    status, output = run(capsys, "send_goal", "--pose", pose, "--frame", "hand", "--wait", "0")
     assert status == 2
     assert "'hand'" in output
 

@@ -84,7 +84,7 @@ def test_nodes_in_namespaces_keep_apart_and_feed_the_controllers_they_are_remapp
         wait_for_diagnostics(left, "/left/mp_pca_planner")
         left.publish_state(JOINTS, START)
         goal = ",".join(f"{name}={value!r}" for name, value in zip(JOINTS, GOAL, strict=True))
-        assert main(["send_goal", goal, "--namespace", "left"]) == 0
+        assert main(["send_goal", goal, "--wait", "0", "--namespace", "left"]) == 0
         deadline = time.monotonic() + HANG
         while not executed and time.monotonic() < deadline:
             executor.spin_once(0.1)

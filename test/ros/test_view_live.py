@@ -69,7 +69,7 @@ def test_the_node_is_shown_gets_goals_only_when_armed_stops_and_its_death_is_see
         tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
         tab.set_default_timeout(1e3 * HANG)
         tab.goto(page.url)
-        tab.get_by_role("tab", name="Live").click()
+        tab.get_by_role("button", name="Live", exact=True).click()
         tab.get_by_text("No node yet").wait_for()
         send = tab.get_by_role("button", name="Send the goal")
         armed = tab.get_by_role("checkbox", name="Armed")

@@ -2,6 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `import mp_pca_planner as mp` offers."""
 
+import doctest
+import io
+import math
+import os
+import pickle
+import re
 import subprocess
 import sys
 import tempfile
@@ -214,3 +220,106 @@ def test_planner_takes_a_single_primitive() -> None:
     start, goal = demonstrations[0].positions[[0, -1]]
     alone, listed = (one.plan(goal, start) for one in (mp.Planner(robot, primitive), planner))
     np.testing.assert_array_equal(alone.trajectory.positions, listed.trajectory.positions)
+
+
+@pytest.mark.parametrize("name", mp.__all__)
+def test_examples_of_public_names_run(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = doctest.DocTestFinder(recurse=True).find(getattr(mp, name), name)
+    examples = [one for one in found if one.examples]
+    is_base = not (isinstance(getattr(mp, name), type) and issubclass(getattr(mp, name), Exception))
+    assert examples or (not is_base and name != "PlannerError")
+    for one in examples:
+        report = io.StringIO()
+        failed, _ = doctest.DocTestRunner().run(one, out=report.write)
+        assert not failed, report.getvalue()
+
+
+def test_public_names_have_types_for_their_users(tmp_path: Path) -> None:
+    api = pytest.importorskip("mypy.api", reason="mypy (extra 'test') is not installed")
+    lines = [f"reveal_type(mp.{name})" for name in mp.__all__]
+    program = tmp_path / "use.py"
+    program.write_text("\n".join(["import mp_pca_planner as mp", *lines]), encoding="utf-8")
+    code = (
+        "import os, sys; from mypy import api; os.chdir(sys.argv[1]); "
+        "print(api.run(['--config-file=', '--strict', 'use.py'])[0])"
+    )
+    root = str(Path(mp.__file__).parents[1])
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)],
+        env=os.environ | {"MYPYPATH": root, "PYTHONPATH": ""},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    types = re.findall(r'Revealed type is "(.*)"', done.stdout)
+    assert api and len(types) == len(mp.__all__)
+    assert [one for one in types if one in ("Any", "object", "builtins.object")] == []
+
+
+def test_trajectories_are_read_as_they_were_written(tmp_path: Path) -> None:
+    demonstrations, _, _, planner = planned()
+    plan = planner.plan(start=demonstrations[0].positions[0], goal={"elbow": -0.6})
+    for motion in (plan.trajectory, plan.trajectory.with_efforts(None)):
+        for suffix in (".csv", ".json", ".npz"):
+            file = tmp_path / f"motion{suffix}"
+            motion.save(file, overwrite=True)
+            found = mp.Trajectory.load(file)
+            assert found.joint_names == motion.joint_names
+            for name, values in motion.columns().items():
+                np.testing.assert_array_equal(getattr(found, name), values)
+            assert (found.efforts is None) == (motion.efforts is None)
+
+
+@pytest.mark.parametrize("content", [b"", b"time\n", b"{", b"[1]", b"time,a.x\n0,1,2\n"])
+@pytest.mark.parametrize("suffix", [".csv", ".json", ".npz", ".txt"])
+def test_a_file_that_is_no_trajectory_is_refused(
+    tmp_path: Path, suffix: str, content: bytes
+) -> None:
+    (tmp_path / f"bad{suffix}").write_bytes(content)
+    with pytest.raises(mp.TrajectoryError, match="bad"):
+        mp.Trajectory.load(tmp_path / f"bad{suffix}")
+
+
+def test_limits_and_robots_are_tables_in_notebooks() -> None:
+    _, _, robot, _ = planned()
+    limits = robot.limits({"elbow": {"max_velocity": 1.25}})
+    assert len(repr(limits).splitlines()) == 5
+    assert "1.25" in repr(limits) and "array" not in repr(limits)
+    for value in (limits, robot):
+        assert "<table>" in value._repr_html_() and "elbow" in value._repr_html_()
+
+
+def test_robots_and_worlds_are_pickled() -> None:
+    _, _, robot, _ = planned()
+    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.1, position=[0.4, 0.0, 0.5]))])
+    q = np.random.default_rng(1).normal(size=(5, robot.n_joints))
+    for one in (robot, robot.with_payload(1.5), robot.with_joints(robot.joint_names[::-1])):
+        again = pickle.loads(pickle.dumps(one))
+        assert again.joint_names == one.joint_names and again.path == one.path
+        expected = one.inverse_dynamics(q, q, q)
+        np.testing.assert_array_equal(again.inverse_dynamics(q, q, q), expected)
+        np.testing.assert_array_equal(again.limits().upper, one.limits().upper)
+    assert repr(pickle.loads(pickle.dumps(world))) == repr(world)
+
+
+@pytest.mark.parametrize("is_avoiding", [False, True])
+def test_planners_and_plans_are_pickled(is_avoiding: bool) -> None:
+    demonstrations, primitive, robot, _ = planned()
+    ball = mp.World([mp.Obstacle("ball", mp.Sphere(0.05, position=[0.40, -0.57, -0.15]))])
+    options = mp.PlannerOptions(max_solve_time=math.inf)
+    world = ball if is_avoiding else None
+    planner = mp.Planner(robot, [primitive], options=options, world=world)
+    start, goal = demonstrations[0].positions[[0, -1]]
+    plan = planner.plan(start=start, goal=goal)
+    copies = pickle.loads(pickle.dumps((planner, plan)))
+    assert copies[1].planner is copies[0]
+    again = copies[0].plan(start=start, goal=goal)
+    for found in (copies[1], again):
+        assert found.status == plan.status
+        np.testing.assert_array_equal(found.trajectory.positions, plan.trajectory.positions)
+    assert (copies[0].collision is None) != is_avoiding
+    if is_avoiding:
+        assert copies[0].collision.pairs == planner.collision.pairs

@@ -211,3 +211,4 @@ def test_numbers_of_a_report_that_nobody_asked_for_are_not_printed() -> None:
     assert found == [["status", "solved"], ["duration", "1.235"]]
     found = [line.split() for line in report_lines(values, is_verbose=True)]
     assert found == [["status", "solved"], ["duration", "1.23456789"], ["x", "2"]]
+    assert report_lines({"kkt_residual": "1e-7"}, is_verbose=True) == []

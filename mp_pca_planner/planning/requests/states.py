@@ -19,6 +19,7 @@ from ...robot.model import Robot
 # Largest positions, velocities and accelerations where there is no limit [SI].
 _NO_ROBOT = 1e6
 _QUANTITIES = ("position", "velocity", "acceleration")
+_UNITS = ("radians (or metres)", "rad/s (or m/s)", "rad/s² (or m/s²)")
 
 
 def in_order(state: JointState, names: Sequence[str]) -> JointState:
@@ -126,7 +127,7 @@ def _check(
     k, j = np.argwhere(~inside)[0].tolist()
     raise GoalError(
         f"the {what} {_QUANTITIES[k]} of joint '{names[j]}' is {values[k, j]:.9g}, "
-        f"outside its limits [{low[k, j]:.9g}, {high[k, j]:.9g}]"
+        f"outside its limits [{low[k, j]:.9g}, {high[k, j]:.9g}] in {_UNITS[k]}"
     )
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,9 @@ import numpy as np
 from ...arrays import FloatArray
 from ...exceptions import MissingDependencyError, require
 
+# OMPL has one seed and one log level per process: one thread at a time makes sources of random
+# numbers. The log level stays.
+_LOCK = threading.Lock()
 _BEYOND = np.pi  # Range beyond the ends of joints without limits [rad].
 
 
@@ -62,7 +66,7 @@ def sampled_path(
 ) -> FloatArray | None:
     """Find a path by RRT-Connect, and shorten it.
 
-    The same arguments give the same path unless `should_stop` ends the search.
+    The same arguments give the same path, in any thread, unless `should_stop` ends the search.
 
     Parameters
     ----------
@@ -101,28 +105,31 @@ def sampled_path(
     def ends_now() -> bool:
         return n_checks > options.max_checks or should_stop()
 
-    level = util.getLogLevel()
-    # OMPL's random numbers have one seed per process. It logs an error when the seed is set again,
-    # but uses it.
-    util.setLogLevel(util.LogLevel.LOG_NONE)
-    util.RNG.setSeed(options.seed)
-    setup = geometric.SimpleSetup(_space(base, bounds, ends, options.step))
-    setup.setStateValidityChecker(is_free)
+    setup: Any = None
     try:
-        setup.setStartAndGoalStates(*(_state(setup, end) for end in ends))
-        planner = geometric.RRTConnect(setup.getSpaceInformation())
-        planner.setRange(options.range)
-        setup.setPlanner(planner)
+        with _LOCK:
+            # It logs an error when the seed is set again, but uses it.
+            util.setLogLevel(util.LogLevel.LOG_NONE)
+            util.RNG.setSeed(options.seed)
+            setup = geometric.SimpleSetup(_space(base, bounds, ends, options.step))
+            setup.setStateValidityChecker(is_free)
+            setup.setStartAndGoalStates(*(_state(setup, end) for end in ends))
+            planner = geometric.RRTConnect(setup.getSpaceInformation())
+            planner.setRange(options.range)
+            setup.setPlanner(planner)
+            # A search that ends at once: its sources of random numbers are made by then.
+            setup.solve(base.PlannerTerminationCondition(lambda: True))
+            simplifier = geometric.PathSimplifier(setup.getSpaceInformation())
         setup.solve(base.PlannerTerminationCondition(ends_now))
         if not setup.haveExactSolutionPath():
             return None
         path = setup.getSolutionPath()
-        _shorten(geometric.PathSimplifier(setup.getSpaceInformation()), path, options)
+        _shorten(simplifier, path, options)
         return np.array([state[0:n_joints] for state in path.getStates()])
     finally:
         # Without this, the setup and its checker keep each other.
-        setup.setStateValidityChecker(lambda state: True)
-        util.setLogLevel(level)
+        if setup is not None:
+            setup.setStateValidityChecker(lambda state: True)
 
 
 def _shorten(simplifier: Any, path: Any, options: SamplingOptions) -> None:

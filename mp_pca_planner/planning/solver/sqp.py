@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ..options import SolverOptions, never
+from ..options import SolverOptions
 from .matrices import BlockMatrix, Matrix, added, as_array
 from .program import BlockPoint, Point, Program
 from .subproblem import TINY, Step, Subproblem, infeasibility
@@ -94,7 +94,7 @@ def solve(
     start: FloatArray,
     options: SolverOptions = SolverOptions(),
     memory: SolverMemory | None = None,
-    should_stop: Callable[[], bool] = never,
+    should_stop: Callable[[], bool] = bool,
 ) -> Solution:
     """Find a local minimum within the constraints, by descent from a start.
 

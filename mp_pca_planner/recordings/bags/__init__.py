@@ -12,6 +12,7 @@ from .bag import open_bag as open_bag
 from .discovery import FORMAT_OF_SUFFIX as FORMAT_OF_SUFFIX
 from .discovery import BagFormat as BagFormat
 from .discovery import Recording as Recording
+from .discovery import RecordingFormat as RecordingFormat
 from .discovery import checksum as checksum
 from .discovery import find_recordings as find_recordings
 from .discovery import local_copy as local_copy

@@ -13,7 +13,8 @@ from typing import Any, TypeVar
 
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
 from ..joint_states import RawJointStates, slice_joint_states
-from .discovery import BagFormat, recording_format
+from .discovery import BagFormat
+from .discovery import bag_format as format_of
 from .files import RecordingFiles, damage_reported
 from .serialisation import JOINT_STATE, JOINT_TRAJECTORY, BagTypes
 from .storage import Channel, Key
@@ -58,7 +59,7 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
     RecordingError
         If it can't be read.
     """
-    bag_format = recording_format(path)
+    bag_format = format_of(path)
     with _hint_at_salvage(salvage), ExitStack() as stack:
         files = RecordingFiles(path, bag_format)
         try:

@@ -19,19 +19,23 @@ from ...exceptions import RecordingError
 from .remote import FILE_URL, RemoteFile, RemoteRecording, check_url, is_url, list_remote
 
 BagFormat = Literal["rosbag1", "sqlite3", "mcap"]
+RecordingFormat = BagFormat | Literal["csv", "lerobot"]
 Recording = Path | RemoteRecording
 
 METADATA = "metadata.yaml"
 FORMAT_OF_SUFFIX: dict[str, BagFormat] = {".bag": "rosbag1", ".db3": "sqlite3", ".mcap": "mcap"}
+TABLE_SUFFIX = ".csv"
+DATASET_INFO = Path("meta/info.json")
+"""The file that makes a folder a dataset of LeRobot."""
 PACKED_SUFFIXES = (".zstd", ".zst")
 
 
 def find_recordings(paths: str | Recording | Iterable[str | Recording]) -> tuple[Recording, ...]:
     """Expand files, rosbag2 folders, folders of bags, patterns and URLs to single recordings.
 
-    A folder is searched with its subfolders. A rosbag2 folder (one with a metadata.yaml) is one
-    recording. A file that is named itself is taken whatever its suffix; loading rejects it with a
-    reason.
+    A folder is searched with its subfolders, for bags and datasets of LeRobot. A rosbag2 folder
+    (one with a metadata.yaml) is one recording, and so is a dataset. A file that is named itself is
+    taken whatever its suffix; loading rejects it with a reason.
 
     Parameters
     ----------
@@ -56,8 +60,8 @@ def find_recordings(paths: str | Recording | Iterable[str | Recording]) -> tuple
                 recordings = [x for match in _glob(path) for x in recordings_in(match)]
         if not recordings:
             raise RecordingError(
-                f"no recording at '{shown}': expected a .bag, .db3 or .mcap file, a rosbag2 "
-                "folder, or a folder that holds some of these"
+                f"no recording at '{shown}': expected a .bag, .db3, .mcap or .csv file, a "
+                "rosbag2 folder, a LeRobot dataset, or a folder that holds some of these"
             )
         for recording in recordings:
             # Links and overlapping patterns may lead to the same place.
@@ -101,8 +105,29 @@ def local_copy(recording: Recording) -> Iterator[Path]:
             yield path
 
 
-def recording_format(path: Path) -> BagFormat:
-    """Storage format of a recording.
+def recording_format(path: Path) -> RecordingFormat:
+    """Format of a recording: of a bag, a CSV file, or a dataset of LeRobot.
+
+    Raises
+    ------
+    RecordingError
+        If it is none of these.
+    """
+    with translated_os_errors(path):
+        if is_dataset(path):
+            return "lerobot"
+        if path.suffix == TABLE_SUFFIX and path.is_file():
+            return "csv"
+    return bag_format(path)
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a folder is a dataset of LeRobot."""
+    return (path / DATASET_INFO).is_file()
+
+
+def bag_format(path: Path) -> BagFormat:
+    """Storage format of a bag.
 
     Raises
     ------
@@ -114,8 +139,8 @@ def recording_format(path: Path) -> BagFormat:
         suffixes = {_suffix(file) for file in bag_files(path)}
     if len(suffixes) != 1:
         raise RecordingError(
-            f"'{path}' is no recording: expected a regular .bag, .db3 or .mcap file, or a rosbag2 "
-            "folder"
+            f"'{path}' is no recording: expected a regular .bag, .db3, .mcap or .csv file, a "
+            "rosbag2 folder, or a LeRobot dataset"
         )
     return FORMAT_OF_SUFFIX[suffixes.pop()]
 
@@ -169,6 +194,8 @@ def stored_state(path: Recording) -> tuple[object, ...]:
 def recordings_in(path: Path) -> list[Path]:
     """The path itself if it is one recording, else the recordings in the folder."""
     if not path.is_dir():
+        return [path]
+    if is_dataset(path):
         return [path]
     children = sorted(path.iterdir())
     if _is_recording(path.resolve().name, [child.name for child in children]):
@@ -240,6 +267,8 @@ def _storage_files(path: Path) -> list[Path]:
     if not path.is_dir():
         # Reading a pipe or a device may never end.
         return [path] if path.is_file() else []
+    if is_dataset(path):
+        return [path / DATASET_INFO, *sorted(path.glob("data/*/*.parquet"))]
     return sorted(file for file in path.iterdir() if file.is_file() and file.name != METADATA)
 
 

@@ -42,10 +42,20 @@ class RemoteOptions:
         Times between attempts after an error [s].
     block : int
         Bytes that are copied at a time.
+    unknown_bytes : int
+        Largest size of a file whose server does not state it.
+    disk_reserve : int
+        Space that stays free beside a copy [bytes].
+    patience, slowest : float
+        Time [s] after which a copy must have had this rate on average [bytes/s].
     """
 
     waits: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
     block: int = 4 << 20
+    unknown_bytes: int = 4 << 30
+    disk_reserve: int = 256 << 20
+    patience: float = 60.0
+    slowest: float = 1e4
 
 
 _OPTIONS = RemoteOptions()
@@ -170,7 +180,14 @@ def check_url(url: str) -> str:
     RecordingError
         If its kind is not known, or it holds credentials.
     """
-    parts = urlsplit(url)
+    try:
+        parts = urlsplit(url)
+        host, _ = parts.hostname, parts.port  # that of a port may raise
+        if parts.scheme in SCHEMES and not host:
+            raise ValueError("it has no host")
+    except ValueError as error:  # its parts are not known, and any may be secret
+        reason = f"a URL of {url.partition('://')[0]:.20}:// is malformed ({error})"
+        raise RecordingError(f"{reason}: expected scheme://host/path") from None
     shown = f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
     if "@" in parts.netloc:
         raise RecordingError(
@@ -199,12 +216,24 @@ def _remote_file(path: str, entry: Mapping[str, Any]) -> RemoteFile:
 
 
 def _copy(storage: Any, file: RemoteFile, target: Path) -> None:
+    most, began = file.size or _OPTIONS.unknown_bytes, time.monotonic()
     with storage.open(file.path, "rb", cache_type="none") as source, target.open("wb") as copy:
         while block := source.read(_OPTIONS.block):
             copy.write(block)
-            if file.size and copy.tell() > file.size:
+            n_bytes, seconds = copy.tell(), time.monotonic() - began
+            if n_bytes > most:
                 break
-    if file.size and target.stat().st_size != file.size:
+            if shutil.disk_usage(target.parent).free < _OPTIONS.disk_reserve:
+                raise RecordingError(
+                    f"there are less than {_OPTIONS.disk_reserve >> 20} MiB left in "
+                    f"'{target.parent}': set TMPDIR to a folder with more space"
+                )
+            if seconds > _OPTIONS.patience and n_bytes < _OPTIONS.slowest * seconds:
+                raise RecordingError(f"it arrives at {n_bytes / seconds:.0f} bytes per second")
+    n_bytes = target.stat().st_size
+    if not file.size and n_bytes > most:
+        raise RecordingError(f"its server states no size, and it has more than {most >> 20} MiB")
+    if file.size and n_bytes != file.size:
         raise ConnectionError("the file has changed")
 
 
@@ -213,13 +242,18 @@ def _patiently(action: Callable[[], Value], shown: str) -> Value:
     for wait in (*_OPTIONS.waits, None):
         try:
             return action()
+        except RecordingError as error:
+            raise RecordingError(f"'{shown}' can't be read: {error}") from None
         except Exception as error:  # each library has its own
             # A file of a web server that can't be reached is "not found", too.
             cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
             kind = type(cause).__name__
-            if isinstance(cause, FileNotFoundError):
+            status = getattr(error.__cause__ or error, "status", None)
+            if status in (401, 403):
+                reason = f"access is forbidden (HTTP status {status})"
+            elif isinstance(cause, FileNotFoundError):
                 raise RecordingError(f"there is nothing at '{shown}'") from None
-            if isinstance(cause, PermissionError) or kind in _FINAL:
+            elif isinstance(cause, PermissionError) or kind in _FINAL:
                 reason = f"access is denied ({kind}): set credentials in the environment"
             elif wait is not None:
                 time.sleep(wait)

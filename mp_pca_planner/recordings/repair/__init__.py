@@ -36,7 +36,7 @@ from .recording import (
     Samples,
     findings,
     findings_on_refusal,
-    motion_notes,
+    motion_findings,
 )
 
 __all__ = ["REPAIRS", "CleanRecording", "Piece", "RepairOptions", "repair"]
@@ -88,12 +88,14 @@ def repair(
         n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
         pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], options, repairs)
         left_out = left_out_notes(raw, names) if joints is None else ()
-        notes = (*left_out, *clock_notes, *checked, *motion_notes(names, pieces, options))
+        still, of_motions = motion_findings(names, pieces, options)
+        notes = (*left_out, *clock_notes, *checked, *of_motions)
         return CleanRecording(
             joint_names=names,
             pieces=tuple(pieces),
             rate=rate,
             sample_rate=rate / n_averaged,
+            still_joints=still,
             **findings(raw, repairs, notes),
         )
 

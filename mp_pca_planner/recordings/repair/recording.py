@@ -92,6 +92,8 @@ class CleanRecording:
         All joints that its messages list.
     pieces_are_motions : bool
         Whether each piece is one motion, which is not segmented.
+    still_joints : tuple of str
+        The joints of `joint_names` that never move.
     """
 
     joint_names: tuple[str, ...]
@@ -104,6 +106,7 @@ class CleanRecording:
     n_messages: int
     listed_joints: tuple[str, ...]
     pieces_are_motions: bool = False
+    still_joints: tuple[str, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -131,10 +134,10 @@ def findings_on_refusal(raw: Any, repairs: Counter[str]) -> Iterator[None]:
         raise UnusableRecordingError(str(error), findings(raw, repairs)) from None
 
 
-def motion_notes(
+def motion_findings(
     names: tuple[str, ...], pieces: Sequence[Piece], options: RepairOptions
-) -> tuple[str, ...]:
-    """Notes on joints that never move, and on motions that are cut off at an end.
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The joints that never move; notes on these and on motions that are cut off at an end.
 
     Raises
     ------
@@ -148,7 +151,8 @@ def motion_notes(
         raise RecordingError(
             f"nothing moves: no chosen joint travels more than {travel:.2g} rad (or m)"
         )
-    still = [n for n, moved in zip(names, high - low, strict=True) if moved < options.min_travel]
+    moved = zip(names, high - low, strict=True)
+    still = tuple(name for name, distance in moved if distance < options.min_travel)
     notes = [f"joints that never move: {quote_names(still)}"] if still else []
     speeds = [_window_speeds(piece) for piece in pieces]
     # At a fifth of the highest speed a joint is within its motion.
@@ -156,7 +160,7 @@ def motion_notes(
     for speed, what in ((speeds[0][0], "begins"), (speeds[-1][-1], "ends")):
         if speed > fast:
             notes.append(f"the recording {what} in a motion, which may be cut off there")
-    return tuple(notes)
+    return still, tuple(notes)
 
 
 def _window_speeds(piece: Piece) -> FloatArray:

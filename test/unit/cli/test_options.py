@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -39,7 +40,7 @@ def helps(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     texts = {}
     for name in OFFLINE:
         with pytest.raises(SystemExit):
-            parse(name, ["--help"])
+            parse(name, ["--help-all"])
         texts[name] = " ".join(capsys.readouterr().out.split())
     return texts
 
@@ -58,7 +59,7 @@ sys.exit(f"loaded: {{heavy}}" if heavy else 0)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.count("usage: mp_pca_planner") == len(OFFLINE)
+    assert done.stdout.count("usage: mp-pca") == len(OFFLINE)
 
 
 def test_choices_are_those_of_the_library(helps: dict[str, str]) -> None:
@@ -74,6 +75,32 @@ def test_choices_are_those_of_the_library(helps: dict[str, str]) -> None:
     assert ", ".join(OBJECTIVES) in helps["plan"]
     assert ", ".join(PEERS) in helps["benchmark"]
     assert ", ".join(EXAMPLE_ROBOTS) in helps["benchmark"]
+
+
+@pytest.mark.parametrize("name", OFFLINE)
+def test_usual_help_leaves_out_the_options_for_experts(
+    name: str, helps: dict[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        parse(name, ["--help"])
+    usual = set(re.findall(r"--[\w-]+", capsys.readouterr().out))
+    everyday, _, experts = helps[name].partition(" expert options: ")
+    of_experts = set(re.findall(r"(--[\w-]+)[ ,]", experts)) - usual
+    assert {"--help", "--help-all"} < usual
+    assert bool(of_experts) == bool(experts)
+    assert usual <= set(re.findall(r"--[\w-]+", everyday))
+
+
+@pytest.mark.parametrize("extra", [[], ["--start", "0"], ["--gaol=1"]])
+def test_unknown_options_get_a_suggestion(
+    extra: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as leaving:
+        parse("plan", ["FILE", *extra, "--gaol", "1"])
+    assert leaving.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("mp-pca plan: ")
+    assert "no option is called '--gaol' (did you mean '--goal'?)" in line
 
 
 def defaults(options: argparse.Namespace, *names: str) -> list[object]:

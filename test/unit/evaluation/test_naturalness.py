@@ -13,6 +13,7 @@ from mp_pca_planner.evaluation.naturalness import (
     QUANTITIES,
     Comparison,
     Prediction,
+    calibration,
     compare,
     planned,
 )
@@ -109,3 +110,23 @@ def test_motions_of_a_group_teach_nothing_of_it():
 def test_too_few_motions_are_refused():
     with pytest.raises(PrimitiveError, match="at least 3 motions of 2 groups, got 9 of 1"):
         compare(MOTIONS, ["a"] * 9)
+
+
+def test_predicted_deviations_describe_the_errors_of_motions_left_out() -> None:
+    few, more = calibration(arm_demonstrations(16), sizes=(5, 12, 20), n_draws=6)
+    assert (few.n_demonstrations, more.n_demonstrations) == (5, 12)
+    for one in (few, more):
+        assert one.within[0] < one.within[1] <= one.within[2]
+        assert one.within[0] > 0.5 and one.within[1] > 0.85
+        assert one.in_span > 0.9
+        assert 0.3 < one.error_ratio < 1.5
+
+
+def test_jerk_at_the_ends_is_relative_to_the_largest_demonstrated() -> None:
+    comparison = compare(arm_demonstrations(8))
+    straight = [
+        60.0 * np.abs(motion.positions[-1] - motion.positions[0]).max() / motion.duration**3
+        for motion in comparison.motions
+    ]
+    np.testing.assert_allclose(comparison.column(MINIMUM_JERK, "jerk"), straight, rtol=1e-2)
+    assert 0.0 < comparison.relative_to_demonstrated(EXPECTED, "jerk") < 3.0

@@ -20,9 +20,9 @@ from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
     marker_source,
 )
-from mp_pca_planner.recordings.demonstration import MarkerResidual
 from mp_pca_planner.recordings.joint_states import RawJointStates
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.recording_set import MarkerResidual
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 

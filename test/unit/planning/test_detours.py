@@ -4,6 +4,7 @@
 
 import math
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 
 import numpy as np
@@ -65,6 +66,18 @@ def test_search_finds_the_way_through_a_maze():
     np.testing.assert_array_equal(sampled_path(in_maze, BOUNDS, ENDS, options), path)
     other = sampled_path(in_maze, BOUNDS, ENDS, SamplingOptions(seed=2, step=0.01))
     assert other.shape != path.shape or not np.array_equal(other, path)
+
+
+def test_paths_of_threads_are_those_of_one_thread():
+    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+
+    def path(seed):
+        return sampled_path(in_maze, BOUNDS, ENDS, SamplingOptions(seed=seed, step=0.01))
+
+    expected = [path(seed) for seed in range(1, 21)]
+    with ThreadPoolExecutor(4) as threads:
+        for found, alone in zip(threads.map(path, range(1, 21)), expected, strict=True):
+            np.testing.assert_array_equal(found, alone)
 
 
 def test_search_ends_on_request_or_after_enough_checks():

@@ -21,7 +21,7 @@ from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.arm import arm_figure
 from mp_pca_planner.plotting.figures import plan_figure, plot_plan, plot_primitive
-from mp_pca_planner.plotting.motion import motion_figure
+from mp_pca_planner.plotting.motion import MotionContext, motion_figure
 from mp_pca_planner.plotting.page import picture
 from mp_pca_planner.plotting.primitive import primitive_figure
 from mp_pca_planner.plotting.recording import recording_figure
@@ -29,12 +29,8 @@ from mp_pca_planner.plotting.style import FIGURES, add_header, line, styled_figu
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import PHASES
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.demonstration import (
-    Demonstration,
-    Overview,
-    RecordingReport,
-    Segment,
-)
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.recording_set import Overview, RecordingReport, Segment
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.limits import JointLimits
@@ -215,35 +211,41 @@ def test_shapes_of_prismatic_joints_are_drawn_in_metres() -> None:
     assert "shape [m]" in panels and "shape [deg]" in panels
 
 
-@pytest.mark.parametrize("n_joints", [1, 4, 7, 13, 40])
-def test_motion_of_any_arm_has_at_most_twelve_panels_and_shows_every_joint(n_joints: int) -> None:
+@pytest.mark.parametrize("n_joints", [1, 4, 7, 13])
+def test_every_joint_of_a_motion_has_panels_of_its_own(n_joints: int) -> None:
     motions = {"a": trajectory(n_joints), "b": trajectory(n_joints, 0.5)}
     with styled_figure() as figure:
         panels = motion_figure(figure, motions, "Motions")
-    assert len(figure.axes) == 3 * len(panels) <= 12
-    assert sum(len(axes.lines) for axes in figure.axes) == 2 * 3 * n_joints
+    assert [column[0].get_title() for column in panels] == names(n_joints)
+    assert len(figure.axes) == 3 * n_joints
+    assert all(len(axes.lines) == 2 for axes in figure.axes)
 
 
-@pytest.mark.parametrize("n_sliding", [0, 1, 3, 6, 7])
-def test_columns_of_many_joints_have_one_unit_each(n_sliding: int) -> None:
-    motion, sliding = trajectory(7), names(7)[:n_sliding]
+@pytest.mark.parametrize(("share", "is_reached"), [(0.99, True), (0.5, False)])
+def test_accelerations_have_panels_where_a_limit_is_reached(share: float, is_reached: bool) -> None:
+    motion = trajectory()
+    largest = float(np.abs(motion.accelerations[:, 1]).max())
+    limits = JointLimits(names(2), {"joint1": {"max_acceleration": largest / share}})
     with styled_figure() as figure:
-        panels = motion_figure(figure, {"a": motion}, "Motion", prismatic=sliding)
-    assert len(panels) == 4
-    shown = []
-    for above, middle, below in panels:
-        joints = [line.get_label() for line in above.lines]
-        shown += joints
-        labels = [axes.get_ylabel() for axes in (above, middle, below)]
-        metres = ["position [m]", "velocity [m/s]", "effort [N]"]
-        degrees = ["position [deg]", "velocity [deg/s]", "effort [N·m]"]
-        if set(joints) <= set(sliding):
-            assert labels == metres
-        else:
-            assert set(joints).isdisjoint(sliding)
-            # Without prismatic joints, the first column has the labels for all.
-            assert labels == degrees or (not sliding and labels == [""] * 3)
-    assert sorted(shown) == names(7)
+        panels = motion_figure(figure, {"a": motion}, "Motion", limits)
+    assert [len(column) for column in panels] == [3 + is_reached] * 2
+    if is_reached:
+        curve, *bounds = panels[1][2].lines
+        np.testing.assert_allclose(curve.get_ydata(), np.rad2deg(motion.accelerations[:, 1]))
+        expected = np.rad2deg(largest / share)
+        assert expected in [pytest.approx(abs(bound.get_ydata()[0])) for bound in bounds]
+        assert panels[0][2].get_ylabel() == "acceleration [deg/s²]"
+
+
+def test_curves_behind_a_motion_are_not_cut() -> None:
+    motion = trajectory()
+    behind = [(motion.times, 3.0 * motion.positions), (motion.times, motion.positions - 2.0)]
+    with styled_figure() as figure:
+        panels = motion_figure(figure, {"a": motion}, "M", context=MotionContext(behind))
+    for joint, (axes, *_) in enumerate(panels):
+        low, high = axes.get_ylim()
+        values = np.rad2deg([positions[:, joint] for _, positions in behind])
+        assert low < values.min() and values.max() < high
 
 
 def all_legends_inside(figure: Any) -> bool:
@@ -262,7 +264,8 @@ def all_legends_inside(figure: Any) -> bool:
 def test_titles_and_legends_are_never_cut(length: int) -> None:
     lines = [line(f"{i} " + length * "m", "#000000") for i in range(5)]
     with styled_figure() as figure:
-        add_header(figure, 3 * length * "m", lines, 7.0, 2.0)
+        figure.set_size_inches(7.0, 2.0)
+        add_header(figure, 3 * length * "m", lines)
         figure.subplots()
         figure.draw_without_rendering()
     box, (axes,) = figure.legends[0].get_window_extent(), figure.axes
@@ -299,7 +302,8 @@ def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:
 
 def test_legend_that_fits_nowhere_is_still_there() -> None:
     with styled_figure() as figure:
-        add_header(figure, "Title", [line("m" * 100, "#000000")], 1.0, 2.0)
+        figure.set_size_inches(1.0, 2.0)
+        add_header(figure, "Title", [line("m" * 100, "#000000")])
     (text,) = figure.legends[0].get_texts()
     assert text.get_text().replace("\n", "") == "m" * 100
 

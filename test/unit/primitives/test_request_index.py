@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from mp_pca_planner.primitives.covariances import in_span_score, request_precision
+from mp_pca_planner.primitives.conditional_model import in_span_score, request_precision
 from mp_pca_planner.primitives.request_index import RequestIndex
 
 N_JOINTS, N_PRIMITIVES = 3, 2000

@@ -358,7 +358,11 @@ def test_segment_outside_its_recording_is_refused_with_its_line(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"recording,start_time_s\n", b"\xff\xfe\x00", b"a\x00b\n1\n"]
+    "content",
+    [
+        *(b"", b"recording,start_time_s\n", b"\xff\xfe\x00", b"a\x00b\n1\n"),
+        b"recording,start_time_s,end_time_s\n" + 200_000 * b"x",
+    ],
 )
 def test_file_that_holds_no_segments_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
     path = reaches(tmp_path / "x")

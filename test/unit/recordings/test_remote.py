@@ -4,6 +4,7 @@
 
 import http.server
 import logging
+import re
 import shutil
 import socket
 import tempfile
@@ -246,3 +247,78 @@ def test_a_file_of_a_web_server_is_read_and_its_query_is_not_shown(folder: Path)
     assert SECRET not in repr(loaded.reports)
     (found,) = find_recordings(find_recordings(f"file://{folder}/day1/x.mcap"))
     assert found == folder / "day1" / "x.mcap"
+
+
+class EndlessHandler(http.server.BaseHTTPRequestHandler):
+    """Answers in chunks without an end, or that it is forbidden."""
+
+    protocol_version = "HTTP/1.1"
+
+    def do_HEAD(self) -> None:
+        """Send the headers."""
+        if "forbidden" in self.path:
+            self.send_error(403)
+            return
+        self.send_response(200)
+        self.send_header("Transfer-Encoding", "chunked")
+        self.end_headers()
+
+    def do_GET(self) -> None:
+        """Send chunks until the client leaves."""
+        self.do_HEAD()
+        with suppress(OSError):
+            while "forbidden" not in self.path:
+                self.wfile.write(b"10000\r\n" + bytes(1 << 16) + b"\r\n")
+                if "slow" in self.path:
+                    threading.Event().wait(0.05)
+        self.close_connection = True
+
+    def log_message(self, *_: object) -> None:
+        """Stay silent."""
+
+
+@pytest.fixture
+def endless() -> Iterator[str]:
+    """The address of a web server whose files don't end."""
+    pytest.importorskip("aiohttp")
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), EndlessHandler) as running:
+        threading.Thread(target=running.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{running.server_port}"
+        running.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("name", "changed", "reason"),
+    [
+        ("x.mcap", {"unknown_bytes": 8 << 20}, "states no size, and it has more than 8 MiB"),
+        ("x.mcap", {"disk_reserve": 1 << 60}, "set TMPDIR to a folder with more space"),
+        ("slow.mcap", {"patience": 0.1, "slowest": 1e12}, "arrives at .* bytes per second"),
+    ],
+)
+def test_a_file_without_an_end_is_rejected(
+    endless: str,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    name: str,
+    changed: dict[str, float],
+    reason: str,
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(remote, "_OPTIONS", remote.RemoteOptions(**changed))  # type: ignore[arg-type]
+    (refused,) = load_recordings(f"{endless}/{name}").refused
+    assert re.search(reason, refused.reason)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_forbidden_file_is_called_forbidden(endless: str) -> None:
+    with pytest.raises(RecordingError, match=r"can't be read: access is forbidden .*403"):
+        find_recordings(f"{endless}/forbidden.mcap")
+
+
+@pytest.mark.parametrize(
+    "url", ["http://[", f"http://{SECRET}[/x", "https://host:99999/x", "s3://"]
+)
+def test_a_malformed_url_is_rejected_without_its_parts(url: str) -> None:
+    with pytest.raises(RecordingError, match=r"is malformed \(.*expected scheme://host") as refusal:
+        find_recordings(url)
+    assert SECRET not in str(refusal.value)

@@ -12,7 +12,7 @@ from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.primitives.cross_validation import leave_one_out
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.teaching.learned import Learned
+from mp_pca_planner.teaching.learned import Learned, remaining_covariance
 
 
 def motion(goal: float, start: float = 0.0) -> Demonstration:
@@ -59,3 +59,24 @@ def test_suggested_goals_are_within_the_limits() -> None:
 def test_one_motion_teaches_nothing_that_can_be_checked() -> None:
     with pytest.raises(PlannerError, match="there is no demonstration"):
         Learned.of(arm_demonstrations(1))
+
+
+def test_remaining_covariance_is_that_of_the_joint_distribution() -> None:
+    rng = np.random.default_rng(3)
+    demonstrated, requests = rng.normal(size=(5, 4)), rng.normal(size=(3, 4))
+    every = np.concatenate([demonstrated, requests])
+    lengths = np.linalg.norm(every[:, None] - every, axis=2) / np.sqrt(every.var(axis=0).sum())
+    r = np.sqrt(5.0) * lengths
+    joint = (1.0 + r + r**2 / 3.0) * np.exp(-r) + np.diag([0.02] * 5 + [0.0] * 3)
+    # The covariance of some, given the others, is the inverse of their block of the precision.
+    expected = np.linalg.inv(np.linalg.inv(joint)[5:, 5:])
+    found = remaining_covariance(demonstrated, requests)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_least_remains_at_a_demonstration_and_nearly_all_far_from_them() -> None:
+    demonstrated = np.random.default_rng(4).normal(size=(6, 4))
+    far = np.full((1, 4), 40.0)
+    near, away = np.diag(remaining_covariance(demonstrated, np.vstack([demonstrated[:1], far])))
+    assert 0.0 < near < 0.03
+    assert 0.7 < away <= 1.0

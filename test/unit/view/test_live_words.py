@@ -7,19 +7,11 @@ import pytest
 from arm import JOINTS, arm_robot
 
 from mp_pca_planner.robot.limits import JointLimits
-from mp_pca_planner.view.live import LiveView, NodeStatus
-from mp_pca_planner.view.options import PAGE
+from mp_pca_planner.view.live import SILENCE, LiveView, NodeStatus
 
-pytest.importorskip("jinja2", reason="the extra 'view' is not installed")
-from mp_pca_planner.view.words import (
-    BAD,
-    GOOD,
-    WARNING,
-    figures_html,
-    node_html,
-    reports_html,
-    states_html,
-)
+pytest.importorskip("viser", reason="the extra 'view' is not installed")
+from mp_pca_planner.view.live_panel import figures_html, node_html, reports_html, states_html
+from mp_pca_planner.view.stage import BAD, GOOD, WARNING
 
 NOW = 1000.0
 HOSTILE = "<b>\x1b[31m\u202e"
@@ -33,7 +25,7 @@ def test_a_node_is_not_there_yet_then_runs_then_is_gone():
     assert "No node yet" in node_html(LiveView(), NOW)
     running = node_html(LiveView(diagnostics=status()), NOW)
     assert "ready" in running and GOOD in running
-    gone = node_html(LiveView(diagnostics=status(age=2.0 * PAGE.silence)), NOW)
+    gone = node_html(LiveView(diagnostics=status(age=2.0 * SILENCE)), NOW)
     assert "The node is gone" in gone and BAD in gone
 
 
@@ -52,7 +44,7 @@ def test_reports_are_shown_with_their_level_and_figures():
 
 def test_joint_states_are_shown_within_their_limits():
     limits = JointLimits(["a"], {"a": {"min_position": -1.0, "max_position": 1.0}})
-    states = {"a": (0.5, np.nan, NOW), "free": (7.0, 0.25, NOW - 2.0 * PAGE.stale)}
+    states = {"a": (0.5, np.nan, NOW), "free": (7.0, 0.25, NOW - 1.0)}
     shown = states_html(LiveView(states), limits, NOW)
     first, second = shown.split("<tr")[2:]
     assert "75%" in first and BAD not in first and "old" not in first

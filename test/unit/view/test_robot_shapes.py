@@ -51,7 +51,7 @@ def test_visual_shapes_come_before_collision_shapes_with_their_colours_and_place
 
 
 def test_collision_shapes_are_drawn_without_visual_ones():
-    (ball,) = shapes(arm=part('<sphere radius="0.3"/>', "collision")).shapes
+    ball, *_ = shapes(arm=part('<sphere radius="0.3"/>', "collision")).shapes
     np.testing.assert_allclose(ball.mesh.extents, 0.6, atol=0.01)
 
 
@@ -59,6 +59,28 @@ def test_a_robot_without_shapes_gets_a_skeleton_up_to_its_tip():
     found = shapes()
     bounds = np.array([s.mesh.bounds for s in found.shapes if s.joint == 1])
     assert bounds[:, 1, 0].max() == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_link_without_a_shape_gets_a_skeleton_beside_the_shapes_of_the_others():
+    found = shapes(base=part('<box size="1 1 1"/>'))
+    assert sum(s.joint == 0 for s in found.shapes) == 1
+    tip = np.array([s.mesh.bounds for s in found.shapes if s.joint == 1])
+    assert tip[:, 1, 0].max() == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_link_whose_mesh_is_missing_is_drawn_by_its_collision_shape_or_a_skeleton():
+    base, missing = part('<box size="1 1 1"/>'), MESH.format("nowhere.stl")
+    covered = shapes(base, missing + part('<sphere radius="0.3"/>', "collision"))
+    (ball,) = [s.mesh.extents for s in covered.shapes if s.joint == 1]
+    np.testing.assert_allclose(ball, 0.6, atol=0.01)
+    bare = shapes(base, missing)
+    assert max(s.mesh.bounds[1, 0] for s in bare.shapes if s.joint == 1) > 0.45
+    assert all("nowhere.stl" in found.notes[0] for found in (covered, bare))
+
+
+def test_collision_shapes_of_links_without_visual_ones_are_not_drawn_over_a_robot_that_has_some():
+    arm = part('<sphere radius="9"/>', "collision")
+    assert max(s.mesh.extents.max() for s in shapes(part('<box size="1 1 1"/>'), arm).shapes) < 2
 
 
 def test_meshes_are_found_in_packages_and_scaled(tmp_path):
@@ -75,7 +97,7 @@ def test_a_mesh_that_cannot_be_read_is_left_out_with_a_note(tmp_path, content):
     if content is not None:
         (tmp_path / "box.stl").write_bytes(content)
     found = shapes(part('<box size="1 1 1"/>'), MESH.format("box.stl"), (tmp_path,))
-    assert len(found.shapes) == 1 and "box.stl" in found.notes[0]
+    assert found.shapes[0].joint == 0 and "box.stl" in found.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -83,7 +105,7 @@ def test_a_mesh_that_cannot_be_read_is_left_out_with_a_note(tmp_path, content):
 )
 def test_a_malformed_shape_is_left_out_with_a_note(shape):
     found = shapes(part('<box size="1 1 1"/>'), part(shape))
-    assert len(found.shapes) == 1 and "'arm'" in found.notes[0]
+    assert found.shapes[0].joint == 0 and "'arm'" in found.notes[0]
 
 
 def test_places_agree_with_the_kinematics_of_the_robot():
@@ -108,7 +130,7 @@ def test_all_shapes_lie_between_the_corners():
 
 
 def test_a_ghost_surrounds_its_shape():
-    (box,) = shapes(part('<box size="1 2 3"/>')).shapes
+    box, *_ = shapes(part('<box size="1 2 3"/>')).shapes
     low, high = box.hull.bounds
     assert np.all(low < box.mesh.bounds[0]) and np.all(high > box.mesh.bounds[1])
     np.testing.assert_allclose(box.hull.extents, box.mesh.extents, rtol=0.05)

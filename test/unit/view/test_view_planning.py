@@ -12,6 +12,8 @@ from mp_pca_planner.motion.goal import Pose
 from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import first_ends
+
+pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.planning import FIXED, InteractivePlanner, PlanSettings, ViewRequest
 
 FRAME = "wrist"
@@ -48,13 +50,22 @@ def test_a_dragged_position_is_reached_and_the_configuration_follows_without_jum
     assert max(steps) < 0.1
 
 
-def test_a_position_out_of_reach_is_refused_and_the_nearest_configuration_shown():
-    far = np.add(wrist(GOAL), [0.0, 0.0, 5.0])
-    answer = planner().answer(ViewRequest(START, GOAL, Pose(FRAME, far)))
-    assert answer.plan is None
-    assert "no configuration within the joint limits" in answer.problem
-    before, after = (np.linalg.norm(wrist(q) - far) for q in (GOAL, answer.goal))
-    assert after < before
+@pytest.mark.parametrize("direction", [(0, 0, 1), (1, 0, 0), (-1, 1, -1), (0.3, -1, 0.2)])
+def test_a_drag_out_of_reach_is_followed_to_the_nearest_place(direction):
+    subject, reached, far = planner(), GOAL, wrist(GOAL)
+    for _ in range(25):
+        far = far + 0.1 * np.array(direction) / np.linalg.norm(direction)
+        answer = subject.answer(ViewRequest(START, reached, Pose(FRAME, far)))
+        reached = answer.goal
+    assert answer.problem == ""
+    end = answer.plan.trajectory.positions[-1]
+    np.testing.assert_array_equal(end, reached)
+    assert np.linalg.norm(wrist(end) - far) == pytest.approx(answer.distance)
+    # Random configurations within the limits come no nearer, whatever the search does.
+    limits, rng = arm_robot().limits(), np.random.default_rng(0)
+    others = rng.uniform(limits.lower, limits.upper, (20_000, len(JOINTS)))
+    places = arm_robot().frame_positions(others, [FRAME])[:, 0]
+    assert np.linalg.norm(places - far, axis=1).min() > answer.distance - 0.02
 
 
 def test_a_goal_in_an_obstacle_is_refused_by_its_name_and_served_again_without_it():

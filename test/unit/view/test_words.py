@@ -13,10 +13,16 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.content import first_ends
-from mp_pca_planner.view.planning import PlanAnswer, ViewRequest
 
-pytest.importorskip("jinja2", reason="the extra 'view' is not installed")
-from mp_pca_planner.view.words import BAD, GOOD, answer_html, in_span_words, limit_shares, part
+pytest.importorskip("viser", reason="the extra 'view' is not installed")
+from mp_pca_planner.view.planning import (
+    PlanAnswer,
+    ViewRequest,
+    answer_html,
+    in_span_words,
+    limit_shares,
+)
+from mp_pca_planner.view.stage import BAD, GOOD, WARNING, part
 
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
 
@@ -40,6 +46,12 @@ def test_a_plan_states_its_figures_and_a_refusal_its_reason():
     assert "the goal is in the wall" in refused and BAD in refused and GOOD not in refused
 
 
+def test_a_goal_out_of_reach_says_how_far_the_motion_ends_from_it():
+    shown = answer_html(answer(distance=0.123))
+    assert "Out of reach" in shown and "123 mm" in shown and WARNING in shown
+    assert "orientation" in answer_html(answer(distance=1e-9))
+
+
 def test_text_from_files_is_no_markup():
     shown = answer_html(answer(problem="<script>alert(1)</script>\u202e"))
     assert "<script>" not in shown and "\u202e" not in shown
@@ -49,16 +61,23 @@ def test_shares_of_limits():
     limits = JointLimits(
         ["a", "b"],
         {
-            "a": {"min_position": -1.0, "max_position": 3.0, "max_velocity": 2.0},
+            "a": {
+                "min_position": -1.0,
+                "max_position": 3.0,
+                "max_velocity": 3.0,
+                "max_jerk": 120.0,
+            },
             "b": {"max_velocity": 4.0},
         },
     )
-    two = np.zeros((2, 2))
-    moved = Trajectory(["a", "b"], [0.0, 1.0], [[1.0, 0.0], [2.0, 9.0]], two - 3.0, two)
+    # Minimum jerk in 1 s: its speed is 15/8 in the middle, its jerk 60 at the ends.
+    rest = np.zeros((2, 2))
+    moved = Trajectory(["a", "b"], [0.0, 1.0], [[1.0, 0.0], [2.0, 9.0]], rest, rest)
     shares = limit_shares(moved, limits)
     np.testing.assert_allclose(shares["position"], [0.5, 0.0])
-    np.testing.assert_allclose(shares["velocity"], [1.5, 0.75])
-    assert set(shares) == {"position", "velocity"}
+    np.testing.assert_allclose(shares["velocity"], np.array([1.0, 9.0]) * 15 / 8 / [3.0, 4.0])
+    np.testing.assert_allclose(shares["jerk"], [0.5, 0.0])
+    assert set(shares) == {"position", "velocity", "jerk"}
 
 
 def test_a_bar_fills_up_to_its_share_and_is_red_beyond_the_limit():

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Obstacle, Sphere, World
-from mp_pca_planner.view.world_edit import KINDS, WorldEditor
+
+pytest.importorskip("viser", reason="the extra 'view' is not installed")
+from mp_pca_planner.view.world_panel import KINDS, WorldEditor
 
 ball, box = Obstacle("ball", Sphere(0.1, [1, 0, 0])), Obstacle("box", Box([1, 2, 3], [0, 1, 0]))
 pair = Obstacle("pair", [Sphere(0.1, [0, 0, 0]), Capsule(0.1, 0.5, [2, 0, 0])])

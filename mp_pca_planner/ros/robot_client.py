@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The running node after a teaching session: new primitives, and a goal for one of them."""
+"""A client of the node that waits until the robot has executed the motion to a goal."""
 
 from __future__ import annotations
 
@@ -12,21 +12,24 @@ from sensor_msgs.msg import JointState
 
 from ..recordings.byte_layout import NS_PER_S
 from .client import DEPTH, READY, Answer, GoalClient, is_served, report_values
+from .messages import UNDER_WAY
 
 
-class TaughtRobot(GoalClient):
-    """Client of the node that shall move as it was taught; a context manager.
+class RobotClient(GoalClient):
+    """Client of the node and of its reports of executions; a context manager.
 
     Parameters
     ----------
+    name : str
+        Name of the client's own node.
     namespace, planner : str
-        Namespace and name of the node.
+        Namespace and name of the planner's node.
     """
 
-    def __init__(self, namespace: str, planner: str) -> None:
-        super().__init__("teach_goal", namespace, planner)
+    def __init__(self, name: str, namespace: str, planner: str) -> None:
+        super().__init__(name, namespace, planner)
         self.executions: list[DiagnosticStatus] = []
-        report = f"{planner}/execution_report"
+        self._report = report = f"{planner}/execution_report"
         self.node.create_subscription(DiagnosticStatus, report, self.executions.append, DEPTH)
 
     def move(self, primitive: str, goal: Mapping[str, float], timeout: float) -> Answer:
@@ -44,8 +47,10 @@ class TaughtRobot(GoalClient):
         stamp.sec, stamp.nanosec = divmod(time.time_ns(), NS_PER_S)
         return self.send(message, timeout, with_trajectory=False)
 
-    def outcome(self, answer: Answer, margin: float = 30.0) -> str:
-        """What became of the motion; '' if there is none.
+    def execution(self, answer: Answer, margin: float = 30.0) -> DiagnosticStatus | None:
+        """The report on the execution of a motion; None if nothing was published or none comes.
+
+        None comes of a node without such reports.
 
         Parameters
         ----------
@@ -59,13 +64,15 @@ class TaughtRobot(GoalClient):
         NoAnswerError
             If its execution is not reported.
         """
-        if not is_served(answer.report):
-            return ""
+        is_under_way = answer.values.get("status") == UNDER_WAY
+        if not is_served(answer.report) or is_under_way:
+            return None
+        if not (self.executions or self.node.count_publishers(self._report)):
+            return None
         duration, stamp = float(answer.values["duration"]), answer.values["goal_stamp"]
 
-        def own() -> list[str]:
-            reports = ((one.message, report_values(one)) for one in self.executions)
-            return [text for text, values in reports if values["goal_stamp"] == stamp]
+        def own() -> list[DiagnosticStatus]:
+            return [one for one in self.executions if report_values(one)["goal_stamp"] == stamp]
 
         self.wait(lambda: bool(own()), duration + margin, "did not report the execution")
         return own()[0]

@@ -1,0 +1,216 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Demonstrations of several recordings, with a report or a refusal for each recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ..arrays import FloatArray
+from ..exceptions import RecordingError
+from .demonstration import Demonstration
+
+if TYPE_CHECKING:
+    from .bags import RecordingFormat
+    from .segmentation import SpeedThresholds
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Interval of a recording that holds one motion.
+
+    Attributes
+    ----------
+    start, end : float
+        Times since the recording's first message [s].
+    label : str
+        Label in the table of segments ('' if there is none).
+    extent : float
+        Norm over the joints of the distance that each of them covers [rad or m].
+    """
+
+    start: float
+    end: float
+    label: str = ""
+    extent: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Overview:
+    """A whole recording in few samples, for a figure.
+
+    Attributes
+    ----------
+    times : array, shape (n_samples,)
+        Times since the recording's first message [s]; NaN between the pieces.
+    positions : array, shape (n_samples, n_joints)
+        Joint positions [rad or m].
+    speed : array, shape (n_samples,)
+        Highest norm of the joint velocities up to the next sample [rad/s or m/s].
+    """
+
+    times: FloatArray
+    positions: FloatArray
+    speed: FloatArray
+
+
+@dataclass(frozen=True)
+class MarkerResidual:
+    """Distances of a marker on the model from its measured positions.
+
+    Attributes
+    ----------
+    median, percentile_95 : float
+        Of the distances [m].
+    n_frames : int
+        Frames in which it was seen and used.
+    """
+
+    median: float
+    percentile_95: float
+    n_frames: int
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A recording that can't be used, and why.
+
+    Attributes
+    ----------
+    recording, reason : str
+        Its name, and the reason.
+    joint_names : tuple of str
+        All joints that its messages list, if they can be read.
+    """
+
+    recording: str
+    reason: str
+    joint_names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RecordingReport:
+    """Content of a recording, its repairs and its motions.
+
+    Attributes
+    ----------
+    name, path, format, topic : str
+        The recording and its topic of joint states.
+    n_messages : int
+        Messages on the topic.
+    rate : float
+        Usual rate [Hz].
+    duration : float
+        Time from the first to the last usable message [s].
+    joint_names : tuple of str
+        Names of the joints taken.
+    checksum : str
+        SHA-256 of the stored bytes.
+    repairs : dict
+        Counts of the repairs, by their names in :data:`.repair.REPAIRS`.
+    motions : tuple of Segment
+        The motions, in order.
+    thresholds : SpeedThresholds
+        Speeds of rest and motion, determined from the recording.
+    notes : tuple of str
+        Other findings, one sentence each.
+    overview : Overview or None
+        The recording in few samples, on request.
+    marker_residuals : dict
+        Residual of each marker; empty unless markers were recorded.
+    still_joints : tuple of str
+        The joints of `joint_names` that never move.
+    seconds : float
+        Time that it took to read it and to cut it into motions [s].
+    """
+
+    name: str
+    path: str
+    format: RecordingFormat
+    topic: str
+    n_messages: int
+    rate: float
+    duration: float
+    joint_names: tuple[str, ...]
+    checksum: str
+    repairs: dict[str, int]
+    motions: tuple[Segment, ...]
+    thresholds: SpeedThresholds
+    notes: tuple[str, ...]
+    overview: Overview | None = None
+    marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
+    still_joints: tuple[str, ...] = ()
+    seconds: float = field(default=0.0, compare=False)
+
+
+@dataclass(frozen=True)
+class RecordingSet:
+    """Demonstrations from several recordings, with a report or a refusal for each of these.
+
+    The fields are tuples, or temporary files if the recordings were loaded `on_disk`.
+
+    Attributes
+    ----------
+    demonstrations : sequence of Demonstration
+        Those of all recordings, in order.
+    reports : sequence of RecordingReport
+        One for each recording that is used.
+    refused : sequence of Refusal
+        One for each that is not.
+    summaries : sequence
+        Results of `summarise` for the recordings that are used, if it was given.
+    """
+
+    demonstrations: Sequence[Demonstration] = ()
+    reports: Sequence[RecordingReport] = ()
+    refused: Sequence[Refusal] = ()
+    summaries: Sequence[Any] = ()
+
+    def __len__(self) -> int:
+        return len(self.demonstrations)
+
+    def __iter__(self) -> Iterator[Demonstration]:
+        return iter(self.demonstrations)
+
+    def __getitem__(self, index: int) -> Demonstration:
+        return self.demonstrations[index]
+
+    def __repr__(self) -> str:
+        return (
+            f"RecordingSet: {len(self.demonstrations)} demonstrations of {len(self.reports)} "
+            f"recording(s), {len(self.refused)} rejected"
+        )
+
+    @property
+    def repairs(self) -> dict[str, int]:
+        """Repairs in all recordings, by kind."""
+        totals = Counter[str]()
+        for one in self.reports:
+            totals.update(one.repairs)
+        return {kind: count for kind, count in sorted(totals.items()) if count}
+
+    @property
+    def report(self) -> str:
+        """What was repaired and rejected, one line for each kind and recording."""
+        return "\n".join(
+            [
+                f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
+                *(f"repaired: {count} {kind}" for kind, count in self.repairs.items()),
+                *(f"{one.name}: {note}" for one in self.reports for note in one.notes),
+                *(f"rejected {one.recording}: {one.reason}" for one in self.refused),
+            ]
+        )
+
+    def require_motion(self) -> None:
+        """Raise a RecordingError, with the first reason, if no recording holds a motion."""
+        if self.demonstrations or self.summaries:
+            return
+        if not self.refused:
+            n = len(self.reports)
+            raise RecordingError(f"no motion was found: {n} recordings hold no motion")
+        first, *others = self.refused
+        more = f" (and {len(others)} more rejected)" if others else ""
+        raise RecordingError(f"no motion was found: {first.recording}: {first.reason}{more}")

@@ -1,0 +1,70 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Shapes as the distance library knows them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from .mesh_pieces import Piece
+from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+
+try:
+    import coal as coal
+except ImportError:  # its name before release 3
+    import hppfcl as coal
+
+_Points = getattr(coal, "StdVec_Vec3s", None) or coal.StdVec_Vec3f  # before release 3
+
+
+class Solid(NamedTuple):
+    """A shape for the distance library.
+
+    Attributes
+    ----------
+    shape, hull : coal.CollisionGeometry
+        The shape, and its convex hull.
+    is_convex : bool
+        Whether both are the same.
+    """
+
+    shape: Any
+    hull: Any
+    is_convex: bool
+
+
+def solids_of(shape: Shape) -> list[Solid]:
+    """The shape for the distance library: several for the pieces of a large mesh."""
+    if isinstance(shape, Mesh):
+        return [solid_of(piece) for piece in shape.pieces]
+    if isinstance(shape, Box):
+        body = coal.Box(*shape.size)
+    elif isinstance(shape, Sphere):
+        body = coal.Sphere(shape.radius)
+    elif isinstance(shape, Capsule):
+        body = coal.Capsule(shape.radius, shape.height)
+    else:
+        assert isinstance(shape, Cylinder)
+        body = coal.Cylinder(shape.radius, shape.height)
+    return [Solid(body, body, True)]
+
+
+def solid_of(piece: Piece) -> Solid:
+    """A piece of a mesh for the distance library."""
+    points, faces = _Points(), coal.StdVec_Triangle()
+    for corner in piece.corners:
+        points.append(corner)
+    for face in piece.faces.tolist():
+        faces.append(coal.Triangle(*face))
+    hull = coal.Convex(points, faces)
+    return Solid(hull if piece.is_convex else surface_of(piece), hull, piece.is_convex)
+
+
+def surface_of(piece: Piece) -> Any:
+    """The triangles of a piece of a mesh for the distance library."""
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(len(piece.triangles), len(piece.vertices))
+    mesh.addVertices(piece.vertices)
+    mesh.addTriangles(piece.triangles)
+    mesh.endModel()
+    return mesh

@@ -1,0 +1,119 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Arms with grippers: joints of the robot that never move in the recordings are left out."""
+
+from functools import partial
+from pathlib import Path
+
+import command_line
+import numpy as np
+import pytest
+
+import mp_pca_planner as mp
+from mp_pca_planner.primitives.versioned_library import VersionedLibrary
+from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
+
+FINGER = """
+  <joint name="finger" type="prismatic">
+    <parent link="wrist"/><child link="finger_link"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.04" velocity="0.1" effort="10"/>
+  </joint>
+  <link name="finger_link">
+    <inertial>
+      <mass value="0.05"/>
+      <inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+</robot>"""
+STILL = "joints left out, as they never move: 'finger'"
+
+build = partial(command_line.result, "build_primitives")
+
+
+@pytest.fixture(scope="module")
+def urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    text = mp.config_file("human_arm.urdf").read_text(encoding="utf-8")
+    path = tmp_path_factory.mktemp("robot") / "gripper.urdf"
+    path.write_text(text.replace("</robot>", FINGER), encoding="utf-8")
+    return path
+
+
+def record(path: Path, finger: str, seed: int = 1, n_motions: int = 6) -> Path:
+    """Write a recording of the arm whose finger is 'absent', 'still' or 'moving'."""
+    recording = continuous_recording(generate_motions(n_motions, seed), seed=seed)
+    names, positions = list(JOINT_NAMES), recording.positions
+    if finger != "absent":
+        rng = np.random.default_rng(seed)
+        opening = 0.02 + 1e-5 * rng.standard_normal(len(positions))
+        if finger == "moving":
+            opening = opening + 0.01 * np.tanh(positions[:, 0])
+        names, positions = ["finger", *names], np.column_stack([opening, positions])
+    write_joint_states(path, "mcap", names, recording.stamps, positions)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("finger", "note"),
+    [("still", STILL), ("absent", "joints left out, as the recording lacks them: 'finger'")],
+)
+def test_a_finger_that_does_not_move_is_left_out_and_listed(
+    urdf: Path, tmp_path: Path, finger: str, note: str
+) -> None:
+    bag, output = record(tmp_path / "bag.mcap", finger), tmp_path / "reach.npz"
+    facts = build(bag, "--robot", urdf, "--output", output)
+    assert facts["joint_names"] == list(JOINT_NAMES)
+    assert note in facts["notes"]["bag"]
+    assert mp.MovementPrimitive.load(output).joint_names == JOINT_NAMES
+
+
+def test_a_chosen_finger_stays(urdf: Path, tmp_path: Path) -> None:
+    bag, names = record(tmp_path / "bag.mcap", "still"), ["finger", *JOINT_NAMES]
+    options = ("--robot", urdf, "--joints", ",".join(names), "--output", tmp_path / "reach.npz")
+    assert build(bag, *options)["joint_names"] == names
+    assert mp.load_demonstrations(bag, robot=urdf, joints=names)[0].joint_names == tuple(names)
+    robot = mp.Robot.from_file(urdf)
+    assert mp.load_demonstrations(bag, robot=robot)[0].joint_names == robot.joint_names
+
+
+def test_a_finger_that_moves_in_one_recording_stays_in_all(urdf: Path, tmp_path: Path) -> None:
+    bags = [record(tmp_path / f"{x}.mcap", x, seed) for seed, x in enumerate(["still", "moving"])]
+    found = mp.load_demonstrations(bags, robot=urdf)
+    assert {one.joint_names for one in found} == {(*JOINT_NAMES, "finger")}
+
+
+def test_still_and_absent_fingers_make_one_set(urdf: Path, tmp_path: Path) -> None:
+    bags = [record(tmp_path / f"{x}.mcap", x, seed) for seed, x in enumerate(["still", "absent"])]
+    found = mp.load_demonstrations(bags, robot=urdf)
+    assert {one.joint_names for one in found} == {JOINT_NAMES}
+    assert len(found.reports) == 2 and STILL in found.report
+
+
+def test_motions_are_those_of_the_arm_alone(urdf: Path, tmp_path: Path) -> None:
+    found = mp.load_demonstrations(record(tmp_path / "still.mcap", "still"), robot=urdf)
+    alone = mp.load_demonstrations(record(tmp_path / "absent.mcap", "absent"))
+    for one, other in zip(found, alone, strict=True):
+        np.testing.assert_array_equal(one.positions, other.positions)
+
+
+def test_a_library_of_the_robot_leaves_the_finger_out(urdf: Path, tmp_path: Path) -> None:
+    bag = record(tmp_path / "bag.mcap", "still", n_motions=12)
+    options = ("--robot", urdf, "--output", tmp_path / "library")
+    (found,) = command_line.result("build_library", bag, *options)["libraries"]
+    assert found["joint_names"] == list(JOINT_NAMES)
+    assert VersionedLibrary(tmp_path / "library").in_use()
+
+
+def test_a_session_with_the_robot_leaves_the_finger_out(
+    urdf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag, output = record(tmp_path / "bag.mcap", "still"), tmp_path / "taught.npz"
+    (tmp_path / "keys").write_text("b\n", encoding="utf-8")
+    with (tmp_path / "keys").open(encoding="utf-8") as keys:
+        monkeypatch.setattr("sys.stdin", keys)
+        status, text, error = command_line.run(
+            "teach", "--play", bag, "--robot", urdf, "--output", output
+        )
+    assert status == 0, error
+    assert "left-out error" in text
+    assert mp.MovementPrimitive.load(output).joint_names == JOINT_NAMES

@@ -1,0 +1,239 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Demonstrations from CSV files, from LeRobot datasets and from arrays, beside the same in bags."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import command_line
+import numpy as np
+import pytest
+
+import mp_pca_planner as mp
+from mp_pca_planner.exceptions import PrimitiveError, RecordingError
+from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.reading import inspect_recording
+from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
+
+build = partial(command_line.result, "build_primitives")
+refusal = partial(command_line.refusal, "build_primitives")
+URDF = mp.config_file("human_arm.urdf")
+RECORDING = continuous_recording(generate_motions(6, 1), seed=1)
+SECONDS = (RECORDING.stamps - RECORDING.stamps[0]) / 1e9
+FPS = 50.0
+
+
+def write_csv(
+    path: Path, names: Sequence[str] = JOINT_NAMES, positions: np.ndarray = RECORDING.positions
+) -> Path:
+    table = np.column_stack([SECONDS, positions])
+    header = ",".join(["time", *names])
+    np.savetxt(path, table, "%.12g", delimiter=",", header=header, comments="")
+    return path
+
+
+def assert_same(found: Sequence[Demonstration], expected: Sequence[Demonstration]) -> None:
+    assert len(found) == len(expected) > 0
+    for one, other in zip(found, expected, strict=True):
+        assert one.joint_names == other.joint_names
+        np.testing.assert_allclose(one.positions, other.positions, atol=1e-9)
+
+
+# CSV
+
+
+def test_a_csv_file_gives_the_motions_of_the_same_bag(tmp_path: Path) -> None:
+    bag = tmp_path / "bag.mcap"
+    write_joint_states(bag, "mcap", JOINT_NAMES, RECORDING.stamps, RECORDING.positions)
+    expected = mp.load_demonstrations(bag)
+    assert_same(mp.load_demonstrations(write_csv(tmp_path / "table.csv")), expected)
+    named = [f"{name}.positions" for name in JOINT_NAMES]
+    assert_same(mp.load_demonstrations(write_csv(tmp_path / "named.csv", named)), expected)
+    degrees = write_csv(tmp_path / "deg.csv", positions=np.rad2deg(RECORDING.positions))
+    found = mp.load_demonstrations(degrees, robot=URDF, degrees=True)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one.positions, other.positions, atol=1e-6)
+
+
+def test_a_csv_file_is_built_inspected_and_refused_in_degrees(tmp_path: Path) -> None:
+    table, output = write_csv(tmp_path / "table.csv"), tmp_path / "reach.npz"
+    facts = build(table, "--robot", URDF, "--output", output)
+    assert facts["joint_names"] == list(JOINT_NAMES)
+    (found,) = command_line.result("inspect", table)["files"]
+    assert (found["format"], found["joint_names"]) == ("csv", list(JOINT_NAMES))
+    degrees = write_csv(tmp_path / "deg.csv", positions=np.rad2deg(RECORDING.positions))
+    words = (degrees, "--robot", URDF, "--output", tmp_path / "deg.npz")
+    assert "not in degrees" in refusal(*words)
+    assert build(*words, "--degrees")["n_motions"] == facts["n_motions"]
+
+
+def test_a_trajectory_that_was_saved_is_a_table(tmp_path: Path) -> None:
+    motion = mp.load_demonstrations(write_csv(tmp_path / "table.csv"))[0]
+    zero = np.zeros_like(motion.positions)
+    saved = mp.Trajectory(JOINT_NAMES, motion.times, motion.positions, zero, zero)
+    saved.save(tmp_path / "motion.csv")
+    (found,) = mp.load_demonstrations(tmp_path / "motion.csv")
+    assert found.joint_names == JOINT_NAMES
+    assert np.abs(found.positions[-1] - motion.positions[-1]).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("elbow,time\n1,2\n", "first of them one of 'time'"),
+        ("time,elbow\n1,2,3\n", "2 names in its first line, but 3 columns"),
+        ("time,elbow\n1,x\n", "can't be read"),
+        ("time,elbow\n0,1\ninf,2\n", "must be finite"),
+        ("", "must name its columns"),
+        ("time,elbow\n", "holds no samples"),
+        ("time,a,a\n0,1,2\n1,2,3\n", "'a'"),
+    ],
+)
+def test_a_table_that_is_none_is_refused_by_name(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "bad.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(RecordingError, match="bad") as refused:
+        mp.load_demonstrations(tmp_path / "bad.csv")
+    assert words in str(refused.value)
+
+
+def test_tables_beside_bags_are_no_recordings(tmp_path: Path) -> None:
+    bag = tmp_path / "bag.mcap"
+    write_joint_states(bag, "mcap", JOINT_NAMES, RECORDING.stamps, RECORDING.positions)
+    (tmp_path / "bag_segments.csv").write_text("recording,start_time_s,end_time_s\n")
+    assert len(mp.load_demonstrations(tmp_path).reports) == 1
+
+
+# LeRobot
+
+
+def write_dataset(
+    folder: Path, version: str, names: object, *, column: str = "observation.state"
+) -> list[np.ndarray]:
+    """Write a dataset of LeRobot as its documentation describes it; returns the episodes."""
+    arrow = pytest.importorskip("pyarrow", reason="pyarrow (extra 'lerobot') is not installed")
+    from pyarrow import parquet
+
+    motions = generate_motions(5, 3)
+    episodes = [
+        motion.at(np.arange(0.0, motion.duration, 1.0 / FPS)).astype(np.float32)
+        for motion in motions
+    ]
+    is_old = version.startswith("v2")
+    path = (
+        "data/chunk-000/episode_{:06d}.parquet" if is_old else "data/chunk-000/file-{:03d}.parquet"
+    )
+    vector = {"dtype": "float32", "shape": [len(JOINT_NAMES)], "names": names}
+    image = {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "channels"]}
+    features = {column: vector, "observation.images.top": image}
+    info = {"codebase_version": version, "fps": FPS, "data_path": path, "features": features}
+    (folder / "meta").mkdir(parents=True)
+    (folder / "meta/info.json").write_text(json.dumps(info), encoding="utf-8")
+    (folder / "data/chunk-000").mkdir(parents=True)
+    tables = [
+        arrow.table(
+            {
+                column: arrow.array(list(q), arrow.list_(arrow.float32(), len(JOINT_NAMES))),
+                "timestamp": np.arange(len(q), dtype=np.float32) / np.float32(FPS),
+                "frame_index": np.arange(len(q)),
+                "episode_index": np.full(len(q), k),
+            }
+        )
+        for k, q in enumerate(episodes)
+    ]
+    if not is_old:  # several episodes in a file
+        tables = [arrow.concat_tables(tables[:2]), arrow.concat_tables(tables[2:])]
+    for k, table in enumerate(tables):
+        parquet.write_table(table, folder / path.format(k))
+    return episodes
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+@pytest.mark.parametrize(
+    "names", [[f"{name}.pos" for name in JOINT_NAMES], {"motors": list(JOINT_NAMES)}]
+)
+def test_each_episode_of_a_dataset_is_a_motion(tmp_path: Path, version: str, names: object) -> None:
+    episodes = write_dataset(tmp_path / "set", version, names)
+    found = mp.load_demonstrations(tmp_path / "set", robot=URDF)
+    assert len(found) == len(episodes) and found.repairs == {}
+    for one, q in zip(found, episodes, strict=True):
+        assert one.joint_names == JOINT_NAMES
+        times = np.arange(len(q)) / FPS
+        nearest = [np.abs(q - position).max(axis=1).min() for position in one.positions[::10]]
+        assert max(nearest) < 0.05 and one.duration <= times[-1] + 1e-6
+
+
+def test_a_dataset_is_built_and_inspected(tmp_path: Path) -> None:
+    episodes = write_dataset(tmp_path / "set", "v3.0", None, column="action")
+    options = ("--output", tmp_path / "reach.npz", "--topic", "action")
+    assert "doesn't name the 4 values of 'action'" in refusal(tmp_path / "set", *options)
+    names = ("--joints", ",".join(JOINT_NAMES))
+    facts = build(tmp_path / "set", *options, *names)
+    assert facts["n_motions"] == len(episodes)
+    assert "no names" in facts["notes"]["set"][0]
+    assert "no column of numbers is called 'observation.state'" in str(
+        inspect_recording(tmp_path / "set").refusal
+    )
+
+
+def test_a_folder_of_datasets_is_searched(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        write_dataset(tmp_path / name, "v2.1", list(JOINT_NAMES))
+    (tmp_path / "two/meta/info.json").write_text(
+        (tmp_path / "two/meta/info.json").read_text().replace("v2.1", "v1.6"), encoding="utf-8"
+    )
+    found = mp.load_demonstrations(tmp_path)
+    assert [one.name for one in found.reports] == ["one"]
+    assert "version 'v1.6': expected v2.0, v2.1 or v3.0" in found.refused[0].reason
+
+
+# Arrays
+
+
+def test_arrays_become_the_motion_that_a_bag_of_them_gives(tmp_path: Path) -> None:
+    motion = generate_motions(1, 5)[0]
+    found = Demonstration.from_arrays(motion.joint_names, motion.times + 3.0, motion.positions)
+    assert found.times[0] == 0.0 and found.duration == pytest.approx(motion.duration, abs=0.01)
+    np.testing.assert_allclose(found.at(motion.times[5:-5]), motion.positions[5:-5], atol=0.02)
+    again = Demonstration.from_arrays(motion.joint_names, motion.times + 3.0, motion.positions)
+    assert again.checksum == found.checksum != ""
+
+
+def test_a_primitive_of_arrays_is_that_of_their_demonstrations() -> None:
+    motions = generate_motions(5, 5)
+    names, arrays = motions[0].joint_names, [motion.positions for motion in motions]
+    times = [motion.times for motion in motions]
+    found = mp.MovementPrimitive.fit(arrays, times=times, joint_names=names)
+    several = [Demonstration.from_arrays(names, *one) for one in zip(times, arrays, strict=True)]
+    expected = mp.MovementPrimitive.fit(several)
+    np.testing.assert_array_equal(found.component_coefficients, expected.component_coefficients)
+    block = np.array([motion.time_normalised(51) for motion in motions])
+    shared = mp.MovementPrimitive.fit(block, times=np.linspace(0.0, 1.0, 51))
+    assert shared.joint_names == ("joint1", "joint2", "joint3", "joint4")
+
+
+@pytest.mark.parametrize(
+    ("times", "positions", "words"),
+    [
+        ([0.0, 1.0, 0.5, 2.0, 3.0], np.zeros((5, 2)), "strictly increase"),
+        ([0.0, 1.0], np.zeros((2, 2)), "5 or more"),
+        (np.arange(6.0), np.zeros((5, 2)), "positions of 'arrays'"),
+        (np.arange(5.0), np.full((5, 2), np.nan), "positions of 'arrays'"),
+    ],
+)
+def test_arrays_that_are_no_motion_are_refused(
+    times: object, positions: np.ndarray, words: str
+) -> None:
+    with pytest.raises(RecordingError, match=words):
+        Demonstration.from_arrays(["a", "b"], times, positions)
+
+
+def test_arrays_without_times_are_refused_in_one_sentence() -> None:
+    with pytest.raises(PrimitiveError, match="arrays need times="):
+        mp.MovementPrimitive.fit([np.zeros((5, 2))])
+    with pytest.raises(PrimitiveError, match="1 motions, but 2 arrays of times"):
+        mp.MovementPrimitive.fit([np.zeros((5, 2))], times=[np.arange(5.0)] * 2)

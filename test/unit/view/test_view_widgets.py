@@ -1,0 +1,169 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The page without a browser: its tabs, its widgets, and threads that outlive every error."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from arm import arm_primitive
+from patience import HANG
+
+pytest.importorskip("viser", reason="the extra 'view' is not installed")
+
+from mp_pca_planner.motion.goal import Pose
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.limits import JointLimits
+from mp_pca_planner.robot.world import Obstacle, Sphere, World
+from mp_pca_planner.view.content import PageContent, first_ends, read_content
+from mp_pca_planner.view.page import ViewPage
+
+
+def content(**changes: Any) -> PageContent:
+    return replace(read_content(config_file("human_arm.urdf"), [arm_primitive()]), **changes)
+
+
+@pytest.fixture
+def page() -> Iterator[ViewPage]:
+    with ViewPage(content(), port=0) as served:
+        served.player.play(False)
+        until(lambda: served.plan.is_settled)
+        yield served
+
+
+def until(holds: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + HANG
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+# Tabs
+
+
+def test_a_tab_shows_its_subject_and_no_handle_of_another(page):
+    page.plan._vias._on_add()
+    page.world._on_add("Sphere")
+    until(lambda: page.plan.is_settled)
+    (via,) = page.plan._vias._handles
+    obstacle = page.world._handle
+    for name, handles in (
+        ("Plan", (True, True, False)),
+        ("Components", (False, False, False)),
+        ("Demonstrations", (False, False, False)),
+        ("World", (False, False, True)),
+    ):
+        page.open(name)
+        assert (page.plan.handle.visible, via.visible, obstacle.visible) == handles
+        assert [folder for folder, one in page._folders.items() if one.visible] == [name]
+        assert page.components._bent._lines.visible == (name == "Components")
+        is_planned = name in ("Plan", "World")
+        assert page.plan._ghost.visible == is_planned
+        assert page.plan._path._lines.visible == is_planned
+        shown = page.player.playback.motion
+        subject = {
+            "Components": page.components.motion,
+            "Demonstrations": next(iter(page.demonstrations._motions.values())),
+        }
+        if name in subject:
+            assert shown is subject[name]
+        else:
+            motion = page.plan.answer.plan.trajectory
+            np.testing.assert_array_equal(shown.positions, motion.positions)
+
+
+def test_an_answer_does_not_replace_the_motion_of_another_tab(page):
+    page.open("Components")
+    page.plan.submit(start=page.plan._home[1])
+    until(lambda: page.plan.is_settled)
+    assert page.player.playback.motion is page.components.motion
+    assert not page.plan._path._lines.visible
+
+
+# Widgets
+
+
+def test_joint_sliders_have_the_range_of_the_joint_and_its_unit():
+    shown = content()
+    names, low, high = shown.robot.joint_names, -3.0, np.array([3.2, np.inf, 2.9, 3.0])
+    limits = {
+        name: {"min_position": low, "max_position": top} if np.isfinite(top) else {}
+        for name, top in zip(names, high.tolist(), strict=True)
+    }
+    limits = JointLimits(names, limits)
+    with ViewPage(replace(shown, limits=limits), port=0) as page:
+        found = [(s.label, s.min, s.max) for s in page.plan._sliders]
+    turn = 2.0 * np.pi
+    ends = [(low, 3.2), (-turn, turn), (low, 2.9), (low, 3.0)]
+    assert found == [(f"{name} [rad]", *end) for name, end in zip(names, ends, strict=True)]
+
+
+def test_bars_go_with_the_plan(page):
+    assert "width:" in page.plan._bars.content
+    _, goal = first_ends(arm_primitive(), page.stage.limits)
+    wrist = page.stage.path(goal[None])[0]
+    page.plan.submit(world=World([Obstacle("ball", Sphere(0.06, wrist))]))
+    until(lambda: page.plan.is_settled and page.plan.answer.problem)
+    assert "no motion" in page.plan._bars.content and "width:" not in page.plan._bars.content
+
+
+def test_a_handle_that_is_released_out_of_reach_returns_to_the_end_effector(page):
+    far = np.add(page.plan.handle.position, [0.0, 0.0, 3.0])
+    page.plan.handle.position = far
+    page.plan.submit(pose=Pose(page.stage.frame, far), is_final=True)
+    until(lambda: page.plan.is_settled and page.plan.answer.distance > 0.0)
+    place = page.stage.path(page.plan.answer.goal[None])[0]
+    until(lambda: np.allclose(page.plan.handle.position, place, atol=1e-9))
+    assert page.plan.goal is not None and page.plan.answer.plan.is_executable
+
+
+# Threads
+
+
+class SurprisingError(Exception):
+    """What no code expects."""
+
+
+class SurprisingExit(SystemExit):
+    """What ends a thread without a word, if nobody catches it."""
+
+
+@pytest.mark.parametrize("error", [SurprisingError, SurprisingExit])
+@pytest.mark.parametrize("part", ["answer", "words"])
+def test_the_planning_thread_outlives_every_error_logs_and_shows_it(
+    page, caplog, monkeypatch, part, error
+):
+    def fail(*_: object) -> None:
+        raise error("a surprise")
+
+    subject = page.plan._planner if part == "answer" else page.plan._ghost
+    monkeypatch.setattr(subject, "answer" if part == "answer" else "show", fail)
+    with caplog.at_level(logging.ERROR):
+        page.plan.submit()
+        until(lambda: page.plan.is_settled and caplog.records)
+    assert f"{error.__name__}: a surprise" in caplog.text and "Traceback" in caplog.text
+    if part == "answer":
+        assert "internal error" in page.plan._verdict.content and page.plan.goal is None
+    monkeypatch.undo()
+    page.plan.submit()
+    until(lambda: page.plan.goal is not None and page.plan.is_settled)
+    assert "Motion found" in page.plan._verdict.content
+
+
+def test_the_player_and_the_widgets_outlive_every_error(page, caplog, monkeypatch):
+    drawn = page.stage.drawn
+
+    def fail(*_: object) -> None:
+        raise SurprisingError("a surprise")
+
+    monkeypatch.setattr(drawn, "show", fail)
+    page.player.play(True)
+    until(lambda: "a surprise" in caplog.text)
+    monkeypatch.undo()
+    before = drawn.configuration
+    until(lambda: np.abs(drawn.configuration - before).max() > 0.01)
+    assert len(caplog.records) == 1  # although it failed at every frame
