@@ -7,7 +7,6 @@ All sentences about plans are in this module.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -19,13 +18,18 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_executable
 from .configurations import POSE_TOLERANCE
 from .context import Context
-from .motion import Motion
+from .figures import (
+    correction,
+    deviation_score,
+    expected_error,
+    is_corrected,
+    novelty,
+    selection_reason,
+)
 from .objectives import Effort
 from .options import DEMONSTRATED, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
-from .program.bases import MotionBasis
 from .request import Request
-from .requests.resolve import in_span_score, predict
 from .search.candidate import Candidate, with_costs
 from .search.sampling import missing_planner
 from .search.search import Outcome
@@ -130,9 +134,9 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         primitives=tuple([segment.primitive.name for segment in request.segments]),
         solution=best.solution,
         considered=max([len(segment.selection.considered) for segment in request.segments]),
-        selection=_selection(goal, outcome),
-        in_span_score=_in_span_score(context, best),
-        expected_error=_expected_error(context, best),
+        selection=selection_reason(goal, outcome),
+        in_span_score=novelty(context, best),
+        expected_error=expected_error(context, best),
         limit_check=best.check,
         start_error=float(start_error),
         goal_error=best.target_errors[-1],
@@ -141,7 +145,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         shortest_duration=outcome.stated,
         n_components_used=max([basis.n_components for basis in best.bases]),
         correction=max(map(correction, best.bases, motions)),
-        deviation_score=_deviation(best),
+        deviation_score=deviation_score(best),
         naturalness=best.naturalness,
         solve_time=solve_time,
         mode=outcome.mode,
@@ -341,7 +345,7 @@ def _concessions(context: Context, best: Candidate) -> str:
         kept += SENTENCES["cleared"]
     if collision is not None and not collision.has_geometry:
         kept += NOT_CHECKED
-    if options.basis == "pca" and any(map(_is_corrected, best.bases)):
+    if options.basis == "pca" and any(map(is_corrected, best.bases)):
         added = max(map(correction, best.bases, best.motions))
         kept += SENTENCES["corrected"].format(added=added)
     return kept
@@ -359,77 +363,6 @@ def _clearance(context: Context, trajectory: Trajectory) -> str:
     k = int(near.distances.argmin())
     one, other = context.collision.pairs[near.pairs[k]]
     return SENTENCES["near"].format(near=1e3 * near.distances[k], one=one, other=other)
-
-
-def _selection(goal: Goal, outcome: Outcome) -> str:
-    """The reason for the choice of the primitives."""
-    request = outcome.best.request
-    if goal.primitive is not None:
-        return f"the goal names '{goal.primitive}'"
-    if not request.is_single:
-        segments = request.segments
-        reasons = [
-            one.selection.reason(one.primitive.name, {one.primitive.name: None}) for one in segments
-        ]
-        return "; ".join(dict.fromkeys(reasons))
-    solved = {
-        one.request.segments[0].primitive.name: one.solution.cost if one.is_valid else None
-        for one in outcome.found
-        if one.request.goal is request.goal
-    }
-    segment = request.segments[0]
-    return segment.selection.reason(segment.primitive.name, solved)
-
-
-def _in_span_score(context: Context, best: Candidate) -> float:
-    """The score of the request; for poses, of the configurations that were found."""
-    request = best.request
-    if request.is_single and request.pose is None:
-        return request.segments[0].expected.in_span_score
-    is_fixed = request.is_single and not request.duration_is_free
-    return max(
-        in_span_score(
-            context, segment, motion.start, motion.goal, motion.duration if is_fixed else None
-        )
-        for segment, motion in zip(request.segments, best.motions, strict=True)
-    )
-
-
-def _expected_error(context: Context, best: Candidate) -> float:
-    """The largest error that the primitives expect of their predictions."""
-    errors = []
-    for segment, motion in zip(best.request.segments, best.motions, strict=True):
-        moved = replace(segment, start=motion.start)
-        expected = predict(context, moved, motion.goal, motion.duration)
-        errors.append(segment.primitive.expected_error(expected))
-    return max(errors)
-
-
-def _is_corrected(basis: MotionBasis) -> bool:
-    """Whether the basis includes B-splines."""
-    return basis.n_components < basis.expected.size
-
-
-def correction(basis: MotionBasis, motion: Motion) -> float:
-    """RMS of the correction that B-splines add to components [rad or m]."""
-    if not _is_corrected(basis):
-        return 0.0
-    shape = basis.tables.basis.shape
-    only = np.where(np.arange(basis.expected.size) < basis.n_components, 0.0, 1.0)
-    phases = np.linspace(0.0, 1.0, 101)
-    added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
-    return float(np.sqrt(np.mean(added**2)))
-
-
-def _deviation(best: Candidate) -> float:
-    """RMS deviation of the components' weights from the expected ones, in standard deviations."""
-    found = []
-    for basis, motion in zip(best.bases, best.motions, strict=True):
-        if n := basis.n_components:
-            assert basis.precision is not None
-            off = motion.weights[:n] - basis.expected[:n]
-            found.append(float(np.sqrt(off @ basis.precision[:n, :n] @ off / n)))
-    return max(found, default=float("nan"))
 
 
 class AnyPlan(Protocol):
