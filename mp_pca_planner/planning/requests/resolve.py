@@ -60,12 +60,12 @@ def resolve(
     here = in_order(start, context.robot.joint_names)
     check_start(here, context.limits)
     _check_path(context, "start", here)
-    selector = selector.among(goal.primitive)
     if isinstance(goal, SequenceGoal):
-        yield _sequence(context, selector, goal, here)
+        yield _sequence(context, selector.among(goal.primitive), goal, here)
         return
     if goal.duration is not None:
         context.check_duration("the duration is", goal.duration)
+    selector = selector.among(goal.primitive)
     if isinstance(goal, JointGoal):
         goals, pose = [target(context, goal, here)], None
     else:
