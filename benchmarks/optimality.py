@@ -12,6 +12,7 @@ improvement. Only motions within the constraints (to 1e-6 of a limit) count.
 from __future__ import annotations
 
 import numpy as np
+from mp_pca_planner.planning.constraints import LimitedProgram
 from scenes import scene_of
 from scipy.optimize import minimize
 from tables import benchmark_parser, show
@@ -19,10 +20,9 @@ from tables import benchmark_parser, show
 from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning import attempt
-from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.solver import Solution, solve
+from mp_pca_planner.planning.solver.sqp import Solution, solve
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")

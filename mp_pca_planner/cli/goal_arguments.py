@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..exceptions import GoalError, unknown_name
-from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
+from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from .options import Stop, seconds
 
 if TYPE_CHECKING:
@@ -141,26 +141,54 @@ def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
     return start
 
 
-def single_goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | PoseGoal:
-    """The goal of one motion, with its vias.
+def planned_goal(
+    arguments: argparse.Namespace, robot: Robot
+) -> JointGoal | PoseGoal | SequenceGoal:
+    """The goal of `plan`; with ``--via``, a sequence.
 
     Raises
     ------
     GoalError
-        If the text can't be read, or a pose has a velocity.
+        If the text can't be read, or a pose or the last target of a sequence has a velocity.
     """
-    read = partial(target, robot, angles_in_degrees(arguments, robot))
-    how = {
-        "duration": arguments.duration if isinstance(arguments.duration, float) else None,
-        "primitive": arguments.primitive,
-        "vias": tuple(_via(text, read) for text in arguments.via),
-    }
-    if arguments.goal is not None:
-        return JointGoal(_state(arguments, "goal", robot), **how)
+    read, primitive = (
+        partial(target, robot, angles_in_degrees(arguments, robot)),
+        arguments.primitive,
+    )
+    duration = arguments.duration if isinstance(arguments.duration, float) else None
+    what = "a sequence ends at rest" if arguments.via else "a pose is reached at rest"
     for option in ("goal_velocity", "goal_acceleration"):
-        if getattr(arguments, option) is not None:
-            raise GoalError(f"--{option.replace('_', '-')} needs --goal: a pose is reached at rest")
-    return PoseGoal(_pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose"), **how)
+        is_given = getattr(arguments, option) is not None
+        if is_given and (arguments.via or arguments.goal is None):
+            option = "--" + option.replace("_", "-")
+            needed = "can't be given with --via" if arguments.via else "needs --goal"
+            raise GoalError(f"{option} {needed}: {what}")
+    end: JointState | Pose
+    if arguments.goal is not None:
+        end = _state(arguments, "goal", robot)
+    else:
+        end = _pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose")
+    if arguments.via and isinstance(arguments.duration, str):
+        raise GoalError(
+            f"--duration {arguments.duration} can't be given with --via: sequences are timed like "
+            "the demonstrations, or by a number"
+        )
+    if arguments.via:
+        vias = [_via(text, read) for text in arguments.via]
+        times = (*(None for _ in vias), duration)
+        return SequenceGoal((*vias, end), times, primitive)
+    if isinstance(end, Pose):
+        return PoseGoal(end, duration, primitive)
+    return JointGoal(end, duration, primitive)
+
+
+def _via(text: str, read: Callable[[str, str], JointState | Pose]) -> JointState | Pose:
+    if "@" in text:
+        raise GoalError(
+            f"--via '{text}': plan passes vias at times of its own; "
+            "`sequence --via V@T` passes one at T s"
+        )
+    return read(text, "--via")
 
 
 def sequence_goal(
@@ -257,9 +285,3 @@ def _pose(frame: str, text: str, option: str) -> Pose:
             "pose 7 (x y z qx qy qz qw)"
         )
     return Pose(frame, numbers[:3], numbers[3:] or None)
-
-
-def _via(text: str, read: Callable[[str, str], JointState | Pose]) -> Via:
-    where, _, when = text.partition("@")
-    phase = number_list(when, "the phase of --via")[0] if when else None
-    return Via(read(where, "--via"), phase)

@@ -19,9 +19,10 @@ from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
+from ..planning.path_constraints import path_constraints
 from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..planning.remarks import remarks
+from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
@@ -30,8 +31,8 @@ from .goal_arguments import (
     angles_in_degrees,
     asked_texts,
     locked_at_start,
+    planned_goal,
     sequence_goal,
-    single_goal,
     start_state,
     target,
 )
@@ -148,7 +149,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         return PlannedRequest(planner, planner.plan(goal, start, arguments.mode), asked, angles)
     options = _options(arguments, robot)
     single = Planner(robot, primitives, limits, options, collision)
-    plan = single.plan(single_goal(arguments, robot), start)
+    plan = single.plan(planned_goal(arguments, robot), start)
     return PlannedRequest(single, plan, asked_texts(arguments, robot), angles)
 
 
@@ -161,6 +162,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
     return PlannerOptions(
         basis=arguments.basis,
         objectives=weighted_objectives(weights, robot, arguments.frame),
+        constraints=path_constraints(arguments.constraint, "--constraint", robot),
         timing=arguments.duration if is_named else DEMONSTRATED,
         naturalness=arguments.naturalness,
         n_starts=arguments.starts,

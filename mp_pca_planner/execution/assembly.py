@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.objectives import objective_weights, weighted_objectives
+from ..planning.options import SolverOptions
+from ..planning.path_constraints import path_constraints
 from ..planning.planner import Planner
-from ..planning.solver import SolverOptions
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -129,6 +130,9 @@ def assemble_model(
         settings.planner_options,
         solver=SolverOptions(should_stop=cancellation),
         objectives=weighted_objectives(weights, planning_robot, frame),
+        constraints=path_constraints(
+            settings.constraints, "parameter 'constraints'", planning_robot
+        ),
     )
     planner = Planner(planning_robot, primitives, limits, options)
     if collision is not None and settings.collision:

@@ -220,6 +220,11 @@ class MotionServer(MotionMonitor):
             # The trajectory that is published a moment later is a part of this one.
             joined = self.states.join(plan.trajectory, start, settings)
             check = check_limits(joined.trajectory, model.planning_robot, model.limits)
+            if check.violations:  # at another place, they join within the limits
+                raise TooLateError(
+                    f"where the motion joins the one under way, the {check.violations[0]}; send "
+                    "the goal again"
+                )
         may_end_moving = settings.allow_nonzero_end_velocity
         primitives = _primitives_of(plan, request)
         with self.states.lock:

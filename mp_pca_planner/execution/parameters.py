@@ -203,6 +203,12 @@ class Settings:
         """Weighted sum to minimise, NAME=WEIGHT,…, of effort, energy, jerk, time and straightness
         (of the path of the end effector); a name alone has the weight 1.""",
     )
+    constraints: str = _declared(
+        "",
+        """Constraints on every configuration of a motion, NAME=VALUE;…: upright=FRAME,DEGREES keeps
+        the z axis of a frame within an angle of the vertical (upright=FRAME,DEGREES,X,Y,Z: that
+        axis of the frame). Empty: none.""",
+    )
     timing: str = _declared(
         DEMONSTRATED,
         """Duration of motions for which none is given: 'demonstrated' (as the demonstrations

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.states import in_order
+from ..planning.requests.states import in_order
 from ..primitives.primitive import MovementPrimitive
 from .assembly import Model
 from .published_motion import PublishedMotion
@@ -134,8 +134,7 @@ def _timing(goal: Goal) -> tuple[Any, ...]:
     """Options that two goals must share exactly; there are as many times as targets."""
     if isinstance(goal, SequenceGoal):
         return goal.primitive, goal.times, goal.stops
-    # Vias are compared by identity, because goals of the node have none.
-    return goal.primitive, goal.duration, goal.vias
+    return goal.primitive, goal.duration
 
 
 def _targets(goal: Goal) -> tuple[JointState | Pose, ...]:

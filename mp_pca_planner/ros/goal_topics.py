@@ -26,7 +26,7 @@ from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
 from ..execution.served_goal import Served
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.states import in_order
+from ..planning.requests.states import in_order
 from ..robot.model import Robot
 from . import messages
 from .guarded_node import LOG_PERIOD, GuardedNode

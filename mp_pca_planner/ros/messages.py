@@ -27,7 +27,7 @@ from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
-from ..planning.remarks import remarks
+from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.byte_layout import NS_PER_S
 from .cdr_reader import CdrReader
