@@ -125,7 +125,7 @@ def quadrature_error(robot: Robot, plan: Plan) -> float:
     for tables in (Tables(motion.basis), Tables(motion.basis, N_MANY_NODES)):
         unknowns = Unknowns(tables.basis.scales, motion.boundary, motion.duration)
         program = SegmentProgram(robot, tables, unknowns, motion.weights)
-        costs.append(program.costs((motion.weights / program.scales)[None])[0])
+        costs.append(program.costs((motion.weights / unknowns.scales)[None])[0])
     return abs(costs[0] / costs[1] - 1.0)
 
 
