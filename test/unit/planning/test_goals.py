@@ -83,7 +83,7 @@ def test_a_free_elbow_is_placed_for_less_cost_than_inverse_kinematics_alone_give
         natural = found[int(np.argmin(scores))]
         fixed = subject.plan(JointGoal(JointState(JOINTS, natural), 0.9), start)
         gains.append(plan.solution.cost / fixed.solution.cost)
-    assert max(gains) < 1.0
+    assert max(gains) < 0.999
 
 
 def test_a_pose_out_of_reach_is_refused_with_how_near_it_comes():
