@@ -157,7 +157,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
     is_named = isinstance(arguments.duration, str)
     weights = objective_weights(arguments.objective, "--objective")
     if arguments.frame and arguments.goal_pose is None and "straightness" not in weights:
-        raise GoalError("--frame is for --goal-pose and the objective straightness: leave it out")
+        raise GoalError("--frame is for --goal-pose and the objective straightness: remove it")
     # No controller executes the motion, so its final velocity may be nonzero.
     return PlannerOptions(
         basis=arguments.basis,
@@ -173,12 +173,14 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
 
 def _collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:
     if arguments.obstacles is None and arguments.margin is not None:
-        raise PlannerError("--margin is the clearance from --obstacles: give that, too")
+        raise PlannerError("--margin is the clearance from --obstacles: also pass --obstacles")
     if not arguments.collision and arguments.srdf is not None:
-        raise PlannerError("--srdf is for --collision: give that, too")
+        raise PlannerError("--srdf is for --collision: also pass --collision")
     if not arguments.collision and arguments.obstacles is None:
         if arguments.package_dirs:
-            raise PlannerError("--package-dirs is for --collision or --obstacles: give one, too")
+            raise PlannerError(
+                "--package-dirs is for --collision or --obstacles: also pass one of them"
+            )
         return None
     return CollisionModel(
         robot,

@@ -125,7 +125,7 @@ def _check_duration(duration: float | None) -> None:
     if duration is not None and not _is_positive(duration):
         raise GoalError(
             "the duration of a motion must be a positive number of seconds, got "
-            f"{duration!r:.80}; `PlannerOptions(timing=…)` leaves it to the planner"
+            f"{duration!r:.80}; use `PlannerOptions(timing=…)` to let the planner choose it"
         )
 
 
@@ -358,7 +358,7 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     if isinstance(value, Goal):
         if duration is not None:
             raise GoalError(
-                f"a {type(value).__name__} holds its own duration or times: leave `duration` out"
+                f"a {type(value).__name__} has its own duration or times: remove `duration`"
             )
         return value
     if _is_several(value):

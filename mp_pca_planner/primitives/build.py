@@ -57,7 +57,7 @@ def build_primitive(
     for one in others:
         if not isinstance(one, Demonstration):
             raise PrimitiveError(
-                f"primitive '{name}' can't be built: {one!r:.80} is no demonstration; "
+                f"primitive '{name}' can't be built: {one!r:.80} is not a demonstration; "
                 "load_demonstrations reads recordings, and arrays need times="
             )
     if not demonstrations:

@@ -273,7 +273,7 @@ def _archive(file: BinaryIO) -> NpzFile:
         content = None
     if not isinstance(content, NpzFile):
         raise PrimitiveFileError(
-            "it is no .npz file, or not all of it: expected a file that build_primitives made"
+            "it is not a complete .npz file: expected a file that build_primitives made"
         )
     return content
 

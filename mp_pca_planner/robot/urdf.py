@@ -154,7 +154,7 @@ def parse_xml(text: str, source: str) -> ET.Element:
 def _parse(urdf: str, source: str) -> ET.Element:
     root = parse_xml(urdf, source)
     if root.tag != "robot":
-        raise RobotError(f"{source} is no URDF: its root element is <{root.tag}>, not <robot>")
+        raise RobotError(f"{source} is not a URDF: its root element is <{root.tag}>, not <robot>")
     if _is_xacro(root):
         raise RobotError(
             f"{source} is a xacro file: expand it to a URDF first (`xacro file.xacro`)"

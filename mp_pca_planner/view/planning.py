@@ -221,7 +221,7 @@ def in_span_words(score: float) -> str:
         return "like the demonstrations"
     if score <= UNUSUAL_IN_SPAN_SCORE:
         return "at the edge of the demonstrations"
-    return "unlike the demonstrations: the motion may look unlike them, too"
+    return "unlike the demonstrations: the motion may also look unlike them"
 
 
 def limit_shares(trajectory: Trajectory, limits: JointLimits) -> dict[str, FloatArray]:

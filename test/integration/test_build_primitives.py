@@ -149,14 +149,16 @@ def test_a_primitive_without_components_is_warned_of(tmp_path: Path) -> None:
     status, out, err = run(bag, "--segment", "none", "--output", tmp_path / "one.npz", "--json")
     assert status == 0 and json.loads(out)["n_components"] == 0
     (line,) = err.splitlines()
-    assert line.startswith("warning: 'one' has no components, for it was learned from one motion")
+    assert line.startswith(
+        "warning: 'one' has no components, because it was learned from one motion"
+    )
 
 
 def test_refusal_of_a_damaged_recording_says_what_may_help(bags: Path, tmp_path: Path) -> None:
     (refused,) = build(bags, "--output", tmp_path / "p.npz")["refused"]
     assert refused["recording"] == "broken"
     assert refused["reason"].endswith(
-        "recovering it (--recover; salvage=True in Python) takes what is before the damage, if "
+        "recovering it (--recover; salvage=True in Python) reads the part before the damage, if "
         "there is any"
     )
     (refused,) = build(bags, "--output", tmp_path / "q.npz", "--salvage")["refused"]

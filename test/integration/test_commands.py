@@ -279,7 +279,7 @@ def test_files_that_may_not_be_read_are_not_called_damaged(tmp_path, name):
 
 def test_inspect_refuses_what_is_no_recording(tmp_path):
     (tmp_path / "notes.txt").write_text("none")
-    assert "notes.txt' is no recording" in refusal("inspect", tmp_path / "notes.txt")
+    assert "notes.txt' is not a recording" in refusal("inspect", tmp_path / "notes.txt")
 
 
 def test_an_output_in_a_missing_folder_is_refused_before_the_work(tmp_path):

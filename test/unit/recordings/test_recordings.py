@@ -347,7 +347,7 @@ def test_more_segments_than_can_be_learned_from_are_refused(tmp_path: Path) -> N
 
 def test_segments_in_a_pipe_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(RecordingError, match="pipe' can't be read: it is no regular file"):
+    with pytest.raises(RecordingError, match="pipe' can't be read: it is not a regular file"):
         load_recordings([reaches(tmp_path / "x")], segments_csv=tmp_path / "pipe")
 
 
