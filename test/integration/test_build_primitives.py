@@ -322,7 +322,7 @@ def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -
     assert "before the damage" in found["notes"][file.stem][0]
     found = build(*options, "--salvage", "--max-gap", "1", "--force")
     assert found["repairs"] == {file.stem: {"cut_off": 1}}
-    assert "'a.b' needs the topic" in refusal(*options, "--field", "a.b", "--force")
+    assert "'a.b' needs a topic" in refusal(*options, "--field", "a.b", "--force")
 
 
 class Page(HTMLParser):
