@@ -22,7 +22,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Vi
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
-from mp_pca_planner.planning.pose_search import configurations_at
+from mp_pca_planner.planning.pose_search import configurations_at, starts_near
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.resources import config_file
 
@@ -78,7 +78,8 @@ def test_a_free_elbow_is_placed_for_less_cost_than_inverse_kinematics_alone_give
         pose = pose_at(goal.state.positions, full=False)
         plan = subject.plan(PoseGoal(pose, duration=0.9), start)
         ends, robot = arm_primitive().boundary_states[:, 3], arm_robot()
-        found = configurations_at(robot, robot.limits(), pose, ends)
+        begins = [*starts_near(robot, pose, ends), start.positions]  # as the planner
+        found = configurations_at(robot, robot.limits(), pose, begins)
         scores = [score(start.positions, q, 0.9).in_span_score for q in found]
         natural = found[int(np.argmin(scores))]
         fixed = subject.plan(JointGoal(JointState(JOINTS, natural), 0.9), start)
