@@ -35,7 +35,7 @@ ENDS = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
 POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
 
 # A plate between the ends of the same motion.
-WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, -0.017])
+WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, 0.003])
 
 
 def in_wall(q: np.ndarray) -> bool:
@@ -165,7 +165,7 @@ def test_end_inside_a_mesh_has_no_path_and_is_named(end):
     robot, primitive = arm_robot(), arm_primitive()
     ends = primitive.boundary_states[0][[0, 3]]
     hand = robot.frame_positions(ends, [robot.frame_names[-1]])[int(end > 0), 0]
-    tray = mp.Mesh(0.1 * TRAY.vertices, TRAY.triangles, hand)
+    tray = mp.Mesh(0.08 * TRAY.vertices, TRAY.triangles, hand)
     collision = CollisionModel(robot, world=mp.World([mp.Obstacle("tray", tray)]))
     setup = Setup(robot, robot.limits(), PlannerOptions(), collision)
     assert not list(PathFinder(setup).paths(tuple(ends), Budget(math.inf)))
