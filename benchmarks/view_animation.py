@@ -31,16 +31,15 @@ from mp_pca_planner.recordings.synthetic import progress
 from mp_pca_planner.robot.world import Box, Obstacle, World
 from mp_pca_planner.view.content import PageContent, read_content
 from mp_pca_planner.view.page import ViewPage
-from mp_pca_planner.view.plan_panel import NAME as PLAN
 from mp_pca_planner.view.world_panel import NAME as WORLD
 
 SIZE = (640, 480)
 SCALE = 2  # of screenshots, which are made smaller for smooth edges
 RATE = 12.0  # frames per second [Hz]
 N_COLOURS = 96
-PATIENCE = 60.0  # longest time for a frame [s]
+PATIENCE = 60.0  # longest time for a plan [s]
 
-CAMERA, AIM, VIEW = (2.6, -0.45, 1.6), (0.25, 0.03, 0.23), 0.5
+CAMERA, AIM, VIEW = (2.6, -0.45, 1.6), (0.25, 0.03, 0.17), 0.51
 GOAL_SHIFT = (-0.1, 0.25, 0.0)
 BOX = Box((0.2, 0.1, 0.42), (0.88, 0.05, 0.21))
 BOX_PLACE = (0.57, 0.05, 0.21)
@@ -85,6 +84,7 @@ class Camera:
         self.frames: list[Image.Image] = []
         self.mouse = np.array([SIZE[0] + 20.0, 0.8 * SIZE[1]])
         tab.evaluate(OVERLAY)
+        self._move(self.mouse)
 
     def say(self, caption: str) -> None:
         """Change the caption."""
@@ -92,12 +92,12 @@ class Camera:
 
     def take(self, n: int = 1) -> None:
         """Add a frame, n times, as soon as the page has drawn all."""
-        wait_until(lambda: self.page.plan.is_settled)
+        if not wait_until(lambda: self.page.plan.is_settled):
+            raise TimeoutError(f"no plan within {PATIENCE:.0f} s")
         self.page.server.flush()
         time.sleep(0.1)
         last, now = b"", self.tab.screenshot()
-        ends = time.monotonic() + PATIENCE
-        while last != now and time.monotonic() < ends:
+        while last != now:
             last, now = now, self.tab.screenshot()
         picture = Image.open(io.BytesIO(now)).convert("RGB").resize(SIZE, Image.Resampling.LANCZOS)
         self.frames += [picture] * n
@@ -109,14 +109,14 @@ class Camera:
             self.page.player.seek(i / n)
             self.take()
 
-    def point(self, place: np.ndarray, n: int = 8) -> None:
+    def point(self, place: np.ndarray, n: int = 6) -> None:
         """Move the mouse to a point of the scene, shape (3,) [m], in n frames."""
         begin, end = self.mouse, self._pixel(place)
         for share in eased(n):
             self._move(begin + share * (end - begin))
             self.take()
 
-    def drag(self, handle: Any, grip: np.ndarray, shift: np.ndarray, n: int = 26) -> None:
+    def drag(self, handle: Any, grip: np.ndarray, shift: np.ndarray, n: int = 24) -> None:
         """Drag a handle by a point, in its own axes [m], as far as a shift [m], in n frames."""
         turn = viser.transforms.SO3(np.array(handle.wxyz)).as_matrix()
         place = np.array(handle.position) + turn @ grip
@@ -174,25 +174,24 @@ def film(camera: Camera) -> list[Image.Image]:
     page = camera.page
     size = page.stage.size
     camera.say("1. Drag the goal: the plan follows")
-    camera.take(4)
+    camera.take(3)
     camera.drag(page.plan.handle, SQUARE * 0.16 * size, np.array(GOAL_SHIFT))
-    camera.take(5)
+    camera.take(3)
     camera.say("2. The motion plays")
     camera.play()
-    camera.take(6)
+    camera.take(5)
     camera.say("3. Put a box in the way: the plan takes a detour")
     page.open(WORLD)
     page.plan.submit(start=page.plan.goal, goal=WAY[0], pose=None)
     page.player.seek(0.0)
-    camera.take(4)
+    camera.take(3)
     camera.point(np.array(BOX.position))
     camera.click()
     shift = np.array(BOX_PLACE) - BOX.position
-    camera.drag(page.world._handle, ARROW * 0.14 * size, shift)
-    camera.take(5)
+    camera.drag(page.world.handle, ARROW * 0.14 * size, shift)
+    camera.take(3)
     camera.play()
     camera.take(8)
-    page.open(PLAN)
     return camera.frames
 
 
@@ -219,11 +218,12 @@ def eased(n: int) -> Iterator[float]:
         yield 0.5 - 0.5 * float(np.cos(np.pi * i / n))
 
 
-def wait_until(is_true: Callable[[], bool], longest: float = PATIENCE) -> None:
-    """Wait for a condition, at most a time [s]."""
+def wait_until(is_true: Callable[[], bool], longest: float = PATIENCE) -> bool:
+    """Wait for a condition, at most a time [s]; returns whether it holds."""
     ends = time.monotonic() + longest
-    while not is_true() and time.monotonic() < ends:
+    while not (is_held := is_true()) and time.monotonic() < ends:
         time.sleep(0.02)
+    return is_held
 
 
 def write(path: Path, frames: list[Image.Image]) -> None:
