@@ -52,7 +52,7 @@ def test_the_most_uneven_pace_still_increases():
     assert np.all(np.diff(phases) > 0.0)
 
 
-# The calm ends of a pace keep it from the infinite slope that a power has at an end.
+# Paces have calm ends: the inverse of a power above 1 has an infinite slope at 0.
 @pytest.mark.parametrize(
     ("power", "tolerance"), [(0.7, 0.05), (1.0, 0.0), (1.3, 0.06), (1.6, 0.12)]
 )
