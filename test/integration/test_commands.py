@@ -255,7 +255,7 @@ def test_inspect_of_a_damaged_bag_says_what_may_help(recording, tmp_path):
     (whole,) = recording[0].glob("*.mcap")
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    assert "(--recover; salvage=True in Python) takes" in run("inspect", damaged, ok=False).stdout
+    assert "(--recover; salvage=True in Python) reads" in run("inspect", damaged, ok=False).stdout
     assert "only the" in run("inspect", damaged, "--salvage", ok=True).stdout
 
 
@@ -355,7 +355,7 @@ def test_a_goal_is_not_waited_for_without_end():
 def test_help_tells_the_defaults_that_are_values():
     text = " ".join(run("build_primitives", "--help-all").stdout.split())
     assert "degree of the polynomials (default: 15)" in text
-    assert "no motion is shorter [s] (default: 0.25)" in text
+    assert "shortest motion [s] (default: 0.25)" in text
     assert "None" not in text and "False" not in text
 
 

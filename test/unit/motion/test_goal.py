@@ -31,7 +31,7 @@ def test_quaternion_is_made_of_length_one() -> None:
         (lambda: JointState(("a",), [np.nan]), "positions"),
         (lambda: JointState(("a",), [1.0, 2.0]), "positions"),
         (lambda: JointGoal(HERE, duration=-1.0), "-1"),
-        (lambda: JointGoal(HERE, duration="shortest"), "'shortest'; `PlannerOptions"),
+        (lambda: JointGoal(HERE, duration="shortest"), "'shortest'; use `PlannerOptions"),
         (lambda: PoseGoal(Pose("hand", [0, 0, 0]), duration=np.nan), "nan"),
         (lambda: Pose("hand", [0, 0, np.inf]), "position of a pose"),
         (lambda: Pose("hand", [0, 0, 0], [0, 0, 0, 2]), "length 2"),
