@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 
 import yaml
 
-from .exceptions import PlannerError
+from .exceptions import PlannerError, shown
 from .input_limits import INPUT_LIMITS
 
 Content = bytes | Callable[[BinaryIO], object]
@@ -62,6 +62,23 @@ def reading(what: str, error: type[PlannerError]) -> Iterator[None]:
         yield
     except _CONTENT_ERRORS as problem:
         raise error(f"{what} can't be read: {_reason(problem)}") from None
+
+
+def as_path(value: object, error: type[PlannerError] = PlannerError) -> Path:
+    """A path of a file or folder.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) If the value is none that the system accepts.
+    """
+    try:
+        path = Path(value)  # type: ignore[arg-type]
+        if b"\0" not in os.fsencode(path):
+            return path
+    except Exception:  # also methods of others, and text that is no Unicode
+        pass
+    raise error(f"a path must be a string or a Path, without a NUL, got {shown(value)}")
 
 
 def open_regular(path: str | Path) -> BinaryIO:
@@ -158,7 +175,7 @@ def _reason(error: BaseException) -> str:
 
 def write_whole(path: str | Path, content: Content, *, overwrite: bool = False) -> None:
     """Write a file atomically, see :func:`write_together`."""
-    write_together({Path(path): content}, overwrite=overwrite)
+    write_together({as_path(path): content}, overwrite=overwrite)
 
 
 def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool = False) -> None:

@@ -14,7 +14,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..exceptions import GoalError, MissingDependencyError, quote_names, unknown_name
+from ..exceptions import (
+    GoalError,
+    MissingDependencyError,
+    quote_names,
+    shown,
+    unknown_name,
+)
 from ..input_limits import INPUT_LIMITS
 from ..planning.objectives import objective_weights
 from ..planning.plan import DEMONSTRATED, TIMINGS, PlannerOptions
@@ -78,7 +84,7 @@ class Declaration:
     def refusal(self, value: object) -> ParameterError:
         """The error for a value that is not accepted."""
         return ParameterError(
-            f"parameter '{self.name}' is {value!r:.80}, but it must be {self.accepted}"
+            f"parameter '{self.name}' is {shown(value)}, but it must be {self.accepted}"
         )
 
 

@@ -11,8 +11,18 @@ from typing import Any, TypeGuard, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, by_name, check_type, frozen_array, set_frozen, unique_names
-from ..exceptions import GoalError, quote_names, unknown_name
+from ..arrays import (
+    FloatArray,
+    as_list,
+    by_name,
+    check_type,
+    float_array,
+    frozen_array,
+    is_number,
+    set_frozen,
+    unique_names,
+)
+from ..exceptions import GoalError, quote_names, shown, unknown_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +128,14 @@ class Pose:
 
 
 def _is_positive(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and bool(0 < value < np.inf)
+    return is_number(value) and cast(float, value) > 0.0
 
 
 def _check_duration(duration: float | None) -> None:
     if duration is not None and not _is_positive(duration):
         raise GoalError(
             "the duration of a motion must be a positive number of seconds, got "
-            f"{duration!r:.80}; use `PlannerOptions(timing=…)` to let the planner choose it"
+            f"{shown(duration)}; use `PlannerOptions(timing=…)` to let the planner choose it"
         )
 
 
@@ -235,18 +245,21 @@ class SequenceGoal:
     stops: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        check_type(self.targets, "the targets of a sequence", GoalError, Sequence)
-        if not self.targets:
+        targets = as_list(self.targets, "the targets of a sequence must be a list", GoalError)
+        if not targets:
             raise GoalError("a sequence needs at least one target, got none")
-        named = (_named(x, "a target", JointState, Pose) for x in self.targets)
+        named = (_named(x, "a target", JointState, Pose) for x in targets)
         set_frozen(self, targets=tuple(named))
         n = len(self.targets)
-        set_frozen(self, times=self.times or (None,) * n, stops=self.stops or (False,) * n)
-        for what, given in (("time (or None)", self.times), ("stop", self.stops)):
-            if len(given) != n:
+        for field, what, usual in (("times", "time (or None)", None), ("stops", "stop", False)):
+            given = as_list(getattr(self, field), f"the {field} must be a list", GoalError)
+            set_frozen(self, **{field: tuple(given) or (usual,) * n})
+            if len(getattr(self, field)) != n:
                 raise GoalError(
                     f"a sequence needs a {what} for each of its {n} targets, got {len(given)}"
                 )
+        for stop in self.stops:
+            check_type(stop, "a stop of a sequence", GoalError, bool)
         last = 0.0
         for time in self.times:
             if time is None:
@@ -254,7 +267,7 @@ class SequenceGoal:
             if not (_is_positive(time) and time > last):
                 raise GoalError(
                     "the times of a sequence must be positive and increase, got "
-                    f"{time!r:.80} after {last:g}"
+                    f"{shown(time)} after {last:g}"
                 )
             last = time
 
@@ -289,15 +302,15 @@ def as_state(value: StateLike, joint_names: Sequence[str], what: str) -> JointSt
     if isinstance(value, JointState):
         return value
     names: Sequence[str] = tuple(value) if isinstance(value, Mapping) else joint_names
+    given = list(value.values()) if isinstance(value, Mapping) else value
     try:
-        given = [float(x) for x in value.values()] if isinstance(value, Mapping) else value
-        positions = np.asarray(given, dtype=np.float64)
+        positions = float_array(given, what, GoalError)
         if positions.ndim == 0:
-            raise TypeError
-    except (TypeError, ValueError):
+            raise GoalError
+    except GoalError:
         raise GoalError(
             f"{what} must be positions [rad or m] of the {len(joint_names)} joints, or a dict of "
-            f"positions by joint name, got {value!r:.100}"
+            f"positions by joint name, got {shown(value, 100)}"
         ) from None
     if positions.shape != (len(names),):
         raise GoalError(

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import PlannerError, TrajectoryError, require
-from ..files import read_bytes, reading, write_whole
+from ..files import as_path, read_bytes, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 
 
@@ -140,7 +140,7 @@ class Trajectory:
             If the format is unknown, the file exists and may not be overwritten, or it can't be
             written.
         """
-        path = Path(path)
+        path = as_path(path)
         content = {".csv": _csv, ".json": _json, ".npz": _npz}.get(path.suffix)
         if content is not None:
             write_whole(path, content(self), overwrite=overwrite)

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 
-from ..arrays import check_number, check_type
-from ..exceptions import GoalError
+from ..arrays import check_choice, check_number, check_type
+from ..exceptions import GoalError, shown
 from .objectives import Effort, Objective
 from .part_options import BrakingOptions as BrakingOptions
 from .part_options import Checked as Checked
@@ -215,19 +215,19 @@ class PlannerOptions(Checked):
     braking: BrakingOptions = field(default_factory=BrakingOptions)
 
     def __post_init__(self) -> None:
-        if self.basis not in BASES:
-            raise GoalError(f"basis must be one of {BASES}, got {self.basis!r}")
-        if self.timing not in TIMINGS:
-            raise GoalError(f"timing must be one of {TIMINGS}, got {self.timing!r}")
+        check_choice(self.basis, "basis", GoalError, BASES)
+        check_choice(self.timing, "timing", GoalError, TIMINGS)
+        moving = self.allow_nonzero_end_velocity
+        check_type(moving, "allow_nonzero_end_velocity", GoalError, bool)
         check_type(self.objectives, "objectives", GoalError, Sequence)
-        if not self.objectives:
+        if not len(self.objectives):
             raise GoalError("at least one objective with a weight is needed, got none")
         for pair in self.objectives:
             is_pair = isinstance(pair, Sequence) and len(pair) == 2
             if not (is_pair and hasattr(pair[1], "residuals")):
                 raise GoalError(
                     "objectives must be pairs of a weight and an objective, such as "
-                    f"(1.0, Effort()), got {pair!r:.80}"
+                    f"(1.0, Effort()), got {shown(pair)}"
                 )
             check_number(pair[0], "the weight of an objective", GoalError, 1e-12, 1e12)
         check_type(self.constraints, "constraints", GoalError, Sequence)
@@ -235,7 +235,7 @@ class PlannerOptions(Checked):
             if not hasattr(one, "values"):
                 raise GoalError(
                     "constraints must be path constraints, such as Upright('gripper', 0.3), "
-                    f"got {one!r:.80}"
+                    f"got {shown(one)}"
                 )
         check_number(self.sample_period, "sample_period [s]", GoalError, 1e-4, 1.0)
         check_number(self.max_solve_time, "max_solve_time [s]", GoalError, 1e-9)

@@ -62,6 +62,13 @@ class Upright:
     ------
     GoalError
         If the angle is out of its range, or a direction is 0.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> options = mp.PlannerOptions(constraints=(mp.Upright("gripper", 0.26),))
+    >>> print(options.constraints[0])
+    'gripper' within 14.9° of upright
     """
 
     frame: str

@@ -11,8 +11,15 @@ from importlib import import_module
 from types import NoneType
 from typing import Any
 
-from ..arrays import check_type
-from ..exceptions import GoalError, LimitsError, PrimitiveError, RobotError, WorldError, quote_names
+from ..arrays import check_choice, check_number, check_type
+from ..exceptions import (
+    GoalError,
+    LimitsError,
+    PrimitiveError,
+    RobotError,
+    WorldError,
+    quote_names,
+)
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
     GoalLike,
@@ -37,6 +44,7 @@ from .program.store import BasisStore
 from .report import report
 from .requests.resolve import check_goal, resolve, target
 from .requests.selection import Selector
+from .requests.states import in_order
 from .search.budget import Budget
 from .search.search import search
 from .search.threads import one_blas_thread
@@ -137,7 +145,14 @@ class Planner:
         return self._context.collision
 
     def use_collision(self, collision: CollisionModel) -> None:
-        """Avoid collisions by another model of the same robot from now on."""
+        """Avoid collisions by another model of the same robot from now on.
+
+        Raises
+        ------
+        RobotError
+            If it is not a collision model.
+        """
+        check_type(collision, "collision", RobotError, CollisionModel)
         self._context = replace(self._context, collision=collision)
 
     def check(self, goal: JointGoal) -> None:
@@ -151,9 +166,10 @@ class Planner:
             If it names unknown joints or no primitive of the planner, is outside the limits, or
             its duration is too long.
         """
+        check_type(goal, "the goal", GoalError, JointGoal)
         check_goal(self._context, self._selector, goal)
 
-    def target(self, goal: JointGoal, start: JointState) -> JointState:
+    def target(self, goal: JointGoal, start: StateLike) -> JointState:
         """The configuration of all joints that a goal specifies.
 
         Raises
@@ -161,7 +177,9 @@ class Planner:
         GoalError
             See :meth:`plan`.
         """
-        return target(self._context, goal, start)
+        check_type(goal, "the goal", GoalError, JointGoal)
+        here = as_state(start, self.robot.joint_names, "the start")
+        return target(self._context, goal, in_order(here, self.robot.joint_names))
 
     @one_blas_thread()
     def plan(
@@ -200,8 +218,7 @@ class Planner:
         RobotError
             If there is no such frame.
         """
-        if mode not in MODES:
-            raise GoalError(f"the mode must be one of {quote_names(MODES)}, got {mode!r:.80}")
+        check_choice(mode, "the mode", GoalError, MODES)
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         began = time.perf_counter()
@@ -229,10 +246,16 @@ class Planner:
         ----------
         max_time : float
             Time [s] after which no further motion is begun.
+
+        Raises
+        ------
+        GoalError
+            If the time is no number of at least 0.
         """
         near = self.options.naturalness >= self.options.search.near_expected
         if self.options.basis != "pca" or near:
             return
+        check_number(max_time, "max_time [s]", GoalError, 0.0)
         deadline = time.perf_counter() + max_time
         for primitive in self.primitives:
             if Budget(deadline).is_over():

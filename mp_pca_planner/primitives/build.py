@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
-from ..exceptions import PrimitiveError
+from ..exceptions import PrimitiveError, shown
 from ..recordings.demonstration import Demonstration
 from ..rows import empty_rows, row_blocks, row_mean
 from .conditional_model import ConditionalModel, left_out_squares, thinned
@@ -57,7 +57,7 @@ def build_primitive(
     for one in others:
         if not isinstance(one, Demonstration):
             raise PrimitiveError(
-                f"primitive '{name}' can't be built: {one!r:.80} is not a demonstration; "
+                f"primitive '{name}' can't be built: {shown(one)} is not a demonstration; "
                 "load_demonstrations reads recordings, and arrays need times="
             )
     if not demonstrations:

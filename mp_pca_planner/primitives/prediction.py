@@ -68,10 +68,10 @@ def drawn_motions(
     ------
     GoalError
         If an end point is none of these or not finite, or `n` or `seed` is no whole number of at
-        least 0.
+        least 0; at most 10,000 motions.
     """
-    for what, value in (("the number of motions", n), ("the seed", seed)):
-        check_number(value, what, GoalError, 0, is_whole=True)
+    check_number(n, "the number of motions", GoalError, 0, 10_000, is_whole=True)
+    check_number(seed, "the seed", GoalError, 0, is_whole=True)
     ends, expected = _request(primitive, start, goal, None)
     rng = np.random.default_rng(seed)
     draws = rng.multivariate_normal(expected.weights, expected.variance * expected.covariance, n)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import frozen_array, unique_names
-from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names
+from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names, shown
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
 from .conditional_model import INVERSE_LENGTHS
@@ -75,7 +75,9 @@ def freeze_values(primitive: MovementPrimitive) -> None:
 def _freeze_names(primitive: MovementPrimitive) -> None:
     name = primitive.name
     if not isinstance(name, str) or not name:
-        raise PrimitiveFileError(f"the name of a primitive must be a non-empty string: {name!r}")
+        raise PrimitiveFileError(
+            f"the name of a primitive must be a non-empty string: {shown(name)}"
+        )
     if any("\ud800" <= letter <= "\udfff" for letter in "".join([name, *primitive.joint_names])):
         raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
     if primitive.coupling not in COUPLINGS:

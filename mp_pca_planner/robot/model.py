@@ -8,15 +8,16 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, check_type, html_table, unique_names
+from ..arrays import FloatArray, check_number, check_type, frozen_array, html_table, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
-from ..files import read_text, reading
+from ..files import as_path, read_text, reading
 from .dynamics import Dynamics
 from .inertias import inertia_flaws, joint_of, listed_flaws
 from .kinematics import AttachedPoints as AttachedPoints
@@ -91,6 +92,8 @@ class Robot(Dynamics, Kinematics):
         locked: Mapping[str, float] | None = None,
         source: str = "robot description",
     ) -> None:
+        check_type(urdf, "a robot description", RobotError, str)
+        check_type(locked, "locked joints", RobotError, Mapping, NoneType)
         self._source, self._given = source, (urdf, dict(locked or {}))
         self.path: Path | None = None
         self._description = found = read_description(urdf, source)
@@ -145,6 +148,7 @@ class Robot(Dynamics, Kinematics):
     ) -> Robot:
         """Read the robot description from a URDF file (see the class)."""
         check_type(path, "the path of a URDF file", RobotError, str, Path)
+        path = as_path(path, RobotError)
         with reading(f"the URDF file {str(path)!r:.100}", RobotError):
             urdf = read_text(path)
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
@@ -242,9 +246,10 @@ class Robot(Dynamics, Kinematics):
         Raises
         ------
         RobotError
-            If there is no such link.
+            If there is no such link, or the mass is no number of at least 0.
         """
         (frame_id,) = self._frame_ids([self.end_effector if frame is None else frame])
+        check_number(mass, "the mass of a payload [kg]", RobotError, 0.0, 1e9)
         model = self._model.copy()
         carrier = model.frames[frame_id]
         joint = joint_of(carrier)
@@ -267,6 +272,8 @@ class Robot(Dynamics, Kinematics):
             Factors of the mass and of the three principal moments of inertia about the centre of
             mass of each link of `link_inertias`.
         """
+        shape = (len(self.link_inertias.links), 4)
+        factors = frozen_array(factors, shape, "factors of inertias", RobotError)
         model = self._model.copy()
         self.link_inertias.change(model, factors)
         return self._with_model(model)

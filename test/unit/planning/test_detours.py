@@ -33,10 +33,10 @@ from mp_pca_planner.robot.world import World
 BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 ENDS = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
 # A post in the middle of a motion of the primitive: descent ends at it.
-POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.419, 0.14])
+POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
 
 # A plate between the ends of the same motion.
-WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, -0.017])
+WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, 0.003])
 
 
 def in_wall(q: np.ndarray) -> bool:
@@ -154,7 +154,7 @@ def test_end_inside_a_mesh_has_no_path_and_is_named(end):
     robot, primitive = arm_robot(), arm_primitive()
     ends = primitive.boundary_states[0][[0, 3]]
     hand = robot.frame_positions(ends, [robot.frame_names[-1]])[int(end > 0), 0]
-    tray = mp.Mesh(0.1 * TRAY.vertices, TRAY.triangles, hand)
+    tray = mp.Mesh(0.08 * TRAY.vertices, TRAY.triangles, hand)
     collision = CollisionModel(robot, world=mp.World([mp.Obstacle("tray", tray)]))
     planner = Planner(robot, [primitive], None, PlannerOptions(naturalness=0.01), collision)
     assert not list(paths(planner._context, tuple(ends), Budget(math.inf)))

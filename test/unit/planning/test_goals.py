@@ -20,7 +20,7 @@ from test_planner import REQUESTS, planner, request
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.motion.validation import check_limits
-from mp_pca_planner.planning.configurations import configurations_at
+from mp_pca_planner.planning.configurations import configurations_at, starts_near
 from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.primitives.basis import BSplineBasis
@@ -78,7 +78,9 @@ def test_a_free_elbow_is_placed_for_less_cost_than_inverse_kinematics_alone_give
         pose = pose_at(goal.state.positions, full=False)
         plan = subject.plan(PoseGoal(pose, duration=0.9), start)
         ends, robot = arm_primitive().boundary_states[:, 3], arm_robot()
-        found = configurations_at(robot, robot.limits(), pose, ends)
+        poses = subject.options.poses
+        begins = [*starts_near(robot, pose, ends, poses.n_known), start.positions]  # as the planner
+        found = configurations_at(robot, robot.limits(), pose, begins, poses)
         scores = [score(start.positions, q, 0.9).in_span_score for q in found]
         natural = found[int(np.argmin(scores))]
         fixed = subject.plan(JointGoal(JointState(JOINTS, natural), 0.9), start)
