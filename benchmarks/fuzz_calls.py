@@ -35,8 +35,7 @@ from typing import Any
 import numpy as np
 
 import mp_pca_planner as mp
-from mp_pca_planner.planning.search_options import SearchOptions
-from mp_pca_planner.planning.solver import SolverOptions
+from mp_pca_planner.planning.options import SearchOptions, SolverOptions
 
 CPU_SECONDS = 5.0
 ROBOT = mp.config_file("human_arm.urdf")
@@ -104,7 +103,7 @@ OTHERS: tuple[Callable[[], Any], ...] = (
     *(lambda: Ellipsis, lambda: slice(3), lambda: Path(), lambda: Path("no/such\0file")),
     *(lambda: Path("/dev/null"), lambda: Path("missing.urdf"), lambda: io.BytesIO(b"abc")),
     *(lambda: mp.Pose("wrist", [0, 0, 0]), lambda: mp.JointState(["a"], [0.0]), lambda: mp.World()),
-    *(lambda: mp.Via({"elbow": 0.1}), lambda: mp.JointGoal({"elbow": -0.5}), lambda: mp.Planner),
+    *(lambda: mp.JointGoal({"elbow": -0.5}), lambda: mp.Planner),
 )
 ARRAYS: tuple[Callable[[], Any], ...] = (
     *(lambda: np.zeros(0), lambda: np.zeros((0, 4)), lambda: np.zeros((4, 1)), lambda: np.array(1)),
@@ -194,8 +193,7 @@ def calls(folder: Path) -> list[Call]:
     found = [
         Call("JointState", mp.JointState, {"joint_names": names, "positions": q, "velocities": q}),
         Call("Pose", mp.Pose, {"frame": "wrist", **at}),
-        Call("Via", mp.Via, {"target": state, "phase": 0.5}),
-        Call("JointGoal", mp.JointGoal, {"state": state, "duration": 1.0, "vias": ()}),
+        Call("JointGoal", mp.JointGoal, {"state": state, "duration": 1.0}),
         Call("PoseGoal", mp.PoseGoal, {"pose": pose, "duration": 1.0, "primitive": "reach"}),
         Call(
             "SequenceGoal",

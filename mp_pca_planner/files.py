@@ -103,7 +103,7 @@ def open_regular(path: str | Path) -> BinaryIO:
     file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
-        raise ValueError("it is no regular file")
+        raise ValueError("it is not a regular file")
     return file
 
 
@@ -174,7 +174,7 @@ def _reason(error: BaseException) -> str:
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
     if isinstance(error, MemoryError):
-        return "it needs more memory than there is"
+        return "it needs more memory than is available"
     reason: str = getattr(error, "strerror", None) or " ".join(str(error).split())
     if isinstance(error, KeyError) or not reason:
         reason = f"{type(error).__name__} {reason}".strip()

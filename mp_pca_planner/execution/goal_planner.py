@@ -249,7 +249,7 @@ class GoalPlanner:
         """
         start, model = request.start, request.model
         adapted = None
-        if not isinstance(goal, SequenceGoal) and start.following is not None and not goal.vias:
+        if not isinstance(goal, SequenceGoal) and start.following is not None:
             adapted = self._continued(goal, request)
         plan = adapted or _executable_plan(goal, request)
         may_learn = model.settings.learn_trials and not start.is_in_motion

@@ -174,7 +174,7 @@ class StartStates(MotionFollower):
                 raise TooLateError(
                     "another motion was published while this one was planned; send the goal again"
                 )
-            may_stamp = settings.stamp_trajectories and self.measured.clocks_agree
+            may_stamp = settings.stamp_trajectories and self.measured.clock.is_usable
             if old is None or following is None:
                 self._check_rest(start.measured, self.measured.newest(settings.state_timeout))
             if old is None or following is None or (following.is_over and old.is_over):

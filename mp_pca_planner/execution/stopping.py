@@ -27,7 +27,7 @@ from ..motion.collision import Collision
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start
-from ..planning.stop_and_go import brakes
+from ..planning.search.stop_and_go import brakes
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .assembly import Model

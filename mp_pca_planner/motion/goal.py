@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, TypeGuard, cast
 
 import numpy as np
@@ -128,67 +127,20 @@ class Pose:
         set_frozen(self, frame=frame, position=position, orientation=orientation)
 
 
-@dataclass(frozen=True, eq=False)
-class Via:
-    """A target to pass at a phase of the motion.
-
-    Attributes
-    ----------
-    target : JointState, mapping or Pose
-        Positions of some joints (velocities and accelerations are ignored), or a pose.
-    phase : float or None
-        Share of the duration, strictly between 0 and 1; None leaves it to the planner.
-
-    Raises
-    ------
-    GoalError
-        If the target is something else, or the phase is not between 0 and 1.
-
-    Examples
-    --------
-    >>> import mp_pca_planner as mp
-    >>> half_way = mp.Via(mp.JointState(["elbow"], [-0.5]), phase=0.5)
-    >>> half_way.phase
-    0.5
-    """
-
-    target: JointState | Pose
-    phase: float | None = None
-
-    def __post_init__(self) -> None:
-        set_frozen(self, target=_named(self.target, "the target of a via", JointState, Pose))
-        if self.phase is not None and not (_is_positive(self.phase) and self.phase < 1.0):
-            raise GoalError(f"the phase of a via must be between 0 and 1, got {shown(self.phase)}")
-
-
 def _is_positive(value: object) -> bool:
     return is_number(value) and cast(float, value) > 0.0
 
 
-class _CheckedGoal:
-    """Checks of the fields that goals of one motion share."""
-
-    duration: float | None
-    vias: tuple[Via, ...]
-
-    def __post_init__(self) -> None:
-        duration = self.duration
-        if duration is not None and not _is_positive(duration):
-            raise GoalError(
-                "the duration of a motion must be a positive number of seconds, got "
-                f"{shown(duration)}; `PlannerOptions(timing=…)` leaves it to the planner"
-            )
-        check_type(self.vias, "the vias of a goal", GoalError, Sequence)
-        for via in self.vias:
-            check_type(via, "each of the vias of a goal", GoalError, Via)
-        set_frozen(self, vias=tuple(self.vias))
-        phases = [via.phase for via in self.vias if via.phase is not None]
-        if any(later <= earlier for earlier, later in pairwise(phases)):
-            raise GoalError(f"the phases of vias must increase, got {phases}")
+def _check_duration(duration: float | None) -> None:
+    if duration is not None and not _is_positive(duration):
+        raise GoalError(
+            "the duration of a motion must be a positive number of seconds, got "
+            f"{shown(duration)}; use `PlannerOptions(timing=…)` to let the planner choose it"
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class JointGoal(_CheckedGoal):
+class JointGoal:
     """A configuration to reach.
 
     Attributes
@@ -200,13 +152,11 @@ class JointGoal(_CheckedGoal):
         Duration of the motion [s]; None leaves it to the planner.
     primitive : str or None
         Name of the primitive to use; None leaves it to the planner.
-    vias : tuple of Via
-        Targets to pass, in this order.
 
     Raises
     ------
     GoalError
-        If a field is something else, or phases of vias don't increase.
+        If a field is something else.
 
     Examples
     --------
@@ -219,28 +169,27 @@ class JointGoal(_CheckedGoal):
     state: JointState
     duration: float | None = None
     primitive: str | None = None
-    vias: tuple[Via, ...] = ()
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        _check_duration(self.duration)
         set_frozen(self, state=_named(self.state, "the state of a goal", JointState))
 
 
 @dataclass(frozen=True, eq=False)
-class PoseGoal(_CheckedGoal):
+class PoseGoal:
     """A pose to reach, at rest; the planner chooses the configuration.
 
     Attributes
     ----------
     pose : Pose
         Pose of a frame of the robot at the end of the motion.
-    duration, primitive, vias
+    duration, primitive
         As of a `JointGoal`.
 
     Raises
     ------
     GoalError
-        If a field is something else, or phases of vias don't increase.
+        If a field is something else.
 
     Examples
     --------
@@ -253,10 +202,9 @@ class PoseGoal(_CheckedGoal):
     pose: Pose
     duration: float | None = None
     primitive: str | None = None
-    vias: tuple[Via, ...] = ()
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        _check_duration(self.duration)
         check_type(self.pose, "the pose of a goal", GoalError, Pose)
 
 
@@ -423,7 +371,7 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     if isinstance(value, Goal):
         if duration is not None:
             raise GoalError(
-                f"a {type(value).__name__} holds its own duration or times: leave `duration` out"
+                f"a {type(value).__name__} has its own duration or times: remove `duration`"
             )
         return value
     if _is_several(value):

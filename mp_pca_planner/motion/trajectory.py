@@ -172,7 +172,7 @@ class Trajectory:
         path = Path(path)
         read = {".csv": _from_csv, ".json": _from_json, ".npz": _from_npz}.get(path.suffix)
         if read is None:
-            raise TrajectoryError(f"'{path}' is no .csv, .json or .npz file of a trajectory")
+            raise TrajectoryError(f"'{path}' is not a .csv, .json or .npz file of a trajectory")
         with reading(f"the trajectory '{path}'", TrajectoryError):
             content = read(read_bytes(path, INPUT_LIMITS.primitive_bytes))
             names, columns = content.pop("joint_names"), content

@@ -58,7 +58,7 @@ def build_primitive(
     for one in others:
         if not isinstance(one, Demonstration):
             raise PrimitiveError(
-                f"primitive '{name}' can't be built: {shown(one)} is no demonstration; "
+                f"primitive '{name}' can't be built: {shown(one)} is not a demonstration; "
                 "load_demonstrations reads recordings, and arrays need times="
             )
     if not demonstrations:

@@ -18,10 +18,12 @@ from .motion_statistics import MotionStatistics
 # Both ends of the axes of a base frame: x forward, y to the left, z up (REP 103).
 _DIRECTIONS = (
     ("back", "forward", "back_and_forth"),
-    ("right", "left", "right_and_left"),
+    ("right", "left", "left_and_right"),
     ("down", "up", "up_and_down"),
 )
-_REGIONS = (("behind", "in_front"), ("at_right", "at_left"), ("low", "high"))
+_REGIONS = (("near", "far"), ("at_right", "at_left"), ("low", "high"))
+_REACH = "reach"
+_FALLS, _RISES, _BOTH = range(3)
 
 
 @dataclass(frozen=True)
@@ -32,24 +34,58 @@ class NameOptions:
     ----------
     majority : float
         A kind has a direction or a label if this share of its motions has it.
-    least_moving : float
-        A joint moves if its mean distance is above this share of the largest one.
+    least_apart : float
+        Shortest distance from the middle of all kinds at which a kind is called low or high, near
+        or far [m or rad].
+    least_share : float
+        The same as a share of the largest such distance.
+    max_bytes : int
+        Length of a name, which leaves space for a number and for the ending of a file.
     """
 
     majority: float = 0.75
-    least_moving: float = 0.2
+    least_apart: float = 0.05
+    least_share: float = 0.35
+    max_bytes: int = 150
 
 
 _OPTIONS = NameOptions()
 
-Place = Callable[[FloatArray], FloatArray]
-"""Coordinates of configurations of shape (n, n_joints), in which motions are described."""
+
+@dataclass(frozen=True)
+class _Space:
+    """The coordinates in which motions are described, and the words for them.
+
+    Attributes
+    ----------
+    place : callable
+        Coordinates of configurations of shape (n, n_joints), shape (n, n_coordinates).
+    region : callable
+        Where these coordinates are, of the same shape.
+    directions, regions : sequence of tuple of str
+        Words for each coordinate.
+    middle : array, shape (n_coordinates,)
+        1 where regions are relative to the mean of all kinds, 0 where they are absolute.
+    verb : tuple of str
+        What a motion without a label is called first.
+    """
+
+    place: Callable[[FloatArray], FloatArray]
+    region: Callable[[FloatArray], FloatArray]
+    directions: Sequence[tuple[str, str, str]]
+    regions: Sequence[tuple[str, str]]
+    middle: FloatArray
+    verb: tuple[str, ...]
 
 
 def kind_names(
     kinds: Sequence[MotionStatistics], taken: Collection[str] = (), robot: Robot | None = None
 ) -> list[str]:
-    """Distinct names of kinds, each valid as the name of a file.
+    """Distinct names of kinds, each valid as the name of a file, such as ``reach_left_low``.
+
+    A kind is called by the label of its motions. Otherwise its name says where the end effector
+    goes and, if that differs between the kinds, where it ends, both in the robot's base frame.
+    Names that would be equal get further words, then numbers.
 
     Parameters
     ----------
@@ -58,16 +94,18 @@ def kind_names(
     taken :
         Names not to use.
     robot : Robot, optional
-        Its last frame says where motions are and where they go; otherwise their joints do.
+        The robot. Without it, names say which joint moves most, and which way.
     """
-    attributes = _attributes(kinds, robot) if kinds else []
-    lengths = [1] * len(kinds)
+    if not kinds:
+        return []
+    described = _described(kinds, robot)
+    lengths = [n for _, n in described]
     while True:
-        names = ["_".join(dict.fromkeys(x[:n])) for x, n in zip(attributes, lengths, strict=True)]
+        names = [_joined(words[:n]) for (words, _), n in zip(described, lengths, strict=True)]
         counts = Counter([*names, *taken])
         longer = [
-            min(n + (counts[name] > 1), len(x))
-            for name, n, x in zip(names, lengths, attributes, strict=True)
+            min(n + (counts[name] > 1), len(words))
+            for name, n, (words, _) in zip(names, lengths, described, strict=True)
         ]
         if longer == lengths:
             return _numbered(names, taken)
@@ -79,38 +117,62 @@ def plain_name(words: str) -> str:
     return re.sub(r"\W+", "_", words).strip("_")[:60] or "motions"
 
 
-def _attributes(kinds: Sequence[MotionStatistics], robot: Robot | None) -> list[tuple[str, ...]]:
-    """Label, direction, region and duration of each kind; the most telling ones first."""
-    place: Place = lambda q: q  # noqa: E731  # as the joints are
-    joints = kinds[0].joint_names
-    directions = [(f"{name}_minus", f"{name}_plus", f"{name}_both_ways") for name in joints]
-    regions = [(f"{name}_low", f"{name}_high") for name in joints]
-    if robot is not None:
-        robot = robot.with_joints(kinds[0].joint_names)
-        tip = robot.end_effector
-        place = lambda q: robot.frame_positions(q, [tip])[:, 0]  # noqa: E731
-        directions, regions = list(_DIRECTIONS), list(_REGIONS)
-    n = len(joints)
+def _joined(words: Sequence[str]) -> str:
+    """Words as a name, cut where it would be too long for a file."""
+    name = "_".join(dict.fromkeys(map(plain_name, words)))
+    return name.encode()[: _OPTIONS.max_bytes].decode(errors="ignore")
+
+
+def _space(joint_names: Sequence[str], robot: Robot | None) -> _Space:
+    if robot is None:
+        directions = [(f"{x}_minus", f"{x}_plus", f"{x}_both_ways") for x in joint_names]
+        regions = [(f"{x}_low", f"{x}_high") for x in joint_names]
+        middle = np.ones(len(joint_names))
+        return _Space(lambda q: q, lambda x: x, directions, regions, middle, ())
+    arm = robot.with_joints(joint_names)
+    tip = [arm.end_effector]
+
+    def reach(x: FloatArray) -> FloatArray:
+        """Distance from the axis of the base in place of x."""
+        return np.column_stack([np.hypot(x[:, 0], x[:, 1]), x[:, 1:]])
+
+    def place(q: FloatArray) -> FloatArray:
+        return np.asarray(arm.frame_positions(q, tip)[:, 0])
+
+    middle = np.array([1.0, 0.0, 1.0])  # left and right are sides of the base
+    return _Space(place, reach, _DIRECTIONS, _REGIONS, middle, (_REACH,))
+
+
+def _described(
+    kinds: Sequence[MotionStatistics], robot: Robot | None
+) -> list[tuple[tuple[str, ...], int]]:
+    """Words for each kind, the most telling ones first, and how many of them a name needs."""
+    n = len(kinds[0].joint_names)
+    space = _space(kinds[0].joint_names, robot)
     requests = [x.requests() for x in kinds]
-    ends = [(place(rows[:, :n]), place(rows[:, n : 2 * n])) for rows in requests]
-    centers = np.array([(start + goal).mean(axis=0) / 2.0 for start, goal in ends])
-    # Joints that hardly move say nothing about motions, wherever they are.
-    travelled = np.mean([np.abs(goal - start).mean(axis=0) for start, goal in ends], axis=0)
-    is_moving = travelled > _OPTIONS.least_moving * travelled.max()
+    ends = [(space.place(rows[:, :n]), space.place(rows[:, n : 2 * n])) for rows in requests]
+    moves = [_direction(goal - start) for start, goal in ends]
+    last = [
+        space.region(np.concatenate([start, goal]) if side == _BOTH else goal).mean(axis=0)
+        for (start, goal), (_, side) in zip(ends, moves, strict=True)
+    ]
+    apart = np.array(last) - space.middle * np.mean(last, axis=0)
+    least = np.maximum(_OPTIONS.least_apart, _OPTIONS.least_share * np.abs(apart).max(axis=0))
     usual = np.median(np.concatenate([x.durations for x in kinds]))
-    found = []
-    for kind, (start, goal), center in zip(kinds, ends, centers, strict=True):
-        apart = (center - centers.mean(axis=0)) * is_moving
-        axis = int(np.abs(apart).argmax())
+    described = []
+    for kind, (axis, side), offsets in zip(kinds, moves, apart, strict=True):
+        notable = [i for i in np.argsort(-np.abs(offsets)) if abs(offsets[i]) > least[i]]
+        # The direction nearly says where a kind ends along it.
+        notable.sort(key=lambda i: bool(i == axis))
+        places = [space.regions[i][int(offsets[i] > 0.0)] for i in notable]
         pace = "slow" if np.median(kind.durations) > usual else "fast"
-        words = (
-            _label(kind),
-            _direction(goal - start, directions),
-            regions[axis][int(apart[axis] > 0.0)],
-            pace,
-        )
-        found.append(tuple(plain_name(word) for word in words if word))
-    return found
+        motion = (*space.verb, space.directions[axis][side])
+        label = _label(kind)
+        # Joints have long names: where they are is said of kinds that move the same one only.
+        n_words = 1 if label else len(motion) + bool(robot and notable and notable[0] != axis)
+        words = (label, motion[-1]) if label else motion
+        described.append(((*words, *places, pace), n_words))
+    return described
 
 
 def _label(kind: MotionStatistics) -> str:
@@ -120,13 +182,13 @@ def _label(kind: MotionStatistics) -> str:
     return label if count >= _OPTIONS.majority * len(kind.motions) else ""
 
 
-def _direction(displacements: FloatArray, words: Sequence[tuple[str, str, str]]) -> str:
+def _direction(displacements: FloatArray) -> tuple[int, int]:
+    """The coordinate that changes most, and whether it falls, rises, or does both in turns."""
     axis = int(np.abs(displacements).sum(axis=0).argmax())
     positive = float(np.mean(displacements[:, axis] > 0.0))
-    minus, plus, both = words[axis]
     if positive >= _OPTIONS.majority:
-        return plus
-    return minus if positive <= 1.0 - _OPTIONS.majority else both
+        return axis, _RISES
+    return axis, _FALLS if positive <= 1.0 - _OPTIONS.majority else _BOTH
 
 
 def _numbered(names: Sequence[str], taken: Collection[str]) -> list[str]:

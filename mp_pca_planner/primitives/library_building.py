@@ -212,7 +212,7 @@ def _names(
     for _, index, name in sorted(every, reverse=True):
         if -index not in kept and name not in kept.values():
             kept[-index] = name
-    used = [*taken, *kept.values()]
+    used = [OUTLIERS, *taken, *kept.values()]
     new = iter(kind_names([x for i, x in enumerate(parts) if i not in kept], used, robot))
     return [kept[i] if i in kept else next(new) for i in range(len(parts))]
 

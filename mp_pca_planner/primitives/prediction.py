@@ -78,7 +78,7 @@ def drawn_motions(
     check_number(seed, "the seed", GoalError, 0, is_whole=True)
     ends, expected = _request(primitive, start, goal, None)
     rng = np.random.default_rng(seed)
-    draws = rng.multivariate_normal(expected.weights, expected.covariance, n)
+    draws = rng.multivariate_normal(expected.weights, expected.variance * expected.covariance, n)
     return [_motion(primitive, ends, expected, weights) for weights in draws]
 
 

@@ -270,8 +270,8 @@ class MovementPrimitive:
             return float("nan")
         series = self.component_coefficients / np.sqrt(2.0 * np.arange(self.degree + 1) + 1.0)
         rows = series.reshape(self.n_components, -1)
-        variance = float(np.sum((rows @ rows.T) * expected.covariance)) / self.n_joints
-        return float(np.sqrt(variance + np.mean(self.fit_residual**2)))
+        square = expected.variance * float(np.sum((rows @ rows.T) * expected.covariance))
+        return float(np.sqrt(square / self.n_joints + np.mean(self.fit_residual**2)))
 
     def reproduction(self, demonstration: int, times: FloatArray) -> FloatArray:
         """Positions of a demonstration as its weights and its own timing reproduce it.

@@ -99,7 +99,7 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
         for one in primitives:
             if not isinstance(one, MovementPrimitive):
                 raise PrimitiveError(
-                    f"{shown(one)} is no movement primitive; MovementPrimitive.load reads a file"
+                    f"{shown(one)} is not a movement primitive; MovementPrimitive.load reads a file"
                 )
         require_same_joints((f"primitive '{p.name}'", p.joint_names) for p in primitives)
         return cls(

@@ -39,6 +39,7 @@ ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
     "duration_coefficients": (1, len(INVERSE_LENGTHS), 2, "requests", 1),
     "weight_covariance": ("weights", "weights"),
     "weight_precision": ("weights", "weights"),
+    "error_variance": (1,),
     "request_precision": ("entries", "entries"),
 }
 """Shapes of the arrays of a primitive and of its conditional model."""
@@ -115,6 +116,8 @@ def _problem(primitive: MovementPrimitive) -> str:
         return "its demonstrations must last > 0 s"
     if np.any(primitive.explained_variance <= 0.0) or np.any(primitive.total_variance < 0.0):
         return "a variance is not positive"
+    if model.error_variance[0] <= 0.0:
+        return "the variance of its errors is not positive"
     if primitive.explained_variance.sum() > (1.0 + 1e-6) * primitive.total_variance.sum():
         return "its components explain more than all variance"
     for matrix in (model.weight_covariance, model.weight_precision, model.request_precision):

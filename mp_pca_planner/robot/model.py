@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -47,7 +47,8 @@ class Robot(Dynamics, Kinematics):
         The joints that move, in the order of every array of this class. All movable
         joints but those that mimic others, in the order of the kinematic tree, unless given.
     locked : mapping, optional
-        Positions [rad or m] of locked joints; 0 (or the nearest limit) unless given.
+        Positions [rad or m] of locked joints; 0 (or the nearest limit) unless given. Those of
+        joints that mimic one of these follow from it.
     source : str
         Name of the description in messages.
 
@@ -109,7 +110,7 @@ class Robot(Dynamics, Kinematics):
             raise RobotError(f"{quote_names(both)} can't be locked and move at the same time")
         if locked:
             _movable(tuple(locked), self.movable_joints, source)
-        self._locked = LockedModel(full, names, locked or {})
+        self._locked = LockedModel(full, names, locked or {}, found)
         model, _ = self._locked.reduced([])
         self._inertia_flaws, unknown = inertia_flaws(model, found)
         for joint in unknown:  # efforts that can't be computed become NaN, not 0
@@ -158,6 +159,26 @@ class Robot(Dynamics, Kinematics):
     def described_joints(self) -> tuple[str, ...]:
         """The joints that move, in the order of the robot description."""
         return tuple(name for name in self.movable_joints if name in self.joint_names)
+
+    @property
+    def locked_positions(self) -> Mapping[str, float]:
+        """The known positions of locked joints [rad or m]; others count as 0."""
+        return self._locked.known
+
+    def relevant_joints(self, *, pairs: bool, links: Collection[str] = ()) -> tuple[str, ...]:
+        """The locked joints whose positions make a difference to the motion of the others.
+
+        These place joints that move, or they place a mass or a collision shape that these carry.
+
+        Parameters
+        ----------
+        pairs : bool
+            Whether pairs of links are checked for collisions: then collision shapes that the base
+            carries matter, too.
+        links : collection of str
+            Links whose poses are needed.
+        """
+        return self._locked.relevant(pairs=pairs, links=links)
 
     def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
         """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.

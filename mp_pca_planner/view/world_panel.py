@@ -208,6 +208,11 @@ class WorldPanel:
         The obstacles at the beginning.
     react : callable
         Called with the world when a person changes it.
+
+    Attributes
+    ----------
+    handle : viser.TransformControlsHandle
+        The handle of the chosen obstacle.
     """
 
     def __init__(self, stage: Stage, world: World, react: Callable[[World], None]) -> None:
@@ -221,10 +226,10 @@ class WorldPanel:
         self._sizes: list[Any] = []
         self._folder = gui.add_folder(None)
         remove = gui.add_button("Remove", icon=viser.Icon.TRASH, color="gray")
-        self._handle = stage.server.scene.add_transform_controls(
+        self.handle = stage.server.scene.add_transform_controls(
             "/obstacle_handle", scale=0.14 * stage.size, depth_test=False, visible=False
         )
-        stage.on_drag(self._handle, lambda _: self._on_moved())
+        stage.on_drag(self.handle, lambda _: self._on_moved())
         stage.on_click(kinds, lambda: self._on_add(kinds.value))
         stage.on_click(remove, self._on_remove)
         stage.on_change(self._choice, lambda: self._choose(self._choice.value))
@@ -261,7 +266,7 @@ class WorldPanel:
             self._choose(name)
 
     def _on_moved(self) -> None:
-        name, handle = self._choice.value, self._handle
+        name, handle = self._choice.value, self.handle
         if name != _NOTHING:
             pose = np.concatenate([handle.position, np.roll(handle.wxyz, -1)])
             self._editor.move(name, pose)
@@ -286,10 +291,10 @@ class WorldPanel:
     def _place_handle(self) -> None:
         name = self._choice.value
         is_movable = name != _NOTHING and not self._editor[name].frame
-        self._handle.visible = self._is_open and is_movable
+        self.handle.visible = self._is_open and is_movable
         if is_movable:
             place = self._editor.place(name)
-            self._handle.position, self._handle.wxyz = place[:3], np.roll(place[3:], 1)
+            self.handle.position, self.handle.wxyz = place[:3], np.roll(place[3:], 1)
 
     def _show_sizes(self, name: str) -> None:
         sizes = {} if name == _NOTHING else self._editor.sizes(name)

@@ -16,12 +16,12 @@ from scipy.interpolate import BPoly
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
 from mp_pca_planner.motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits
-from mp_pca_planner.planning import problem
-from mp_pca_planner.planning.constraints import LimitedProgram
+from mp_pca_planner.planning.options import SearchOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.remarks import remarks
-from mp_pca_planner.planning.search_options import SearchOptions
+from mp_pca_planner.planning.program import compile as compiler
+from mp_pca_planner.planning.program.limits import Limits
+from mp_pca_planner.planning.report import remarks
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import generate_motions
@@ -112,7 +112,7 @@ def test_practice_where_it_is_of_no_use_changes_nothing(options):
     assert before.solution.iterations == after.solution.iterations
 
 
-def test_practice_leaves_out_what_the_limits_forbid_and_helps_poses_and_vias_too():
+def test_practice_leaves_out_what_the_limits_forbid_and_helps_poses_too():
     # None of the demonstrations lies within these limits.
     narrow = {name: {"min_position": 0.3, "max_position": 0.31} for name in JOINTS}
     subject = planner(overrides=narrow, naturalness=0.0)
@@ -123,12 +123,10 @@ def test_practice_leaves_out_what_the_limits_forbid_and_helps_poses_and_vias_too
     subject.precompute(max_time=0.0)  # no time for any
     subject.precompute()
     goal, start = request(2)
-    via = Via(JointState(JOINTS, 0.5 * (start.positions + goal.state.positions)))
     frame = subject.robot.frame_names[-1]
     place = subject.robot.frame_positions(goal.state.positions[None], [frame])[0, 0]
-    for wanted in (replace(goal, vias=(via,)), PoseGoal(Pose(frame, place))):
-        plan = subject.plan(wanted, start)
-        assert plan.status == SOLVED, plan.message
+    plan = subject.plan(PoseGoal(Pose(frame, place)), start)
+    assert plan.status == SOLVED, plan.message
 
 
 @pytest.mark.parametrize("n_starts", [0, 6])
@@ -248,15 +246,15 @@ UNLIMITED = {
 }
 
 
-def unlimited(program, tables, _, ends, chosen):
-    """A program that knows of no limits."""
+def unlimited(robot, tables, unknowns, _, ends, chosen):
+    """Limits that bound nothing."""
     limits = JointLimits(JOINTS, dict.fromkeys(JOINTS, UNLIMITED))
-    return LimitedProgram(program, tables, limits, ends, chosen)
+    return Limits(robot, tables, unknowns, limits, ends, chosen)
 
 
 def test_naturalness_is_raised_where_nothing_else_keeps_the_limits(monkeypatch):
     # As if the solver could not keep limits at all.
-    monkeypatch.setattr(problem, "LimitedProgram", unlimited)
+    monkeypatch.setattr(compiler, "Limits", unlimited)
     subject = planner("joint", naturalness=0.0)
     plans = [subject.plan(*request(i)) for i in range(10)]
     assert any(plan.naturalness > 0.0 for plan in plans)

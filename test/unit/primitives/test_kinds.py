@@ -14,12 +14,16 @@ from motion_kinds import generate_kinds
 from mp_pca_planner.primitives.conditional_model import left_out_squares
 from mp_pca_planner.primitives.kind_names import kind_names
 from mp_pca_planner.primitives.kinds import OUTLIER, KindOptions, find_kinds
-from mp_pca_planner.primitives.library_building import adjusted_rand_index, library_content
+from mp_pca_planner.primitives.library_building import (
+    OUTLIERS,
+    adjusted_rand_index,
+    library_content,
+)
+from mp_pca_planner.primitives.library_journal import check_name
 from mp_pca_planner.primitives.motion_sources import source_rows
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 N_PHASES = PrimitiveOptions().n_phases
@@ -141,23 +145,94 @@ def replace_labels(made: MotionStatistics) -> MotionStatistics:
     return replace(made, sources=source_rows(m._replace(label="") for m in made.motions))
 
 
-def test_names_say_where_the_end_effector_goes():
-    robot = Robot.from_file(config_file("human_arm.urdf"), statistics(6).joint_names)
-    down = [-0.2, 0.0, 0.0, -0.1]
+def gantry() -> Robot:
+    """A robot whose joint positions are the place of its end effector."""
+    inertial = '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    links = [f'<link name="l{i}"><inertial>{inertial}</inertial></link>' for i in range(4)]
+    axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+    joints = [
+        f'<joint name="{name}" type="prismatic"><axis xyz="{axis}"/>'
+        f'<parent link="l{i}"/><child link="l{i + 1}"/>'
+        '<limit lower="-2" upper="2" velocity="9" effort="9"/></joint>'
+        for i, (name, axis) in enumerate(axes.items())
+    ]
+    return Robot(f'<robot name="gantry">{"".join(links + joints)}</robot>')
+
+
+def kind_of(*motions: tuple[list[float], list[float]], seconds: float = 1.0) -> MotionStatistics:
+    """Statistics of minimum-jerk motions of the gantry between these places."""
     times = np.linspace(0.0, 1.0, 101)
+    share = (10 - 15 * times + 6 * times**2) * times**3
+    made = [
+        Demonstration.from_arrays(
+            ["x", "y", "z"],
+            seconds * times,
+            np.outer(1 - share, a) + np.outer(share, b),
+            recording=f"{i}",
+        )
+        for i, (a, b) in enumerate(motions)
+    ]
+    return MotionStatistics.of(made, PrimitiveOptions())
 
-    def to(goal):
-        share = (10 - 15 * times + 6 * times**2) * times**3
-        rate = np.gradient(share, times)
-        positions, step = np.outer(1 - share, down) + np.outer(share, goal), np.subtract(goal, down)
-        zeros = np.zeros((101, 4))
-        motion = Demonstration(
-            robot.joint_names, times, positions, np.outer(rate, step), zeros,
-            recording="x", start_time=0.0, end_time=1.0,
-        )  # fmt: skip
-        return MotionStatistics.of([motion], PrimitiveOptions())
 
-    up = to([-2.2, 0.0, 0.0, -0.1])
-    names = kind_names([up, up], ["up"], robot)
-    assert all(name.startswith("up") for name in names)
-    assert len({*names, "up"}) == 3
+RIGHT, LEFT = [0.5, -0.4, 0.2], [0.5, 0.4, 0.2]
+
+
+def raised(place: list[float], height: float = 0.6) -> list[float]:
+    return [*place[:2], place[2] + height]
+
+
+def test_names_say_where_the_end_effector_goes_and_ends():
+    low, high = kind_of((RIGHT, LEFT)), kind_of((raised(RIGHT), raised(LEFT)))
+    back = kind_of((raised(LEFT), raised(RIGHT)))
+    assert kind_names([low, high, back], robot=gantry()) == [
+        "reach_left_low", "reach_left_high", "reach_right_high",
+    ]  # fmt: skip
+
+
+def test_names_say_how_far_from_the_base_and_on_which_side():
+    near, far = [0.4, 0.0, 0.2], [0.9, 0.0, 0.2]
+    lifts = [kind_of((x, raised(x))) for x in (near, far)]
+    assert kind_names(lifts, robot=gantry()) == ["reach_up_near", "reach_up_far"]
+    lifts = [kind_of((x, raised(x))) for x in (RIGHT, LEFT)]
+    assert kind_names(lifts, robot=gantry()) == ["reach_up_at_right", "reach_up_at_left"]
+    assert kind_names([kind_of((near, raised(near)))], robot=gantry()) == ["reach_up"]
+
+
+def test_a_kind_with_returns_goes_both_ways():
+    both = kind_of((RIGHT, LEFT), (LEFT, RIGHT))
+    assert kind_names([both], robot=gantry()) == ["reach_left_and_right"]
+
+
+def test_without_a_robot_names_say_which_joint_moves_most():
+    kinds = [kind_of((RIGHT, LEFT)), kind_of((LEFT, RIGHT)), kind_of((LEFT, raised(LEFT)))]
+    assert kind_names(kinds) == ["y_plus", "y_minus", "z_plus"]
+
+
+def test_equal_kinds_get_distinct_names():
+    ends = [0.5, -0.8, 0.2], [0.5, 0.0, 0.2]
+    kinds = [kind_of(ends), kind_of(ends), kind_of(ends, seconds=2.0)]
+    names = kind_names(kinds, ["reach_left"], gantry())
+    assert names == ["reach_left_fast", "reach_left_fast_2", "reach_left_slow"]
+
+
+@settings(max_examples=20)
+@given(st.lists(st.text(max_size=90), min_size=2, max_size=4))
+def test_names_are_distinct_and_valid_whatever_the_labels(labels):
+    made = kind_of((RIGHT, LEFT))
+    kinds = [
+        replace(made, sources=source_rows(m._replace(label=label) for m in made.motions))
+        for label in labels
+    ]
+    names = kind_names(kinds, [OUTLIERS], gantry())
+    assert len({*names, OUTLIERS}) == len(names) + 1
+    for name in names:
+        check_name(name)
+    assert names == kind_names(kinds, [OUTLIERS], gantry())
+
+
+def test_a_kind_labelled_as_outliers_does_not_take_their_name():
+    labelled = statistics(12, n_kinds=1)
+    sources = source_rows(m._replace(label=OUTLIERS) for m in labelled.motions)
+    content = library_content(replace(labelled, sources=sources), PrimitiveOptions())
+    assert OUTLIERS not in {x.name for x in content.primitives}

@@ -50,7 +50,7 @@ def test_a_tab_shows_its_subject_and_no_handle_of_another(page):
     page.world._on_add("Sphere")
     until(lambda: page.plan.is_settled)
     (via,) = page.plan._vias._handles
-    obstacle = page.world._handle
+    obstacle = page.world.handle
     for name, handles in (
         ("Plan", (True, True, False)),
         ("Components", (False, False, False)),
