@@ -19,7 +19,7 @@ from mp_pca_planner.evaluation.check import RigidArm
 from mp_pca_planner.evaluation.scene_referee import SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.motion.goal import JointGoal, JointState, Via
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.options import PathOptions
 from mp_pca_planner.planning.plan import PlannerOptions
@@ -145,8 +145,7 @@ def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch)
     limits = arm_robot().limits(dict(zip(JOINTS, bounds, strict=True)))
     planner = Planner(arm_robot(), [primitive], limits, options, collision)
     near = JointState(JOINTS, start + 0.01)
-    with_via = JointGoal(JointState(JOINTS, goal), vias=(Via(near),))
-    for target in (goal, with_via, [near, goal]):
+    for target in (goal, [near, goal]):
         plan = planner.plan(target, start)
         assert plan.status == "infeasible"
         assert "'lower_arm' and 'wall' collide from" in plan.message
