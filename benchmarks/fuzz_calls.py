@@ -35,9 +35,6 @@ from typing import Any
 import numpy as np
 
 import mp_pca_planner as mp
-    SolverOptions,
-)
-
 from mp_pca_planner.planning.options import SearchOptions
 from mp_pca_planner.planning.part_options import (
     BrakingOptions,
