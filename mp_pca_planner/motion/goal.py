@@ -23,6 +23,7 @@ from ..arrays import (
     unique_names,
 )
 from ..exceptions import GoalError, quote_names, shown, unknown_name
+from ..input_limits import INPUT_LIMITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,6 +376,9 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
             )
         return value
     if _is_several(value):
+        most = INPUT_LIMITS.targets
+        if len(value) > most:
+            raise GoalError(f"the sequence has {len(value)} targets, at most {most} are accepted")
         targets = [_as_target(v, joint_names, f"target {i}") for i, v in enumerate(value, 1)]
         times = (*(None for _ in targets[1:]), duration)
         return SequenceGoal(tuple(targets), times)
