@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays import FloatArray, check_number
+from ..arrays import FloatArray, check_number, check_type, frozen_array, set_frozen
 from ..exceptions import GoalError, unknown_name
 from ..robot.model import Robot
 
@@ -78,11 +78,12 @@ class Upright:
 
     def __post_init__(self) -> None:
         check_number(self.angle, "the angle of an upright frame [rad]", GoalError, 1e-3, 3.0)
-        for direction in (self.axis, self.up):
-            if not (np.shape(direction) == (3,) and np.isfinite(direction).all()):
-                raise GoalError(f"a direction must be 3 numbers, got {direction!r:.80}")
-            if not np.linalg.norm(direction) > 0.0:
+        check_type(self.frame, "the frame of a constraint", GoalError, str)
+        for field in ("axis", "up"):
+            direction = frozen_array(getattr(self, field), (3,), "a direction", GoalError)
+            if not 1e-9 < np.linalg.norm(direction) < np.inf:
                 raise GoalError("a direction must not be 0")
+            set_frozen(self, **{field: tuple(direction.tolist())})
 
     def __str__(self) -> str:
         return f"'{self.frame}' within {np.rad2deg(self.angle):.3g}° of upright"

@@ -325,6 +325,8 @@ def _write(
     overwrite: bool,
 ) -> None:
     """Write a bag under a temporary name and rename it when it is complete."""
+    if not target.name or target.name == "..":
+        raise RecordingError(f"'{target}' can't be written: give the name of a file or folder")
     if target.exists() and not overwrite:
         raise exists_already(target)
     if target.is_dir() and any(target.iterdir()) and recordings_in(target) != [target]:
