@@ -80,7 +80,7 @@ SENTENCES = {
     "least_duration": ("{message}; the shortest duration that the limits allow is {seconds:.4g} s"),
     "no_slow": "{message}; nor was a slow one found: {reason}",
     "no_planner": "{message}; {missing}",
-    "end": "the {end} is in collision: {bodies} {place}",
+    "end": "{end} is in collision: {bodies} {place}",
     "beyond": "the goal is passed at a velocity, and in the stop after it {met}",
     "missed": "the nearest one is {missed:.3g} rad or m off",
     "keeping": "that keeps {what}",
@@ -247,9 +247,9 @@ def _collision_kind(context: Context) -> str:
 def _end_in_collision(context: Context, request: Request) -> str:
     """Text on the first configuration of a request that is in collision; empty if none is."""
     names, model = context.robot.joint_names, context.collision
-    fixed = [("start", request.start)]
+    fixed = [("the start", request.start)]
     if request.pose is None:
-        fixed.append(("goal", request.goal))
+        fixed.append(("the goal", request.goal))
     for number, segment in enumerate(request.segments[:-1], start=1):
         if segment.pose is None:
             fixed.append((f"target {number}", segment.goal))

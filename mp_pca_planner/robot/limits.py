@@ -207,7 +207,7 @@ def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
     for key, value in entry.items():
         what = f"{where}: {key} of joint '{name}'"
         if key in LIMIT_KEYS:
-            if not (is_number(value) or (isinstance(value, float) and abs(value) == np.inf)):
+            if not (is_number(value) or isinstance(value, float)):
                 raise LimitsError(f"{what} is {shown(value, 40)}, not a number")
             values[key] = float(value)
             _check_limit(name, key, values[key], where)

@@ -55,7 +55,12 @@ def test_joint_names_must_be_unique_strings(names):
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [("abc", "must be numbers"), ([[1.0]], "shape"), ([1.0, 2.0], "shape"), (None, "shape")],
+    [
+        ("abc", "must be numbers"),
+        ([[1.0]], "shape"),
+        ([1.0, 2.0], "shape"),
+        (None, "must be numbers"),
+    ],
 )
 def test_arrays_of_wrong_content_or_shape_are_refused(values, message):
     with pytest.raises(GoalError, match=message):

@@ -143,10 +143,13 @@ def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch)
     ranges = zip(low.tolist(), high.tolist(), strict=True)
     bounds = [{"min_position": least, "max_position": most} for least, most in ranges]
     limits = arm_robot().limits(dict(zip(JOINTS, bounds, strict=True)))
-    plan = Planner(arm_robot(), [primitive], limits, options, collision).plan(goal, start)
-    assert plan.status == "infeasible"
-    assert "'lower_arm' and 'wall' collide from" in plan.message
-    assert "needs the Python module 'ompl'" in plan.message
+    planner = Planner(arm_robot(), [primitive], limits, options, collision)
+    near = JointState(JOINTS, start + 0.01)
+    for target in (goal, [near, goal]):
+        plan = planner.plan(target, start)
+        assert plan.status == "infeasible"
+        assert "'lower_arm' and 'wall' collide from" in plan.message
+        assert "needs the Python module 'ompl'" in plan.message
 
 
 @pytest.mark.parametrize("end", [0, 3])

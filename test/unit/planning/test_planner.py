@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits
 from mp_pca_planner.planning.options import SearchOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
@@ -524,3 +524,29 @@ def test_a_joint_that_turns_without_end_goes_the_shorter_way():
     )
     careful.check(goal)
     assert careful.plan(goal, JointState(["turn"], [3.0 + 4.0 * np.pi])).is_executable
+
+
+@pytest.mark.parametrize("seconds", [1e-7, 1e-100, 5e-324])
+def test_durations_whose_numbers_would_overflow_are_rejected(seconds):
+    goal, start = request(1)
+    with pytest.raises(GoalError, match="at least 1e-06 s are accepted"):
+        planner().plan(JointGoal(goal.state, seconds), start)
+
+
+@pytest.mark.parametrize("seconds", [1e-7, 1e-300])
+def test_passing_times_whose_numbers_would_overflow_are_rejected(seconds):
+    goal, start = request(1)
+    targets = (JointState(JOINTS, start.positions + 0.2), goal.state)
+    with pytest.raises(GoalError, match="at least 1e-06 s are accepted"):
+        planner().plan(SequenceGoal(targets, (seconds, 1.0)), start)
+
+
+def test_goals_of_other_types_are_rejected_by_check_and_target():
+    goal, start = request(1)
+    subject = planner()
+    with pytest.raises(GoalError, match="the goal must be a JointGoal"):
+        subject.check(start.positions)
+    with pytest.raises(GoalError, match="the goal must be a JointGoal"):
+        subject.target(start.positions, start)
+    found = subject.target(goal, dict(zip(JOINTS, start.positions, strict=True)))
+    np.testing.assert_array_equal(found.positions, goal.state.positions)

@@ -9,10 +9,12 @@ import pytest
 from arm import arm_demonstrations, arm_primitive, arm_robot
 from patience import PATIENT
 
+import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.costs import effort_of
+from mp_pca_planner.planning.program.costs import effort_of, rank_of
 from mp_pca_planner.planning.requests.selection import Considered, Selection, Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -156,3 +158,18 @@ def test_score_does_not_depend_on_whole_turns_of_a_joint_that_turns_without_end(
     here = selector.scores(motion.positions[0], motion.positions[-1])
     there = selector.scores(motion.positions[0] + turn, motion.positions[-1] + turn)
     assert there == pytest.approx(here, rel=1e-9)
+
+
+def test_costs_that_are_not_numbers_come_last_in_a_ranking() -> None:
+    assert sorted([np.nan, 2.0, 1.0, np.inf], key=rank_of)[:2] == [1.0, 2.0]
+
+
+def test_motions_without_optimisation_have_costs_where_primitives_are_compared() -> None:
+    # In no time, motions through the ball are led along detours without optimisation.
+    robot, (start, goal) = arm_robot(), arm_demonstrations(1, 9)[0].positions[[0, -1]]
+    hand = robot.frame_positions(arm_demonstrations(1, 9)[0].positions, [robot.end_effector])[:, 0]
+    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, hand[len(hand) // 2]))])
+    for timing in ("demonstrated", "shortest", "free"):
+        options = PlannerOptions(timing=timing, naturalness=0.01, max_solve_time=0.2)
+        plan = Planner(robot, library(), None, options, world=world).plan(goal, start)
+        assert "nan" not in plan.selection and np.isfinite(plan.cost)
