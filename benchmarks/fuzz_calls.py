@@ -102,7 +102,7 @@ OTHERS: tuple[Callable[[], Any], ...] = (
     *(lambda: len, lambda: int, lambda: np, lambda: ValueError("x"), lambda: NotImplemented),
     *(lambda: Ellipsis, lambda: slice(3), lambda: Path(), lambda: Path("no/such\0file")),
     *(lambda: Path("/dev/null"), lambda: Path("missing.urdf"), lambda: io.BytesIO(b"abc")),
-    *(lambda: mp.Pose("hand", [0, 0, 0]), lambda: mp.JointState(["a"], [0.0]), lambda: mp.World()),
+    *(lambda: mp.Pose("wrist", [0, 0, 0]), lambda: mp.JointState(["a"], [0.0]), lambda: mp.World()),
     *(lambda: mp.JointGoal({"elbow": -0.5}), lambda: mp.Planner),
 )
 ARRAYS: tuple[Callable[[], Any], ...] = (
@@ -165,7 +165,7 @@ def calls(folder: Path) -> list[Call]:
     robot, one = planner.robot, next(iter(demonstrations))
     names, q = primitive.joint_names, primitive.boundary_states[0, 0]
     there = primitive.boundary_states[0, 3]
-    state, pose = mp.JointState(names, there), mp.Pose("hand", [0.1, 0.2, 0.3])
+    state, pose = mp.JointState(names, there), mp.Pose("wrist", [0.1, 0.2, 0.3])
     times, zeros = np.linspace(0.0, 1.0, 5), np.zeros((5, 4))
     ball = mp.Obstacle("ball", mp.Sphere(0.01, [2.0, 0.0, 0.0]))
     world, cube = mp.World([ball]), np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
@@ -192,8 +192,8 @@ def calls(folder: Path) -> list[Call]:
     matrix = {"q": zeros, "v": zeros, "a": zeros}
     found = [
         Call("JointState", mp.JointState, {"joint_names": names, "positions": q, "velocities": q}),
-        Call("Pose", mp.Pose, {"frame": "hand", **at}),
-        Call("JointGoal", mp.JointGoal, {"state": state, "duration": 1.0, "vias": ()}),
+        Call("Pose", mp.Pose, {"frame": "wrist", **at}),
+        Call("JointGoal", mp.JointGoal, {"state": state, "duration": 1.0}),
         Call("PoseGoal", mp.PoseGoal, {"pose": pose, "duration": 1.0, "primitive": "reach"}),
         Call(
             "SequenceGoal",
@@ -246,9 +246,9 @@ def calls(folder: Path) -> list[Call]:
         Call("Robot.from_file", mp.Robot.from_file, {"path": ROBOT, "joint_names": names}),
         Call("Robot.limits", robot.limits, {}),
         Call("Robot.with_payload", robot.with_payload, {"mass": 1.0, "frame": None}),
-        Call("Robot.with_link_inertias", robot.with_link_inertias, {"factors": np.ones(4)}),
-        Call("Robot.frame_positions", robot.frame_positions, {"q": zeros, "frames": ["hand"]}),
-        Call("Robot.chain_positions", robot.chain_positions, {"q": zeros, "frame": "hand"}),
+        Call("Robot.with_link_inertias", robot.with_link_inertias, {"factors": np.ones((2, 4))}),
+        Call("Robot.frame_positions", robot.frame_positions, {"q": zeros, "frames": ["wrist"]}),
+        Call("Robot.chain_positions", robot.chain_positions, {"q": zeros, "frame": "wrist"}),
         Call("Robot.inverse_dynamics", robot.inverse_dynamics, matrix),
         Call("Robot.inverse_dynamics_derivatives", robot.inverse_dynamics_derivatives, matrix),
         Call("Robot.known_efforts", robot.known_efforts, matrix),
@@ -262,12 +262,12 @@ def calls(folder: Path) -> list[Call]:
         Call("Capsule", mp.Capsule, {"radius": 0.1, "height": 0.2, **at}),
         Call("Mesh", mp.Mesh, {**mesh, **at}),
         Call("Mesh.from_file", mp.Mesh.from_file, {"path": folder / "no.stl", "scale": 1.0, **at}),
-        Call("Obstacle", mp.Obstacle, {"name": "a", "shapes": mp.Sphere(0.1), "frame": "hand"}),
+        Call("Obstacle", mp.Obstacle, {"name": "a", "shapes": mp.Sphere(0.1), "frame": "wrist"}),
         Call("World", mp.World, {"obstacles": [ball]}),
         Call("World.from_file", mp.World.from_file, {"path": folder / "missing.yaml"}),
         Call("World.with_obstacles", world.with_obstacles, {"obstacles": ball}),
         Call("World.without", world.without, {"names": ["ball"]}),
-        Call("World.allows", world.allows, {"first": "ball", "second": "hand"}),
+        Call("World.allows", world.allows, {"first": "ball", "second": "wrist"}),
     ]
     return found
 

@@ -202,7 +202,7 @@ def check_choice(
 
 
 def as_list(values: Iterable[Any], what: str, error: type[PlannerError]) -> list[Any]:
-    """The values of a sequence or another iterable; text is none.
+    """The values of a sequence or another iterable; text and mappings are none.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def as_list(values: Iterable[Any], what: str, error: type[PlannerError]) -> list
         (as `error`) With what is needed, if the values are none or too many.
     """
     try:
-        if isinstance(values, str | bytes | bytearray | memoryview):
+        if isinstance(values, str | bytes | bytearray | memoryview | Mapping):
             raise TypeError
         found = list(islice(values, _MAX_NAMES + 1))
         if len(found) > _MAX_NAMES:

@@ -21,6 +21,7 @@ from typing import Any, BinaryIO
 
 import yaml
 
+from .arrays import check_type
 from .exceptions import PlannerError, shown
 from .input_limits import INPUT_LIMITS
 
@@ -64,6 +65,9 @@ def reading(what: str, error: type[PlannerError]) -> Iterator[None]:
         raise error(f"{what} can't be read: {_reason(problem)}") from None
 
 
+_MAX_NAME = 255  # of a file on the systems that ROS runs on [bytes]
+
+
 def as_path(value: object, error: type[PlannerError] = PlannerError) -> Path:
     """A path of a file or folder.
 
@@ -74,11 +78,15 @@ def as_path(value: object, error: type[PlannerError] = PlannerError) -> Path:
     """
     try:
         path = Path(value)  # type: ignore[arg-type]
-        if b"\0" not in os.fsencode(path):
+        is_short = max((len(os.fsencode(part)) for part in path.parts), default=0) <= _MAX_NAME
+        if is_short and b"\0" not in os.fsencode(path):
             return path
     except Exception:  # also methods of others, and text that is no Unicode
         pass
-    raise error(f"a path must be a string or a Path, without a NUL, got {shown(value)}")
+    raise error(
+        f"a path must be a string or a Path, without a NUL, of names of "
+        f"at most {_MAX_NAME} bytes, got {shown(value)}"
+    )
 
 
 def open_regular(path: str | Path) -> BinaryIO:
@@ -197,6 +205,7 @@ def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool =
     PlannerError
         If a file exists and may not be overwritten, or can't be written.
     """
+    check_type(overwrite, "overwrite", PlannerError, bool)
     target = Path()
     try:
         with ExitStack() as stack:

@@ -388,9 +388,10 @@ def _is_several(value: object) -> TypeGuard[Sequence[TargetLike]]:
     """Whether a value is a list of targets, rather than one list of positions."""
     if isinstance(value, np.ndarray):
         return value.ndim == 2
-    return isinstance(value, Sequence) and any(
-        isinstance(one, (JointState, Pose, Mapping, Sequence, np.ndarray)) for one in value
-    )
+    kinds = (JointState, Pose, Mapping, Sequence, np.ndarray)
+    # A range is a sequence of any length.
+    is_list = isinstance(value, Sequence) and not isinstance(value, range)
+    return is_list and any(isinstance(one, kinds) for one in cast(Sequence[Any], value))
 
 
 def _as_target(value: TargetLike, joint_names: Sequence[str], what: str) -> JointState | Pose:

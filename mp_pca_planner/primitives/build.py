@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, check_type
 from ..exceptions import PrimitiveError, shown
 from ..recordings.demonstration import Demonstration
 from ..rows import empty_rows, row_blocks, row_mean
@@ -53,6 +53,7 @@ def build_primitive(
         If there is no demonstration, something else is among them, they have different joints, or
         nothing moves.
     """
+    check_type(name, "the name of a primitive", PrimitiveError, str)
     others = demonstrations if isinstance(demonstrations, Sequence) else [demonstrations]
     for one in others:
         if not isinstance(one, Demonstration):

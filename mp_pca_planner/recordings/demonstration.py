@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
-from ..arrays import FloatArray, check_number, frozen_array, set_frozen, unique_names
+from ..arrays import FloatArray, check_number, check_type, frozen_array, set_frozen, unique_names
 from ..exceptions import RecordingError
 from ..input_limits import INPUT_LIMITS
 
@@ -69,6 +69,9 @@ class Demonstration:
     checksum: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
+        check_type(self.recording, "the recording of a motion", RecordingError, str)
+        for value, what in ((self.start_time, "start_time [s]"), (self.end_time, "end_time [s]")):
+            check_number(value, what, RecordingError, -1e18, 1e18)
         where = f"motion at {self.start_time:.3f} s of '{self.recording}'"
         names = unique_names(self.joint_names, f"joints of the {where}", RecordingError)
         times = frozen_array(self.times, (None,), f"times of the {where}", RecordingError)

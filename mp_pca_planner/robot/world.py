@@ -117,8 +117,8 @@ class World:
     def __init__(
         self, obstacles: Iterable[Obstacle] = (), allowed: Iterable[tuple[str, str]] = ()
     ) -> None:
-        check_type(obstacles, "the obstacles of a world", WorldError, Iterable)
-        bodies = tuple(obstacles)
+        needed = "the obstacles of a world must be a list"
+        bodies = tuple(as_list(obstacles, needed, WorldError))
         for one in bodies:
             check_type(one, "each obstacle of a world", WorldError, Obstacle)
         if bodies:
@@ -131,7 +131,12 @@ class World:
         ):
             if count > most:
                 raise WorldError(f"a world of {count} {kind} is too large: at most {most} are used")
-        pairs = frozenset((min(pair), max(pair)) for pair in allowed)
+        needed = "allowed contacts must be pairs of names"
+        couples = [as_list(x, needed, WorldError) for x in as_list(allowed, needed, WorldError)]
+        for pair in couples:
+            if len(pair) != 2 or not all(isinstance(one, str) for one in pair):
+                raise WorldError(f"{needed}, got {shown(pair)}")
+        pairs = frozenset((min(pair), max(pair)) for pair in couples)
         set_frozen(self, obstacles=bodies, allowed=pairs)
 
     def __repr__(self) -> str:

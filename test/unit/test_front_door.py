@@ -159,7 +159,7 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
         (lambda reach, robot, ends: robot.limits({"elbo": {}}), "did you mean 'elbow'"),
         (lambda reach, robot, ends: mp.JointLimits(["a"], {"a": {"velocity": 1}}), "max_velocity"),
         (lambda reach, robot, ends: mp.JointLimits(["a"], None), "must be a Mapping"),
-        (lambda reach, robot, ends: robot.frame_positions(ends[0], ["wrist"]), "n_steps, 4"),
+        (lambda reach, robot, ends: robot.frame_positions(ends[0], ["wrist"]), "any, 4"),
         (lambda reach, robot, ends: robot.frame_positions(ends, "wrist"), "a list of names"),
         (lambda reach, robot, ends: mp.World(mp.Sphere(1.0)), "obstacles of a world must"),
         (lambda reach, robot, ends: mp.World([mp.Sphere(1.0)]), "must be an Obstacle"),
