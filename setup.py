@@ -74,6 +74,8 @@ setup(
         "PyYAML>=6.0",
         "tqdm>=4.66",
         "threadpoolctl>=3.1",
+        # Detours around obstacles; there are no wheels for later versions of Python.
+        "ompl>=2.0; python_version < '3.14'",
     ],
     extras_require={
         # ROS 2 Jazzy for machines without one: wheels for x86-64 Linux.
@@ -101,7 +103,7 @@ setup(
             "toppra>=0.6.9",
             "example-robot-data>=4.3",
         ],
-        # Paths around obstacles, for detours; and as a peer. No wheels for Python 3.14 yet.
+        # Part of the requirements; the name stays for a release.
         "ompl": ["ompl>=2.0; python_version < '3.14'"],
         # Has no wheels for many platforms: apart, so that it doesn't hold up the other peers.
         "drake": ["drake>=1.30"],

@@ -29,7 +29,7 @@ from mp_pca_planner.evaluation.problems import (
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.unknowns import DEFAULT_NODES
+from mp_pca_planner.planning.program.tables import N_NODES
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 NODES = (28, 56, 112, 224)
@@ -56,11 +56,9 @@ def main() -> None:
     by_nodes, by_weights = [], []
     for scene in scenes():
         problems = held_out_problems(scene, n_problems, 2)
-        few = planner(scene, N_WEIGHTS, DEFAULT_NODES)
+        few = planner(scene, N_WEIGHTS, N_NODES)
         by_nodes += rows(scene, NODES, [planner(scene, N_WEIGHTS, n, few) for n in NODES], problems)
-        by_weights += rows(
-            scene, WEIGHTS, [planner(scene, n, DEFAULT_NODES) for n in WEIGHTS], problems
-        )
+        by_weights += rows(scene, WEIGHTS, [planner(scene, n, N_NODES) for n in WEIGHTS], problems)
     columns = ["passes", "a plan [ms]", "a pass [ms]"]
     tables = {
         f"Growth with nodes, {N_WEIGHTS} weights": (

@@ -109,36 +109,36 @@ def show(urdf: str) -> None:
 def marked(**fields: Any) -> mp.Obstacle:
     """The obstacle of a marker."""
     from geometry_msgs.msg import Vector3
-    from visualization_msgs.msg import Marker
+    from rclpy.serialization import serialize_message
+    from visualization_msgs.msg import Marker, MarkerArray
 
-    from mp_pca_planner.ros.obstacle_markers import to_obstacle
+    from mp_pca_planner.ros.marker_bytes import read_markers
+    from mp_pca_planner.ros.obstacle_builder import to_obstacle
 
     marker = Marker(**{"scale": Vector3(x=1.0, y=1.0, z=1.0), **fields})
     marker.pose.orientation.w = 1.0
-    return to_obstacle(marker, [])
+    (read,) = read_markers(bytes(serialize_message(MarkerArray(markers=[marker]))))
+    return to_obstacle(read)
 
 
 def flipped(number: int) -> None:
     """Use a valid marker of triangles with some flipped bytes."""
     from geometry_msgs.msg import Point, Vector3
-    from rclpy.serialization import deserialize_message, serialize_message
-    from visualization_msgs.msg import Marker
+    from rclpy.serialization import serialize_message
+    from visualization_msgs.msg import Marker, MarkerArray
 
-    from mp_pca_planner.ros.obstacle_markers import to_obstacle
+    from mp_pca_planner.ros.marker_bytes import read_markers
+    from mp_pca_planner.ros.obstacle_builder import to_obstacle
 
     random = np.random.default_rng([28, number])
     corners = random.uniform(-1.0, 1.0, (12, 3)) * (1.0, 1.0, random.integers(0, 2))
     points = [Point(x=x, y=y, z=z) for x, y, z in corners.tolist()]
     marker = Marker(type=11, points=points, scale=Vector3(x=1.0, y=1.0, z=1.0))
     marker.pose.orientation.w = 1.0
-    content = bytearray(serialize_message(marker))
+    content = bytearray(serialize_message(MarkerArray(markers=[marker])))
     for at in random.integers(4, len(content), random.integers(1, 6)).tolist():
         content[at] = int(random.choice([0, 1, 127, 255, random.integers(0, 256)]))
-    try:
-        damaged = deserialize_message(bytes(content), Marker)
-    except Exception:  # the node never sees it
-        return
-    world = mp.World([to_obstacle(damaged, [])])
+    world = mp.World([to_obstacle(one) for one in read_markers(bytes(content))])
     use(mp.World([mp.Obstacle(one.name, one.shapes) for one in world]))
 
 

@@ -3,9 +3,11 @@
 """Random events on simulated robots, judged by a referee from the commands alone.
 
 Goals at rest and in motion, streams of goals that repeat, drift or alternate, stops, holds,
-silences, speed scaling, delays, payloads, rejections, lost messages, and restarts of the node and
-of the controller: one disturbance at a time. The node and the robot are stepped together in virtual
-time. Therefore the outcome does not depend on the load of the machine, and a seed reproduces a run.
+silences, speed scaling, delays, payloads, rejections, lost messages, stalls of the node and of the
+joint states, and restarts of the node and of the controller: one disturbance at a time. Of four
+runs, one has joint states without velocities, one has them in two messages, and one has both. The
+node and the robot are stepped together in virtual time. Therefore the outcome does not depend on
+the load of the machine, and a seed reproduces a run.
 
 Four kinds of jumps up to 10 mrad are counted separately, because the sender can't prevent them. (1)
 If the robot's place on its motion is unknown, a stop is a single point. The controller leads there
@@ -19,7 +21,8 @@ that restarts shortly before the end of a motion holds a position close to that 
 
 Exits with 1 if a command exceeded a limit by more than 1 %, or jumped by more than 0.2 mrad in a
 millisecond. It also exits with 1 if a goal got no report or several, a motion got no execution
-report or several, or the robot did not arrive at a reachable goal that was not replaced.
+report or several or a false one, or the robot did not arrive at a reachable goal that was not
+replaced.
 """
 
 from __future__ import annotations
@@ -69,6 +72,7 @@ class Run:
         self.ends = np.array([m.positions[[0, -1]] for m in self.scene.demonstrations])
         self.node = VirtualNode(self.model, self.ends[0, 0], seed=self.seed)
         self.faults = self.node.robot.faults
+        self.node.has_velocities, self.node.is_split = self.seed % 2 == 0, self.seed // 2 % 2 == 1
         # Before its first motion, the node has no model of the servos and the load.
         self.node.run(0.2)
         self.send(self.target())
@@ -196,6 +200,17 @@ def payload(run: Run) -> None:
     run.node.run(1.0)
 
 
+def stalls(run: Run) -> None:
+    """Let the node, or its joint states, stand still for a while, in motion and at rest."""
+    for _ in range(4):
+        run.send(run.target())
+        run.node.run(run.random.uniform(0.0, 1.5))
+        of_states = bool(run.random.random() < 0.5)
+        run.node.stall(run.random.uniform(0.3, 1.0), of_states=of_states)
+        if run.random.random() < 0.5:
+            run.node.run(run.random.uniform(0.0, 1.0))
+
+
 def restart_node(run: Run) -> None:
     """Restart the node."""
     run.node.restart()
@@ -224,6 +239,7 @@ EVENTS: dict[str, Callable[[Run], None]] = {
     "lost message": faulty("drop", lambda _: 1.0),
     "delays": delays,
     "payload": payload,
+    "stalls": stalls,
     "node restart": restart_node,
     "controller restart": restart_controller,
 }
@@ -268,7 +284,7 @@ def result_of(run: Run) -> Result:
     )
     problems = [str(one) for one in verdict.exceeded]
     problems += [f"jump of {size:.2g} at {tick}, joint {j}" for tick, j, size in jumps]
-    problems += unanswered(run)
+    problems += [*unanswered(run), *untrue(run)]
     away = np.abs(record.q[-1] - run.last).max()
     if away > ARRIVED:
         problems.append(f"the last goal is missed by {away:.2g}")
@@ -322,6 +338,27 @@ def unanswered(run: Run) -> list[str]:
     unfollowed = [name for name in served if executed[name] != 1]
     if len(unfollowed) > n_restarts:
         problems.append(f"motions without exactly one execution report: {unfollowed}")
+    return problems
+
+
+def untrue(run: Run) -> list[str]:
+    """Execution reports that say what did not happen."""
+    robot, problems = run.node.robot, []
+    record, taken = robot.record, np.array([tick for tick, _ in robot.taken])
+    for now, report, execution in run.node.reported:
+        began, here = np.searchsorted(record.times, [execution.published, now])
+        away = np.abs(record.q[min(here, len(record) - 1)] - execution.motion.end).max()
+        was_taken = ((taken >= began) & (taken < here)).any()
+        # Of a robot that is held, the node can't know whether it took the motion.
+        was_cut = any(began <= cut <= here for cut in record.cuts)
+        was_cut = was_cut or record.scaling[began : here + 1].min(initial=1.0) < 0.1
+        is_false = {
+            "arrived": away > ARRIVED,
+            "never_started": was_taken and not was_cut,
+            "not_followed": away < ARRIVED and not was_cut,
+        }
+        if is_false.get(report.outcome, False):
+            problems.append(f"false report at {now:.2f} s, {away:.2g} away: {report.message}")
     return problems
 
 

@@ -22,6 +22,7 @@ from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
+from fuzz_states import ODD_STATES, odd_states
 from geometry_msgs.msg import Point, PoseStamped, Vector3
 from mesh_inputs import FILES, SOUPS
 from node_setup import URDF, RobotClient, primitive_file, silent_node, start_node
@@ -115,6 +116,8 @@ def main() -> int:
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
                 fuzzer.send_meshes(Path(folder))
+                fuzzer.send_odd_states(arguments.messages // 10)
+                fuzzer.send_unknown_frames()
                 fuzzer.set_odd_values(arguments.share)
         finally:
             node.terminate()
@@ -196,6 +199,33 @@ class Fuzzer:
                 "mp_pca_planner/obstacles", MarkerArray, [serialize_message(one) for one in sent]
             )
             self.check(f"the mesh {name}")
+
+    def send_odd_states(self, n_bursts: int) -> None:
+        """Send bursts of joint states as odd robots do: split, stamped by other clocks, silent."""
+        for k in range(n_bursts):
+            kind = ODD_STATES[k % len(ODD_STATES)]
+            burst = [
+                bytes(serialize_message(one)) for one in odd_states(kind, _STATE, self._random)
+            ]
+            self._flood("joint_states", JointState, burst)
+            if self._random.random() < 0.2:
+                time.sleep(self._random.uniform(0.3, 1.0))
+            self.check(f"joint states: {kind}")
+
+    def send_unknown_frames(self) -> None:
+        """Send obstacles in frames that are unknown, odd, or known by a parameter."""
+        for frame in ("map", "/world", "camera optical", "", "wrist", _LONG, "a\nb", "🤖"):
+            marker = Marker(type=Marker.CUBE, scale=_MARKER.scale, pose=_MARKER.pose)
+            marker.header.frame_id = frame
+            clear = Marker(action=Marker.DELETEALL)
+            for value in ([""], [f"{frame}: 9 9 9"]):
+                self._set({"fixed_frames": value})
+                marked = serialize_message(MarkerArray(markers=[marker]))
+                self._flood("mp_pca_planner/obstacles", MarkerArray, [marked] * 3)
+                self._client.send(self._next_goal(), _PATIENCE)
+            none = serialize_message(MarkerArray(markers=[clear]))
+            self._flood("mp_pca_planner/obstacles", MarkerArray, [none] * 3)
+            self.check(f"an obstacle in the frame {frame!r:.40}")
 
     def set_odd_values(self, share: int = 1) -> None:
         """Set each parameter to every n-th odd value, with a different offset each time."""

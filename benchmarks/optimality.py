@@ -18,11 +18,11 @@ from tables import benchmark_parser, show
 
 from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning import attempt
-from mp_pca_planner.planning.constraints import LimitedProgram
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.solver import Solution, solve
+from mp_pca_planner.planning.program.problem import Problem as Program
+from mp_pca_planner.planning.search import candidate
+from mp_pca_planner.planning.solver.sqp import Solution, solve
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
@@ -46,7 +46,7 @@ def main() -> None:
     show({"SLSQP from the planner's motions": (header, rows)}, as_json=arguments.json)
 
 
-def comparison(solved: list[tuple[LimitedProgram, Solution]]) -> list[str]:
+def comparison(solved: list[tuple[Program, Solution]]) -> list[str]:
     """Number of weights, share of motions at a limit, and improvement by SLSQP."""
     if not solved:
         return ["–"] * 5
@@ -62,7 +62,7 @@ def comparison(solved: list[tuple[LimitedProgram, Solution]]) -> list[str]:
 
 def solved_programs(
     name: str, coupling: str, n_components: int, n_problems: int
-) -> list[tuple[LimitedProgram, Solution]]:
+) -> list[tuple[Program, Solution]]:
     """The last program of every solved motion, and its solution."""
     scene = scene_of(*robot_file(name), n_motions=30)
     robot, limits = scene.robot, scene.limits
@@ -70,7 +70,7 @@ def solved_programs(
     primitive = build_primitive(scene.demonstrations, name, components)
     options = PlannerOptions(naturalness=0.0, max_solve_time=60.0)
     planner = Planner(robot, [primitive], limits, options)
-    last: list[tuple[LimitedProgram, Solution]] = []
+    last: list[tuple[Program, Solution]] = []
 
     def keeping(program, *rest):
         solution = solve(program, *rest)
@@ -78,23 +78,23 @@ def solved_programs(
         return solution
 
     solved = []
-    attempt.solve = keeping
+    candidate.solve = keeping
     for problem in held_out_problems(scene, n_problems, 2):
         goal = JointGoal(JointState(robot.joint_names, problem.goal), problem.duration)
         plan = planner.plan(goal, JointState(robot.joint_names, problem.start))
         if plan.status == SOLVED:
             solved.append(last[0])
-    attempt.solve = solve
+    candidate.solve = solve
     return solved
 
 
-def is_held(program: LimitedProgram, solution: Solution) -> bool:
+def is_held(program: Program, solution: Solution) -> bool:
     """Whether a limit is active at a solution."""
     values = program.evaluate(solution.unknowns).inequalities
     return bool(np.minimum(program.upper - values, values - program.lower).min() < ACTIVE)
 
 
-def improvement(program: LimitedProgram, solution: Solution) -> float:
+def improvement(program: Program, solution: Solution) -> float:
     """Relative reduction of the cost by SLSQP."""
     found = solution.unknowns
     at = program.evaluate(found)

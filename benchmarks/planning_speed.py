@@ -27,10 +27,11 @@ from mp_pca_planner.evaluation.problems import (
     robot_file,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.compiler import MotionProgram
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.unknowns import QuadratureTables, Unknowns
+from mp_pca_planner.planning.program.segment import SegmentProgram
+from mp_pca_planner.planning.program.tables import Tables
+from mp_pca_planner.planning.program.unknowns import Unknowns
 from mp_pca_planner.primitives.basis import Basis, BSplineBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.robot.model import Robot
@@ -78,7 +79,7 @@ def rows_of(scene: Scene, problems: list[Problem]) -> list[list[str]]:
         plans, call = timed_plans(planner, scene, problems)
         splines = BSplineBasis(scene.robot.n_joints)
         basis: Basis = primitive.basis if basis_name == "pca" else splines
-        nodes = QuadratureTables(basis).n_nodes
+        nodes = Tables(basis).n_nodes
         solve = np.array([plan.solve_time for plan in plans])
         floor = FLOOR_PASSES * nodes * call
         rows.append(
@@ -121,10 +122,10 @@ def timed_plans(
 def quadrature_error(robot: Robot, plan: Plan) -> float:
     """Relative difference of the effort between the chosen number of nodes and many nodes."""
     motion, costs = plan.motion, []
-    for tables in (QuadratureTables(motion.basis), QuadratureTables(motion.basis, N_MANY_NODES)):
+    for tables in (Tables(motion.basis), Tables(motion.basis, N_MANY_NODES)):
         unknowns = Unknowns(tables.basis.scales, motion.boundary, motion.duration)
-        program = MotionProgram(robot, tables, unknowns, motion.weights)
-        costs.append(program.costs((motion.weights / program.scales)[None])[0])
+        program = SegmentProgram(robot, tables, unknowns, motion.weights)
+        costs.append(program.costs((motion.weights / unknowns.scales)[None])[0])
     return abs(costs[0] / costs[1] - 1.0)
 
 

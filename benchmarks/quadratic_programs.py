@@ -21,11 +21,11 @@ from scenes import scene_of
 
 from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning import subproblem
-from mp_pca_planner.planning.matrices import Factor, cholesky
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.quadratic import solve_quadratic
+from mp_pca_planner.planning.solver import subproblem
+from mp_pca_planner.planning.solver.matrices import Factor, cholesky
+from mp_pca_planner.planning.solver.quadratic import solve_quadratic
 from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 

@@ -25,9 +25,9 @@ from mp_pca_planner.evaluation.problems import (
     robot_file,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.planning.options import MOST_STARTS
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.starts import MOST_STARTS
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 

@@ -8,7 +8,8 @@ The planning time is simulated, too, so results do not depend on the load of the
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ from scenes import scene_of
 from mp_pca_planner.evaluation.problems import Scene, robot_file
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.assembly import Model, assemble_model
-from mp_pca_planner.execution.execution_monitor import ExecutionReport
+from mp_pca_planner.execution.execution_monitor import Execution, ExecutionReport
 from mp_pca_planner.execution.goal_planner import GoalRequest
 from mp_pca_planner.execution.measured import MeasuredStates
 from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
@@ -37,7 +38,7 @@ JERK_OF_ACCELERATION = 20.0
 MAX_ACCELERATION = {"panda": (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0), "ur5": (3.0,) * 6}
 
 
-def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
+def scene_and_model(name: str, **others: Any) -> tuple[Scene, Model]:
     """A robot with acceleration and jerk limits, and the planner of its node."""
     scene = scene_of(*robot_file(name), n_motions=30)
     joints = scene.robot.joint_names
@@ -47,14 +48,28 @@ def scene_and_model(name: str, **settings: Any) -> tuple[Scene, Model]:
     }
     primitive = build_primitive(scene.demonstrations, name, PrimitiveOptions("arm", 8))
     urdf = scene.urdf.read_text(encoding="utf-8")
-    options = {"max_solve_time": 60.0, **settings}
-    return scene, assemble_model(urdf, [primitive], Settings(limits=limits, **options))
+    options = {"max_solve_time": 60.0, **others}
+    still = {name: 0.0 for name in scene.robot.movable_joints if name not in joints}
+    settings = Settings(limits=limits, **options)
+    return scene, assemble_model(urdf, [primitive], settings, still)
 
 
-def receive(measured: MeasuredStates, stamp: float, q: Any, v: Any) -> None:
-    """Measure a state of all joints."""
-    names = measured.joint_names
-    measured.receive(names, lambda: JointState(names, q, v), stamp)
+def receive(
+    measured: MeasuredStates,
+    stamp: float,
+    q: Any,
+    v: Any,
+    names: Sequence[str] = (),
+    joints: slice = slice(None),
+) -> None:
+    """Measure a state of some of the joints of a robot; by default of those that are needed."""
+    names = names or measured.joint_names
+    values = {name: (x, y) for name, x, y in zip(names, q, v, strict=True)}
+
+    def read(wanted: Any) -> JointState:
+        return JointState(wanted, *zip(*(values[name] for name in wanted), strict=True))
+
+    measured.receive(names[joints], read, stamp)
 
 
 @dataclass(frozen=True)
@@ -80,7 +95,16 @@ class VirtualNode:
         Seed of the robot and of the planning times.
     planning_time : tuple of float
         Shortest and longest planning time [s].
+
+    Attributes
+    ----------
+    has_velocities : bool
+        Whether joint states report velocities; broadcasters publish NaN where there are none.
+    is_split : bool
+        Whether joint states come in two messages, one after the other.
     """
+
+    has_velocities, is_split = True, False
 
     def __init__(
         self,
@@ -93,6 +117,7 @@ class VirtualNode:
         self.robot = SimulatedRobot(model.robot, start, seed=seed)
         self.plan_reports: list[PlanReport] = []
         self.execution_reports: list[tuple[float, ExecutionReport]] = []
+        self.reported: list[tuple[float, ExecutionReport, Execution]] = []
         self.stops: list[float] = []
         self.restarts: list[float] = []
         self.sent: list[tuple[float, Any, float | None, bool]] = []
@@ -101,6 +126,9 @@ class VirtualNode:
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
         self._ticks = 0
+        # States that wait, and until when the node stands still, or its states do [s].
+        self._waiting: list[tuple[Any, ...]] = []
+        self._stalled = self._held_back = -np.inf
         self._pending: tuple[Any, Goal] | None = None
         self._may_cancel = True
         self._model = replace(model, planner=self._slow(model.planner, "plan"))
@@ -196,15 +224,49 @@ class VirtualNode:
         kept = {other: getattr(planner, other) for other in others if hasattr(planner, other)}
         return SimpleNamespace(**{name: plan}, **kept)
 
+    def stall(self, duration: float, *, of_states: bool = False) -> None:
+        """Let the node, or its joint states on their way, stand still from now on [s].
+
+        What comes meanwhile is received at the end, at once.
+        """
+        if of_states:
+            self._held_back = self.now + duration
+        else:
+            self._stalled = self.now + duration
+
     def _tick(self) -> None:
+        """Advance by a millisecond, and on to the end of a stall of the node."""
+        self._step()
+        while self.now < self._stalled:
+            self._step()
+
+    def _step(self) -> None:
         self.robot.step()
         self._ticks += 1
-        if self._ticks % STATE_PERIOD == 0 and not self.robot.faults.silent:
-            receive(self.states.measured, self.now, *self.robot.newest_state()[1:])
+        self._measure()
+        if self.now < self._stalled:
+            return
+        if self.now >= self._held_back:
+            for state in self._waiting:
+                receive(self.states.measured, *state)
+            self._waiting.clear()
         if self._ticks % WATCH_PERIOD == 0:
+            with suppress(PlannerError):
+                self.server.surroundings.look_ahead(self._model)
             self.server.watch(self._model)
         while self._events and self._events[0][0] <= self.now:
             heapq.heappop(self._events)[2]()
+
+    def _measure(self) -> None:
+        """Send the joint states of this tick."""
+        turn, half = self._ticks % STATE_PERIOD, len(self._model.robot.joint_names) // 2
+        if self.robot.faults.silent or (turn and not self.is_split):
+            return
+        q, v = self.robot.measured_state()
+        joints = (slice(half), slice(half, None))[turn] if self.is_split else slice(None)
+        # The reader of messages makes zeros of velocities that are NaN.
+        v = v if self.has_velocities else np.zeros_like(v)
+        self._waiting.append((self.now, q, v, self.robot.joint_names, joints))
 
     def _send(self, trajectory: Any, *, stamp: float | None, last_point_only: bool) -> None:
         self.sent.append((self.now, trajectory, stamp, last_point_only))
@@ -212,6 +274,9 @@ class VirtualNode:
 
     def _report(self, report: ExecutionReport) -> None:
         self.execution_reports.append((self.now, report))
+        execution = self.states.execution
+        if execution is not None:
+            self.reported.append((self.now, report, execution))
 
     def _answer(self, name: Any, status: str, message: str) -> None:
         self.plan_reports.append(PlanReport(name, status, message, self.now))

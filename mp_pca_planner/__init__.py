@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from .motion.goal import Pose as Pose
     from .motion.goal import PoseGoal as PoseGoal
     from .motion.goal import SequenceGoal as SequenceGoal
-    from .motion.goal import Via as Via
     from .motion.trajectory import Trajectory as Trajectory
+    from .planning.path_constraints import Upright as Upright
     from .planning.plan import Plan as Plan
     from .planning.plan import PlannerOptions as PlannerOptions
     from .planning.planner import Planner as Planner
@@ -69,8 +69,9 @@ _NAMES = {
         "TrajectoryError",
         "WorldError",
     ),
-    "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal", "Via"),
+    "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal"),
     "motion.trajectory": ("Trajectory",),
+    "planning.path_constraints": ("Upright",),
     "planning.plan": ("Plan", "PlannerOptions"),
     "planning.planner": ("Planner",),
     "primitives.primitive": ("MovementPrimitive",),

@@ -4,21 +4,28 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from functools import lru_cache
 from html import escape
-from math import inf
+from itertools import islice
+from math import inf, prod
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .exceptions import PlannerError, quote_names
+from .exceptions import PlannerError, quote_names, shown
 from .rows import is_in_file, row_blocks
 
 FloatArray = NDArray[np.float64]
+
+MAX_SIZE = 1 << 28
+"""Largest number of numbers in an array."""
+
+_MAX_NAMES = 1 << 16  # and of values in a list
 
 
 def frozen_array(
@@ -44,18 +51,12 @@ def frozen_array(
     PlannerError
         (as `error`) If the values are not numbers, have another shape or are not finite.
     """
-    try:
-        is_mapped = is_in_file(values)
-        make = np.asarray if is_mapped else np.array
-        array = make(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError, OverflowError):
-        raise error(f"{what} must be numbers, got {values!r:.80}") from None
-    if array.shape != shape and (
-        array.ndim != len(shape)
-        or any(n is not None and have != n for have, n in zip(array.shape, shape, strict=True))
-    ):
-        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise error(f"{what} must have the shape {expected}, got {array.shape}")
+    is_mapped = is_in_file(values)
+    if is_mapped:
+        array = np.asarray(values, dtype=np.float64, order="C")
+        _check_shape(array.shape, shape, what, error)
+    else:
+        array = float_array(values, what, error, shape)
     if is_mapped:
         is_finite = all(np.isfinite(block).all() for (block,) in row_blocks(array))
     else:
@@ -66,6 +67,83 @@ def frozen_array(
         raise error(f"{what}{where} is {array[index]}, but only finite numbers are accepted")
     array.setflags(write=False)
     return array
+
+
+def float_array(
+    values: object,
+    what: str,
+    error: type[PlannerError],
+    shape: tuple[int | None, ...] | None = None,
+) -> FloatArray:
+    """Copy numbers into a float array; the shape is checked before anything is copied.
+
+    Text, truth values, dates, complex numbers and masked values are no numbers.
+
+    Parameters
+    ----------
+    values, what, error
+        See :func:`frozen_array`.
+    shape :
+        The expected shape; any unless given.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) If the values are not numbers, or have another shape.
+    """
+    try:
+        given = _as_array(values, shape)
+        is_numeric = _are_numbers(given)
+    except Exception:  # Values of others may raise anything.
+        is_numeric = False
+    if not is_numeric:
+        raise error(f"{what} must be numbers, got {shown(values)}")
+    _check_shape(given.shape, shape, what, error)
+    return np.array(given, dtype=np.float64, order="C")
+
+
+def _as_array(values: Any, shape: tuple[int | None, ...] | None) -> NDArray[Any]:
+    if isinstance(values, np.ndarray):
+        return values
+    # A range of any length is a sequence that takes no memory.
+    most = MAX_SIZE if not shape or shape[0] is None else 1000 * max(shape[0], 1)
+    if isinstance(values, Sized) and len(values) > most:
+        raise TypeError
+    return np.asarray(values)
+
+
+def _are_numbers(given: NDArray[Any]) -> bool:
+    if given.dtype.kind == "O":
+        return given.size <= MAX_SIZE and all(map(is_number, given.flat))
+    return given.dtype.kind in "iuf" and not isinstance(given, np.ma.MaskedArray)
+
+
+def _check_shape(
+    found: tuple[int, ...],
+    shape: tuple[int | None, ...] | None,
+    what: str,
+    error: type[PlannerError],
+) -> None:
+    if shape is not None and (
+        len(found) != len(shape)
+        or any(n is not None and have != n for have, n in zip(found, shape, strict=True))
+    ):
+        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise error(f"{what} must have the shape {expected}, got {found}")
+    if prod(found) > MAX_SIZE:
+        raise error(f"{what} must be at most {MAX_SIZE} numbers, got an array of shape {found}")
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a finite real number that a float can represent, no truth value."""
+    try:
+        return (
+            isinstance(value, Real)
+            and not isinstance(value, bool | np.bool_)
+            and bool(-sys.float_info.max <= float(value) <= sys.float_info.max)
+        )
+    except Exception:  # methods of others
+        return False
 
 
 def check_number(
@@ -84,11 +162,13 @@ def check_number(
     PlannerError
         (as `error`) With the name, the value and what is accepted.
     """
-    is_kind = isinstance(value, Integral if is_whole else Real) and not isinstance(value, bool)
-    if not (is_kind and low <= value <= high):
+    is_kind = is_number(value) or (isinstance(value, float) and value == inf)
+    if is_whole:
+        is_kind = is_kind and isinstance(value, Integral)
+    if not (is_kind and low <= float(value) <= high):
         word = "a whole number" if is_whole else "a number"
         bounds = f"from {low:g} to {high:g}" if high < inf else f"of at least {low:g}"
-        raise error(f"{what} must be {word} {bounds}, got {value!r:.80}")
+        raise error(f"{what} must be {word} {bounds}, got {shown(value)}")
 
 
 def check_type(value: object, what: str, error: type[PlannerError], *kinds: Any) -> None:
@@ -104,18 +184,49 @@ def check_type(value: object, what: str, error: type[PlannerError], *kinds: Any)
         made = [kind.__name__ for kind in kinds if hasattr(kind, "from_file")]
         hint = f" ({made[0]}.from_file reads one)" if made else ""
         article = "an" if names[0] in "AEIO" else "a"
-        raise error(f"{what} must be {article} {names}{hint}, got {value!r:.80}")
+        raise error(f"{what} must be {article} {names}{hint}, got {shown(value)}")
+
+
+def check_choice(
+    value: object, what: str, error: type[PlannerError], choices: Sequence[str]
+) -> None:
+    """Reject a value that is none of some words.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) With the name, the value and the words.
+    """
+    if not (isinstance(value, str) and value in choices):
+        raise error(f"{what} must be one of {quote_names(choices)}, got {shown(value)}")
+
+
+def as_list(values: Iterable[Any], what: str, error: type[PlannerError]) -> list[Any]:
+    """The values of a sequence or another iterable; text and mappings are none.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) With what is needed, if the values are none or too many.
+    """
+    try:
+        if isinstance(values, str | bytes | bytearray | memoryview | Mapping):
+            raise TypeError
+        found = list(islice(values, _MAX_NAMES + 1))
+        if len(found) > _MAX_NAMES:
+            raise TypeError
+    except Exception:  # methods of others
+        raise error(f"{what}, got {shown(values)}") from None
+    return found
 
 
 def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> tuple[str, ...]:
     """Return the names as a tuple; reject an empty list, empty names and repetitions."""
-    if isinstance(names, str) or not isinstance(names, Iterable):
-        raise error(f"{what}: a list of names is needed, got {names!r:.80}")
-    result = tuple(names)
+    result = tuple(as_list(names, f"{what}: a list of names is needed", error))
     if not result:
         raise error(f"{what}: at least one is needed, none was given")
     if any(not isinstance(name, str) or not name for name in result):
-        raise error(f"{what}: names must be non-empty strings, got {result!r:.80}")
+        raise error(f"{what}: names must be non-empty strings, got {shown(result)}")
     if repeated := repeated_names(result):
         raise error(f"{what}: {quote_names(repeated)} given more than once")
     return result

@@ -156,6 +156,14 @@ def _requirements(extra: str) -> list[str]:
     return [what.strip() for what, when in pairs if re.search(rf"extra == ['\"]{extra}['\"]", when)]
 
 
+def shown(value: object, most: int = 80) -> str:
+    """A value as Python text for a message, cut; its type if it has no text."""
+    try:
+        return f"{value!r:.{most}}"
+    except Exception:  # an integer of too many digits, lists nested too deep, methods of others
+        return f"a value of type {type(value).__name__}"
+
+
 def quote_names(names: Iterable[str]) -> str:
     """Format names as ``'a', 'b', 'c'``, at most a dozen of them, or ``none``."""
     return listed([f"'{name}'" for name in names]) or "none"
@@ -167,13 +175,16 @@ def listed(items: Sequence[str], most: int = 12, between: str = ", ") -> str:
     return between.join(items[:most]) + more
 
 
-def unknown_name(kind: str, name: str, valid: Iterable[str], most: int = 12) -> str:
+def unknown_name(kind: str, name: object, valid: Iterable[str], most: int = 12) -> str:
     """Message for an unknown name, with the nearest valid name and the first of them."""
     names = list(valid)
-    close = get_close_matches(name, names[:2000], n=1)  # each takes 20 µs
+    if not isinstance(name, str):
+        return f"the name of a {kind} must be a string, got {shown(name)}"
+    # Each takes 20 µs, and more for long names.
+    close = get_close_matches(name[:200], names[:2000], n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     valid_names = listed([f"'{one}'" for one in names], most) or "none"
-    return f"no {kind} is called '{name}'{hint}; valid names: {valid_names}"
+    return f"no {kind} is called '{name:.200}'{hint}; valid names: {valid_names}"
 
 
 def printable(text: str) -> str:

@@ -21,7 +21,8 @@ from typing import Any, BinaryIO
 
 import yaml
 
-from .exceptions import PlannerError
+from .arrays import check_type
+from .exceptions import PlannerError, shown
 from .input_limits import INPUT_LIMITS
 
 Content = bytes | Callable[[BinaryIO], object]
@@ -64,6 +65,30 @@ def reading(what: str, error: type[PlannerError]) -> Iterator[None]:
         raise error(f"{what} can't be read: {_reason(problem)}") from None
 
 
+_MAX_NAME = 255  # of a file on the systems that ROS runs on [bytes]
+
+
+def as_path(value: object, error: type[PlannerError] = PlannerError) -> Path:
+    """A path of a file or folder.
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) If the value is none that the system accepts.
+    """
+    try:
+        path = Path(value)  # type: ignore[arg-type]
+        is_short = max((len(os.fsencode(part)) for part in path.parts), default=0) <= _MAX_NAME
+        if is_short and b"\0" not in os.fsencode(path):
+            return path
+    except Exception:  # also methods of others, and text that is no Unicode
+        pass
+    raise error(
+        f"a path must be a string or a Path, without a NUL, of names of "
+        f"at most {_MAX_NAME} bytes, got {shown(value)}"
+    )
+
+
 def open_regular(path: str | Path) -> BinaryIO:
     """Open a regular file for reading.
 
@@ -78,7 +103,7 @@ def open_regular(path: str | Path) -> BinaryIO:
     file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
-        raise ValueError("it is no regular file")
+        raise ValueError("it is not a regular file")
     return file
 
 
@@ -149,7 +174,7 @@ def _reason(error: BaseException) -> str:
     if isinstance(error, RecursionError):
         return "it is nested too deeply"
     if isinstance(error, MemoryError):
-        return "it needs more memory than there is"
+        return "it needs more memory than is available"
     reason: str = getattr(error, "strerror", None) or " ".join(str(error).split())
     if isinstance(error, KeyError) or not reason:
         reason = f"{type(error).__name__} {reason}".strip()
@@ -158,7 +183,7 @@ def _reason(error: BaseException) -> str:
 
 def write_whole(path: str | Path, content: Content, *, overwrite: bool = False) -> None:
     """Write a file atomically, see :func:`write_together`."""
-    write_together({Path(path): content}, overwrite=overwrite)
+    write_together({as_path(path): content}, overwrite=overwrite)
 
 
 def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool = False) -> None:
@@ -180,6 +205,7 @@ def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool =
     PlannerError
         If a file exists and may not be overwritten, or can't be written.
     """
+    check_type(overwrite, "overwrite", PlannerError, bool)
     target = Path()
     try:
         with ExitStack() as stack:

@@ -74,6 +74,8 @@ class InputLimits:
         Targets of a goal.
     duration : float
         Duration of a planned motion [s].
+    shortest : float
+        Duration of a planned motion and of its segments [s]; numbers of shorter ones overflow.
     trajectory_points : int
         Points of a planned motion; more would exhaust the memory.
     """
@@ -115,7 +117,12 @@ class InputLimits:
     mesh_memory_ratio: int = 16
     targets: int = 200
     duration: float = 600.0
+    shortest: float = 1e-6
     trajectory_points: int = 100_000
+
+    def longest_motion(self, period: float) -> float:
+        """The longest duration of a motion with points this time apart [s]."""
+        return min(self.duration, self.trajectory_points * period)
 
 
 INPUT_LIMITS = InputLimits()

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from .exceptions import PlannerError, unknown_name
+from .files import as_path
 
 PACKAGE = "mp_pca_planner"
 INDEX_MARKER = Path("share/ament_index/resource_index/packages") / PACKAGE
@@ -27,7 +28,7 @@ def config_file(name: str) -> Path:
     'human_arm.urdf'
     """
     folder = config_folder(Path(__file__))
-    path = folder / name
+    path = folder / as_path(name)
     if not path.is_file():
         shipped = sorted(entry.name for entry in folder.iterdir() if entry.is_file())
         raise PlannerError(unknown_name("configuration file", name, shipped))

@@ -122,7 +122,8 @@ def main() -> None:
         environment = os.environ | {"MPLBACKEND": "Agg"}
         clone = checkout(folder, fresh=arguments.fresh)
         if arguments.fresh:
-            # Made by the first command of the README; the tutorials start in it.
+            # As the README's first command makes it. Its example in Python stands before that.
+            subprocess.run([clone / "scripts/in_venv", "plot", "true"], check=True)
             environment["PATH"] = f"{clone / '.venv/bin'}{os.pathsep}{environment['PATH']}"
         else:
             environment |= this_environment(folder)

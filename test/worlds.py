@@ -100,7 +100,7 @@ def ball_beside(clear: mp.Trajectory, other: mp.Trajectory) -> mp.World:
     away = np.linalg.norm(two[:, None] - one[None], axis=2)
     k = away.min(axis=1).argmax()
     direction = (two[k] - one[away[k].argmin()]) / away[k].min()
-    for off in np.linspace(0.0, 0.2, 21):
+    for off in np.linspace(0.0, 0.2, 201):
         world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, two[k] + off * direction))])
         if least_distance(world, clear) > 5e-3:
             return world

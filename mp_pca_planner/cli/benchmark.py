@@ -160,7 +160,7 @@ def _compared(
 def _in_scenes(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     """Results among obstacles, and lines of text on them."""
     if arguments.plot is not None or arguments.random_ends:
-        raise PlannerError("--plot and --random-ends are not for --scenes: leave them out")
+        raise PlannerError("--plot and --random-ends are not accepted with --scenes: remove them")
     peers = named_peers(arguments.peers, list(SCENE_PEERS))
     max_time = arguments.time_limit or 1.0
     problems = scene_problems(arguments.scenes, arguments.problems)
@@ -209,7 +209,9 @@ def _scene(
     primitive = None
     if arguments.primitives is not None:
         if arguments.joints is not None:
-            raise PlannerError("--joints is for generated motions: --primitives has its own joints")
+            raise PlannerError(
+                "--joints is not accepted with --primitives, which determine the joints"
+            )
         primitive = _only_primitive(arguments.primitives)
     joints = primitive.joint_names if primitive else arguments.joints or usual_joints
     robot = Robot.from_file(urdf, joints)

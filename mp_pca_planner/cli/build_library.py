@@ -87,7 +87,7 @@ def _check(arguments: argparse.Namespace, folders: Mapping[Joints, Path]) -> Non
     if not arguments.bags and not arguments.update:
         raise RecordingError("give at least one recording, or --update")
     if arguments.remove and not arguments.update:
-        raise RecordingError("--remove takes recordings out of a library: give --update")
+        raise RecordingError("--remove removes recordings from a library: also pass --update")
     if arguments.update and not folders:
         raise PrimitiveError(f"there is no library '{arguments.output}' to update")
     if folders and not arguments.update:
@@ -218,7 +218,7 @@ def _text(facts: dict[str, Any], content: LibraryContent) -> list[str]:
         ]
         for kind in facts["kinds"]
     ]
-    header = ["kind", "motions", "components", f"left out [{unit.name}]", "in one pot"]
+    header = ["kind", "motions", "components", f"left out [{unit.name}]", "pooled"]
     agreement = facts["adjusted_rand_index"]
     return [
         f"motions     {facts['n_motions']} of {len(facts['joint_names'])} joints, of "

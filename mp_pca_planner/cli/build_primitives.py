@@ -45,7 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(output, ".npz", force=force or output == arguments.update)
     check_output(arguments.report, ".html", force=force)
     if arguments.resume is not None and Path(arguments.resume).resolve() == output.resolve():
-        raise RecordingError("--resume and --output are the same: name another one")
+        raise RecordingError(
+            "--resume and --output are the same path: choose another one for --resume"
+        )
     check_output(arguments.write_segments, ".csv", force=force)
     options = primitive_options(arguments)
     if old is not None:
@@ -91,17 +93,17 @@ def _primitive_to_update(arguments: argparse.Namespace) -> MovementPrimitive | N
     """The primitive of --update, once the options fit together."""
     if arguments.update is None:
         if arguments.remove:
-            raise RecordingError("--remove takes recordings out of a primitive: give --update")
+            raise RecordingError("--remove removes recordings from a primitive: also pass --update")
         if not arguments.bags or arguments.output is None:
             raise RecordingError("give at least one recording and --output, or --update")
         return None
     if arguments.report is not None:
-        raise RecordingError("--report shows the samples of all motions: leave out --update")
+        raise RecordingError(
+            "--report needs the samples of all motions: remove --report or --update"
+        )
     old = load_primitive(arguments.update)
     if arguments.joints and tuple(arguments.joints) != old.joint_names:
-        raise RecordingError(
-            f"'{old.name}' moves {quote_names(old.joint_names)}: leave out --joints"
-        )
+        raise RecordingError(f"'{old.name}' moves {quote_names(old.joint_names)}: remove --joints")
     return old
 
 
@@ -228,8 +230,8 @@ def _without_components(primitive: MovementPrimitive) -> str:
     n = len(primitive.durations)
     why = "it was learned from one motion" if n == 1 else f"its {n} motions have the same shape"
     return (
-        f"warning: '{primitive.name}' has no components, for {why}: every plan will have this "
-        "shape, and nothing is left to optimise; record motions that differ"
+        f"warning: '{primitive.name}' has no components, because {why}: every plan has this "
+        "shape, and nothing can be optimised; record motions that differ"
     )
 
 
@@ -238,7 +240,7 @@ def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:
     given = {name: value for name, value in chosen.items() if value is not None}
     if given and (arguments.segments is not None or arguments.segment != "auto"):
         raise RecordingError(
-            "--min-rest and --min-motion are for --segment auto: leave them out with --segments "
+            "--min-rest and --min-motion are for --segment auto: remove them with --segments "
             "and with --segment none"
         )
     return SegmentationOptions(**given)
@@ -248,7 +250,7 @@ def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:
     files = (arguments.robot, arguments.marker_map)
     if arguments.markers is None:
         if arguments.marker_map is not None:
-            raise RecordingError("--marker-map is for recordings of markers: give --markers too")
+            raise RecordingError("--marker-map is for recordings of markers: also pass --markers")
         return None
     if None in files:
         raise RecordingError("--markers needs --robot and --marker-map")
@@ -314,9 +316,9 @@ def _left_out_error(primitive: MovementPrimitive) -> float:
 def _prediction_words(primitive: MovementPrimitive, few: int = 10) -> str:
     n, error = len(primitive.durations), _left_out_error(primitive)
     if n == 1:
-        return "one motion says nothing about the error of others: record ten to thirty"
+        return "the error can't be estimated from one motion: record ten to thirty"
     unit = primitive_unit(primitive)
-    advice = f"; {n} motions say little about others: record ten to thirty" if n < few else ""
+    advice = f"; {n} motions give an uncertain estimate: record ten to thirty" if n < few else ""
     return f"expect {unit.number(error)} {unit.name} RMS, as for left-out motions{advice}"
 
 

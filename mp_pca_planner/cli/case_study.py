@@ -61,8 +61,7 @@ def _recordings(
     """The motions, and a sentence on their source."""
     if arguments.recordings is None:
         return _generated(arguments, progress), (
-            "Joint angles of generated motions, not of real ones: give --recordings for those of "
-            "people."
+            "Joint angles of generated motions. Pass --recordings to use recordings of people."
         )
     names = ", ".join(map(str, arguments.recordings))
     source: dict[str, Any]
@@ -82,7 +81,7 @@ def _recordings(
 
 def _generated(arguments: argparse.Namespace, progress: Progress) -> RecordingSet:
     if arguments.segments is not None:
-        raise RecordingError("--segments is for --recordings: the generated ones have no table")
+        raise RecordingError("--segments is for --recordings: generated motions have no table")
     with tempfile.TemporaryDirectory() as folder:
         bag = write_example_recording(Path(folder) / "generated.mcap", 60)
         return load_recordings([bag], progress=progress)

@@ -155,7 +155,7 @@ def check_frame(frame: str, robot: Robot | None) -> None:
         If there is no such link, or no robot.
     """
     if frame and robot is None:
-        raise RobotError("--frame names a link of --robot: give that, too")
+        raise RobotError("--frame names a link of --robot: also pass --robot")
     if frame and robot is not None and frame not in robot.frame_names:
         raise RobotError(unknown_name("link", frame, robot.frame_names))
 

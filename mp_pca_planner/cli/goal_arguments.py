@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..exceptions import GoalError, unknown_name
-from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
+from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from .options import Stop, seconds
 
 if TYPE_CHECKING:
@@ -101,6 +101,31 @@ def _finite(text: str, what: str) -> float:
     return value
 
 
+def locked_at_start(arguments: argparse.Namespace, robot: Robot, whole: Robot) -> dict[str, float]:
+    """Positions that ``--start`` names for joints that the primitives do not move.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        The arguments.
+    robot, whole : Robot
+        The robot of the joints that move, and that of all joints.
+
+    Raises
+    ------
+    GoalError
+        If the text can't be read.
+    """
+    names, angles = _names_at_start(arguments, robot), angles_in_degrees(arguments, whole)
+    q = joint_values(arguments.start, names, "--start", angles=angles)
+    return {name: value for name, value in q.items() if name not in robot.joint_names}
+
+
+def _names_at_start(arguments: argparse.Namespace, robot: Robot) -> Sequence[str]:
+    """The joints that ``--start`` may name; a list of values has those that move."""
+    return robot.movable_joints if "=" in arguments.start else robot.described_joints
+
+
 def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
     """The start of a motion, with its velocities and accelerations.
 
@@ -116,26 +141,54 @@ def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
     return start
 
 
-def single_goal(arguments: argparse.Namespace, robot: Robot) -> JointGoal | PoseGoal:
-    """The goal of one motion, with its vias.
+def planned_goal(
+    arguments: argparse.Namespace, robot: Robot
+) -> JointGoal | PoseGoal | SequenceGoal:
+    """The goal of `plan`; with ``--via``, a sequence.
 
     Raises
     ------
     GoalError
-        If the text can't be read, or a pose has a velocity.
+        If the text can't be read, or a pose or the last target of a sequence has a velocity.
     """
-    read = partial(target, robot, angles_in_degrees(arguments, robot))
-    how = {
-        "duration": arguments.duration if isinstance(arguments.duration, float) else None,
-        "primitive": arguments.primitive,
-        "vias": tuple(_via(text, read) for text in arguments.via),
-    }
-    if arguments.goal is not None:
-        return JointGoal(_state(arguments, "goal", robot), **how)
+    read, primitive = (
+        partial(target, robot, angles_in_degrees(arguments, robot)),
+        arguments.primitive,
+    )
+    duration = arguments.duration if isinstance(arguments.duration, float) else None
+    what = "a sequence ends at rest" if arguments.via else "a pose is reached at rest"
     for option in ("goal_velocity", "goal_acceleration"):
-        if getattr(arguments, option) is not None:
-            raise GoalError(f"--{option.replace('_', '-')} needs --goal: a pose is reached at rest")
-    return PoseGoal(_pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose"), **how)
+        is_given = getattr(arguments, option) is not None
+        if is_given and (arguments.via or arguments.goal is None):
+            option = "--" + option.replace("_", "-")
+            needed = "can't be given with --via" if arguments.via else "needs --goal"
+            raise GoalError(f"{option} {needed}: {what}")
+    end: JointState | Pose
+    if arguments.goal is not None:
+        end = _state(arguments, "goal", robot)
+    else:
+        end = _pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose")
+    if arguments.via and isinstance(arguments.duration, str):
+        raise GoalError(
+            f"--duration {arguments.duration} can't be given with --via: sequences are timed like "
+            "the demonstrations, or by a number"
+        )
+    if arguments.via:
+        vias = [_via(text, read) for text in arguments.via]
+        times = (*(None for _ in vias), duration)
+        return SequenceGoal((*vias, end), times, primitive)
+    if isinstance(end, Pose):
+        return PoseGoal(end, duration, primitive)
+    return JointGoal(end, duration, primitive)
+
+
+def _via(text: str, read: Callable[[str, str], JointState | Pose]) -> JointState | Pose:
+    if "@" in text:
+        raise GoalError(
+            f"--via '{text}': plan passes vias at times of its own; "
+            "`sequence --via V@T` passes one at T s"
+        )
+    return read(text, "--via")
 
 
 def sequence_goal(
@@ -196,7 +249,9 @@ def _frame(arguments: argparse.Namespace, robot: Robot) -> str:
 
 def _state(arguments: argparse.Namespace, end: str, robot: Robot) -> JointState:
     names, angles = robot.described_joints, angles_in_degrees(arguments, robot)
-    q = joint_values(getattr(arguments, end), names, f"--{end}", angles=angles)
+    every = _names_at_start(arguments, robot) if end == "start" else names
+    stated = joint_values(getattr(arguments, end), every, f"--{end}", angles=angles)
+    q = {name: value for name, value in stated.items() if name in names}
     rates = []
     for rate in ("velocity", "acceleration"):
         text, option = getattr(arguments, f"{end}_{rate}", None), f"--{end}-{rate}"
@@ -230,9 +285,3 @@ def _pose(frame: str, text: str, option: str) -> Pose:
             "pose 7 (x y z qx qy qz qw)"
         )
     return Pose(frame, numbers[:3], numbers[3:] or None)
-
-
-def _via(text: str, read: Callable[[str, str], JointState | Pose]) -> Via:
-    where, _, when = text.partition("@")
-    phase = number_list(when, "the phase of --via")[0] if when else None
-    return Via(read(where, "--via"), phase)

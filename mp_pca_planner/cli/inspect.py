@@ -94,7 +94,7 @@ def _usual_error(primitive: MovementPrimitive) -> float:
 
 def _usual_error_words(primitive: MovementPrimitive) -> str:
     if len(primitive.durations) == 1:
-        return "learned from one demonstration, which says nothing about its error"
+        return "learned from one demonstration, so its error is unknown"
     unit, error = primitive_unit(primitive), _usual_error(primitive)
     return f"error of {unit.number(error)} {unit.name} RMS expected at the demonstrated ends"
 

@@ -98,6 +98,6 @@ def _sequence_lines(request: PlannedRequest, facts: Mapping[str, Any]) -> list[s
 def _expected_error_words(request: PlannedRequest) -> str:
     error, primitive = request.plan.expected_error, request.primitives[0]
     if np.isnan(error):
-        return "learned from one demonstration, which says nothing about its error"
+        return "learned from one demonstration, so its error is unknown"
     unit = primitive_unit(primitive)
-    return f"expected to be {unit.number(error)} {unit.name} RMS from what would be demonstrated"
+    return f"expected to be {unit.number(error)} {unit.name} RMS from a demonstration"

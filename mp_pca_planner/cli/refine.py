@@ -59,7 +59,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
     if arguments.trials is not None:
         check_writable(arguments.trials, overwrite=True)
     elif arguments.cost is not None or arguments.executed is not None:
-        raise LearningError("--cost and --executed report the cost of a trial: name --trials, too")
+        raise LearningError("--cost and --executed report the cost of a trial: also pass --trials")
     if not arguments.via:
         return
     usual = vars(parse("refine", ["FILE", "--robot", "URDF", "--start", "0", "--goal", "0"]))
@@ -69,7 +69,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
             raise LearningError(f"{option} can't be given with --via, which makes a sequence")
     if any("@" in text for text in (*arguments.via, arguments.goal)):
         raise LearningError(
-            "times (@) can't be given: refinement takes time from one segment for another"
+            "times (@) are not accepted, because refinement moves time between segments"
         )
 
 
@@ -124,7 +124,7 @@ def _refine_by_trials(
     facts = _facts_of_trials(request, learner)
     best, motion_file = learner.best_motion().motion, arguments.trajectory
     facts["kept"] = facts["gain"] is not None and _keep(arguments, request, best, facts)
-    where = motion_file or "name --trajectory to have it written"
+    where = motion_file or "pass --trajectory to write it"
     lines = [
         *_trial_lines(arguments, facts),
         *written_lines([arguments.trials if cost is not None else None, motion_file]),
@@ -188,7 +188,7 @@ def _trial_lines(arguments: argparse.Namespace, facts: dict[str, Any]) -> list[s
         return []
     return [
         f"best of {facts['n_trials']} trials: {facts['cost']:.4g}, "
-        f"{facts['gain']:.1%} less than the first one's",
+        f"{facts['gain']:.1%} less than the first trial",
         f"primitive    {_kept_words(arguments, facts)}",
     ]
 
@@ -224,5 +224,5 @@ def _kept_words(arguments: argparse.Namespace, facts: dict[str, Any]) -> str:
     if facts["kept"]:
         return f"written to {', '.join(map(str, _outputs(arguments)))}"
     if arguments.output is None:
-        return "not kept (name --output to keep it)"
+        return "not kept (pass --output to keep it)"
     return f"not kept: the cost fell by less than {arguments.min_gain:.1%}"

@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, by_name, name_values
-from ..exceptions import GoalError, PlannerError
+from ..exceptions import GoalError, PlannerError, quote_names
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
+from ..planning.path_constraints import path_constraints
 from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..planning.remarks import remarks
+from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
@@ -29,8 +30,9 @@ from ..robot.world import World
 from .goal_arguments import (
     angles_in_degrees,
     asked_texts,
+    locked_at_start,
+    planned_goal,
     sequence_goal,
-    single_goal,
     start_state,
     target,
 )
@@ -72,6 +74,19 @@ class PlannedRequest:
         vias = [JointState(motion.start.joint_names, q) for q in at_vias]
         return [motion.start, *vias, motion.goal]
 
+    @property
+    def remarks(self) -> list[str]:
+        """What is unusual about the motion and shapes, and joints whose position was not given."""
+        robot, collision = self.planner.robot, self.planner.collision
+        found = [*remarks(self.plan), *(() if collision is None else collision.notes)]
+        links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
+        relevant = robot.relevant_joints(pairs=collision is not None, links=links)
+        unknown = [name for name in relevant if name not in robot.locked_positions]
+        if not unknown:
+            return found
+        text = f"joints {quote_names(unknown)} count as 0: give their positions in --start"
+        return [*found, text]
+
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
         """Values of the JSON report on the request and on a motion planned for it."""
         start, *vias, goal = [by_name(s.joint_names, s.positions) for s in self.passed]
@@ -80,15 +95,10 @@ class PlannedRequest:
             "start": start,
             "goal": goal,
             **({"vias": vias} if vias else {}),
-            "remarks": self._remarks(),
+            "remarks": self.remarks,
             "joint_names": list(trajectory.joint_names),
             **({} if check is None else {"collision": _collision_words(check, trajectory)}),
         }
-
-    def _remarks(self) -> list[str]:
-        """Sentences on what is unusual about the plan, and about the shapes of bodies."""
-        collision = self.planner.collision
-        return [*remarks(self.plan), *(() if collision is None else collision.notes)]
 
     def lines(self) -> list[str]:
         """Lines of text: remarks, and the start, the vias and the goal by joint name."""
@@ -96,9 +106,7 @@ class PlannedRequest:
         unit = " [deg or m]" if self.angles else ""
         labels = ["start", *(f"via {k}" for k in range(1, len(passed) - 1)), "goal"]
         poses = ["", *(f" (for the pose {text})" if ":" in text else "" for text in self.asked)]
-        lines = [
-            f"remark       {remark}" for remark in self._remarks() if remark != self.plan.message
-        ]
+        lines = [f"remark       {remark}" for remark in self.remarks if remark != self.plan.message]
         for label, state, pose in zip(labels, passed, poses, strict=True):
             lines.append(f"{label:<12} {self._named(state, state.positions)}{unit}{pose}")
             for rate in ("velocities", "accelerations") if label in ("start", "goal") else ():
@@ -122,7 +130,11 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         If a file can't be read or an option can't be served.
     """
     primitives = load_primitives(arguments.primitives)
-    robot = Robot.from_file(arguments.robot, primitives[0].joint_names)
+    joint_names = primitives[0].joint_names
+    robot = Robot.from_file(arguments.robot, joint_names)
+    whole = Robot.from_file(arguments.robot, robot.movable_joints)
+    if locked := locked_at_start(arguments, robot, whole):
+        robot = Robot.from_file(arguments.robot, joint_names, locked=locked)
     limits, collision = robot.limits(arguments.limits or {}), _collision_model(arguments, robot)
     start, angles = start_state(arguments, robot), angles_in_degrees(arguments, robot)
     if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):
@@ -137,7 +149,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         return PlannedRequest(planner, planner.plan(goal, start, arguments.mode), asked, angles)
     options = _options(arguments, robot)
     single = Planner(robot, primitives, limits, options, collision)
-    plan = single.plan(single_goal(arguments, robot), start)
+    plan = single.plan(planned_goal(arguments, robot), start)
     return PlannedRequest(single, plan, asked_texts(arguments, robot), angles)
 
 
@@ -145,11 +157,12 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
     is_named = isinstance(arguments.duration, str)
     weights = objective_weights(arguments.objective, "--objective")
     if arguments.frame and arguments.goal_pose is None and "straightness" not in weights:
-        raise GoalError("--frame is for --goal-pose and the objective straightness: leave it out")
+        raise GoalError("--frame is for --goal-pose and the objective straightness: remove it")
     # No controller executes the motion, so its final velocity may be nonzero.
     return PlannerOptions(
         basis=arguments.basis,
         objectives=weighted_objectives(weights, robot, arguments.frame),
+        constraints=path_constraints(arguments.constraint, "--constraint", robot),
         timing=arguments.duration if is_named else DEMONSTRATED,
         naturalness=arguments.naturalness,
         n_starts=arguments.starts,
@@ -160,12 +173,14 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
 
 def _collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:
     if arguments.obstacles is None and arguments.margin is not None:
-        raise PlannerError("--margin is the clearance from --obstacles: give that, too")
+        raise PlannerError("--margin is the clearance from --obstacles: also pass --obstacles")
     if not arguments.collision and arguments.srdf is not None:
-        raise PlannerError("--srdf is for --collision: give that, too")
+        raise PlannerError("--srdf is for --collision: also pass --collision")
     if not arguments.collision and arguments.obstacles is None:
         if arguments.package_dirs:
-            raise PlannerError("--package-dirs is for --collision or --obstacles: give one, too")
+            raise PlannerError(
+                "--package-dirs is for --collision or --obstacles: also pass one of them"
+            )
         return None
     return CollisionModel(
         robot,

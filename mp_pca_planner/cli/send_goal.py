@@ -98,13 +98,13 @@ def _call(arguments: argparse.Namespace, client: GoalClient, service: str) -> in
 def _pose_message(arguments: argparse.Namespace) -> PoseStamped:
     for option in ("via", "primitive", "degrees"):
         if getattr(arguments, option):
-            raise GoalError(f"--{option} is for goals of joints, and is not accepted with --pose")
+            raise GoalError(f"--{option} is for joint goals, and is not accepted with --pose")
     return to_pose_message(stated_pose(arguments.frame, arguments.pose))
 
 
 def _joint_message(arguments: argparse.Namespace) -> JointStateMessage | JointTrajectory:
     if arguments.frame:
-        raise GoalError("--frame is for --pose, and is not accepted with positions of joints")
+        raise GoalError("--frame is for --pose, and is not accepted with joint positions")
     message = _message(_goal(arguments))
     message.header.frame_id = arguments.primitive
     return message

@@ -48,7 +48,7 @@ def _taught(
         with TeachingSession(files, played.topic, joints, moving_only=is_whole) as session:
             n_known = played.skip_until(session.joined_from(played.joint_names))
             if n_known:
-                say(f"continued    {files.bag} holds {n_known} of the messages to play already")
+                say(f"continued    {files.bag} already holds {n_known} of the messages to play")
             return session, _dialogue(session, played, keys, words)
     from ..ros.joint_state_source import JointStateSource, full_topic_name
 

@@ -24,7 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve the page until the time has passed or Ctrl-C; returns the exit status."""
     for option, needed in (("topic", "demonstrations"), ("controller_topic", "live")):
         if getattr(arguments, option) and not getattr(arguments, needed):
-            raise PlannerError(f"--{option.replace('_', '-')} is for --{needed}: give that, too")
+            name = option.replace("_", "-")
+            raise PlannerError(f"--{name} is for --{needed}: also pass --{needed}")
     primitives = load_primitives(arguments.primitives)
     content = read_content(arguments.robot, primitives, arguments.package_dirs)
     limits = content.robot.limits(arguments.limits or {})

@@ -285,7 +285,8 @@ def _standardised(
     predicted = straight + primitive.basis.shape(expected.weights, phases)
     errors = aligned_positions(motion, warp, phases) - predicted
     functions = primitive.basis.functions(phases)
-    variances = np.einsum("pjk,kl,pjl->pj", functions, expected.covariance, functions)
+    covariance = expected.variance * expected.covariance
+    variances = np.einsum("pjk,kl,pjl->pj", functions, covariance, functions)
     variances += np.mean(primitive.fit_residual**2, axis=0) + 1e-12
     both = by_way(expected_motion(primitive, motion)) - by_way(motion.time_normalised(1001))
     score, usual = expected.in_span_score, primitive.expected_error(expected)

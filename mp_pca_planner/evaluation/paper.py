@@ -23,17 +23,17 @@ from numpy.polynomial import legendre
 from scipy.linalg import null_space
 
 from ..arrays import FloatArray
-from ..planning.compiler import MotionProgram
-from ..planning.constraints import LimitedProgram, LimitTables
-from ..planning.solver import Solution, solve
-from ..planning.threads import one_blas_thread
-from ..planning.unknowns import QuadratureTables, Unknowns
+from ..planning.program.problem import Problem
+from ..planning.program.segment import SegmentProgram
+from ..planning.program.tables import Tables
+from ..planning.program.unknowns import Unknowns
+from ..planning.search.threads import one_blas_thread
+from ..planning.solver.sqp import Solution, solve
 from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
 from ..primitives.boundary import hermite_functions
 from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components
 from ..recordings.demonstration import Demonstration
-from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .naturalness import Prediction, Predictor
 
@@ -168,7 +168,7 @@ def _optimised(
     size = PAPER_OPTIONS.n_starts, basis.n_weights
     starts = spread * np.random.default_rng(1).normal(size=size)
     starts[0] = 0.0  # the likeliest weights
-    best, seconds = _least_effort(robot, QuadratureTables(basis), unknowns, starts)
+    best, seconds = _least_effort(robot, Tables(basis), unknowns, starts)
     ends, _ = unknowns.boundary_at(best.unknowns)
     shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
     positions = hermite_functions(FINE_PHASES) @ ends + shape
@@ -176,17 +176,15 @@ def _optimised(
 
 
 def _least_effort(
-    robot: Robot, tables: QuadratureTables, unknowns: Unknowns, starts: FloatArray
+    robot: Robot, tables: Tables, unknowns: Unknowns, starts: FloatArray
 ) -> tuple[Solution, float]:
     """The best solution without limits, and the mean time of one optimisation [s]."""
     began = time.perf_counter()
-    program = MotionProgram(robot, tables, unknowns, starts[0])
-    ends = np.zeros((2, 4, robot.n_joints))
-    unlimited = JointLimits(robot.joint_names, {})
-    limited = LimitedProgram(program, LimitTables(tables), unlimited, ends)
+    segment = SegmentProgram(robot, tables, unknowns, starts[0])
+    problem = Problem([segment], [[]], [[]], [None], None, [])
     set_up = time.perf_counter() - began
     with one_blas_thread():
-        found = [solve(limited, unknowns.from_weights(start)) for start in starts]
+        found = [solve(problem, unknowns.from_weights(start)) for start in starts]
     seconds = (time.perf_counter() - began - set_up) / len(starts)
     return min(found, key=lambda solution: solution.cost), set_up + seconds
 

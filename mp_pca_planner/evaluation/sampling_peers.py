@@ -19,7 +19,7 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, require
 from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
-from ..planning.sampling import SamplingOptions, sampled_path
+from ..planning.search.sampling import SamplingOptions, sampled_path
 from ..robot.model import Robot
 from ..robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World
 from .method import Method, PeerResult

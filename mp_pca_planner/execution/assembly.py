@@ -4,19 +4,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ..exceptions import unknown_name
+from ..exceptions import RobotError, quote_names, unknown_name
 from ..motion.collision import CollisionModel, package_folders
 from ..planning.objectives import objective_weights, weighted_objectives
+from ..planning.options import SolverOptions
+from ..planning.path_constraints import path_constraints
 from ..planning.planner import Planner
-from ..planning.solver import SolverOptions
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .parameters import ParameterError, Settings
+from ..robot.world import World
+from .parameter_texts import ParameterError, locked_positions
+from .parameters import Settings
 from .preemptive_worker import IsCancelled
+
+LOCKED_TOLERANCE = 1e-3
+"""Distance from its position in the model up to which a locked joint counts as there [rad or m]:
+more than the noise of sensors."""
 
 
 class Cancellation:
@@ -57,6 +65,9 @@ class Model:
         The link of pose goals and previews.
     urdf : str
         The robot description.
+    collision : CollisionModel or None
+        The collision model without obstacles, which is never changed: threads use copies of it with
+        obstacles. None if the robot's collision geometry can't be used.
     """
 
     planner: Planner
@@ -67,9 +78,16 @@ class Model:
     settings: Settings
     end_effector: str
     urdf: str
+    collision: CollisionModel | None = None
 
 
-def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings: Settings) -> Model:
+def assemble_model(
+    urdf: str,
+    primitives: Sequence[MovementPrimitive],
+    settings: Settings,
+    measured: Mapping[str, float] | None = None,
+    before: Model | None = None,
+) -> Model:
     """Set up a planner for the joints of the primitives.
 
     Parameters
@@ -80,16 +98,28 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
         At least one.
     settings :
         Limits and options.
+    measured :
+        Measured positions of any joints [rad or m]; those that the primitives do not move are
+        locked there.
+    before :
+        The model of other such positions, whose warm starts are used.
 
     Raises
     ------
     PlannerError
         If these are inconsistent.
     """
-    planning_robot = Robot(urdf, primitives[0].joint_names)
-    robot = Robot(urdf, primitives[0].joint_names)
+    joint_names = primitives[0].joint_names
+    locked = _locked(_checked(Robot(urdf, joint_names), settings), settings, measured or {})
+    planning_robot, robot = (Robot(urdf, joint_names, locked=locked) for _ in range(2))
     limits = robot.limits(settings.limits_file or {}, settings.limits)
-    collision = collision_model(planning_robot, settings) if settings.collision else None
+    # Made now, so that no goal or stop among the first obstacles waits for it.
+    collision = None
+    try:
+        collision = collision_model(planning_robot, settings)
+    except RobotError:
+        if settings.collision:
+            raise
     cancellation = Cancellation()
     frame = settings.end_effector_frame or robot.end_effector
     if frame not in robot.frame_names:
@@ -100,10 +130,80 @@ def assemble_model(urdf: str, primitives: Sequence[MovementPrimitive], settings:
         settings.planner_options,
         solver=SolverOptions(should_stop=cancellation),
         objectives=weighted_objectives(weights, planning_robot, frame),
+        constraints=path_constraints(
+            settings.constraints, "parameter 'constraints'", planning_robot
+        ),
     )
-    planner = Planner(planning_robot, primitives, limits, options, collision)
-    planner.precompute(0.5)  # a starting node waits that long [s]
-    return Model(planner, planning_robot, cancellation, robot, limits, settings, frame, urdf)
+    planner = Planner(planning_robot, primitives, limits, options)
+    if collision is not None and settings.collision:
+        planner.use_collision(collision.with_world(World()))
+    if before is None:
+        planner.precompute(0.5)  # a starting node waits that long [s]
+    else:
+        planner.start_like(before.planner)
+    own = planner, planning_robot, cancellation
+    return Model(*own, robot, limits, settings, frame, urdf, collision)
+
+
+def is_outdated(model: Model, measured: Mapping[str, float], world: World) -> bool:
+    """Whether a joint that makes a difference was measured away from where a model locks it.
+
+    Parameters
+    ----------
+    model :
+        The model.
+    measured :
+        Measured positions of any joints [rad or m].
+    world :
+        The obstacles.
+    """
+    used = model.robot.locked_positions
+    moved = {
+        name
+        for name, position in _locked(model.robot, model.settings, measured).items()
+        if name not in used or abs(position - used[name]) > LOCKED_TOLERANCE
+    }
+    return bool(moved and moved.intersection(_relevant(model, world)))
+
+
+def unknown_positions(model: Model, world: World) -> str:
+    """Which joints make a difference and have an unknown position; empty if there are none."""
+    known = model.robot.locked_positions
+    unknown = [name for name in _relevant(model, world) if name not in known]
+    if not unknown:
+        return ""
+    return (
+        f"the positions of joints {quote_names(unknown)} are not known: the primitives do not move "
+        "them, but they place links with a mass or a collision shape; publish them in "
+        "joint_states, or set the parameter 'locked_joints' (name=value,…)"
+    )
+
+
+def _relevant(model: Model, world: World) -> tuple[str, ...]:
+    """The locked joints whose positions make a difference."""
+    links = {model.settings.end_effector_frame, *(obstacle.frame for obstacle in world)}
+    return model.robot.relevant_joints(pairs=model.settings.collision, links=links)
+
+
+def _checked(robot: Robot, settings: Settings) -> Robot:
+    """The robot, if it has all locked joints of the settings, and the primitives move none."""
+    known = [name for name in robot.movable_joints if name not in robot.joint_names]
+    for name in locked_positions(settings.locked_joints):
+        if name not in known:
+            reason = unknown_name("joint that the primitives do not move", name, known)
+            raise ParameterError(f"parameter 'locked_joints': {reason}")
+    return robot
+
+
+def _locked(robot: Robot, settings: Settings, measured: Mapping[str, float]) -> dict[str, float]:
+    """Positions of the joints that do not move: those given, replaced by those measured."""
+    given = locked_positions(settings.locked_joints)
+    names = set(robot.movable_joints) - set(robot.joint_names)
+    return {
+        name: position
+        for name, position in {**given, **measured}.items()
+        if name in names and math.isfinite(position)
+    }
 
 
 def collision_model(

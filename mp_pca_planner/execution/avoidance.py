@@ -1,9 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Avoidance of obstacles that come while the robot moves."""
+"""Avoidance of obstacles that come while the robot moves, and the way on after a stop."""
 
 from __future__ import annotations
 
+from ..exceptions import PlannerError
 from .assembly import Model
 from .goal_planner import GoalRequest
 from .motion_server import MotionServer
@@ -60,5 +61,40 @@ def avoid_obstacle(
         if is_cancelled():
             raise CancelledError from None
         why = str(error) or "there was no time to plan another motion"
-        return f"{reason}: {server.stop(model, reason)}, for {why}", None
+        return f"{reason}: {server.stop_before(threat, model)}, because {why}", None
     return f"{reason}: another motion leads to the goal", found
+
+
+def go_on(
+    server: MotionServer, model: Model, is_cancelled: IsCancelled
+) -> tuple[str, Served | None]:
+    """Go on to the goal of a motion that was stopped before an obstacle, if it is due.
+
+    Call this in the thread that serves goals.
+
+    Parameters
+    ----------
+    server, model, is_cancelled :
+        See :func:`avoid_obstacle`.
+
+    Returns
+    -------
+    message : str
+        What was done, one sentence; empty if there is nothing to do.
+    served : Served or None
+        The new motion, if there is one.
+
+    Raises
+    ------
+    CancelledError
+        If a newer goal preempts it.
+    """
+    resumption = server.resumption
+    if resumption is None:
+        return "", None
+    resumption.tried, resumption.world = server.states.motion_time, server.surroundings.world
+    try:
+        request = GoalRequest(resumption.goal, model, resumption.name)
+        return "the robot goes on to its goal", server.serve(request, is_cancelled)
+    except PlannerError as error:
+        return f"the robot waits before an obstacle: {error}", None

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,8 @@ from .options import ServingOptions
 from .published_motion import Joined, PublishedMotion
 
 if TYPE_CHECKING:
+    from ..motion.goal import Goal
+    from ..robot.world import World
     from .served_goal import Served
 
 ARRIVED, REPLACED, STOPPED = "arrived", "replaced", "stopped"
@@ -57,6 +60,39 @@ class ExecutionReport:
 
 
 @dataclass(eq=False)
+class Resumption:
+    """A goal to which the robot goes on after a stop before an obstacle.
+
+    Attributes
+    ----------
+    goal : Goal
+        The goal, without what was passed.
+    name : object
+        Identifies the goal in the report of its execution.
+    since : float
+        When the robot was stopped [s].
+    tried : float
+        When a motion was planned last [s].
+    world : World or None
+        The obstacles among which it was planned; None before the first time.
+    """
+
+    goal: Goal
+    name: Any
+    since: float
+    tried: float = -math.inf
+    world: World | None = None
+
+    def is_due(self, now: float, world: World, options: ServingOptions) -> bool:
+        """Whether to plan a motion now: the obstacles have changed, or that was long ago."""
+        since = now - self.tried
+        wait = options.resumption_period
+        return now - self.since < options.resumption_timeout and (
+            since >= wait or (world is not self.world and since >= 0.25 * wait)
+        )
+
+
+@dataclass(eq=False)
 class Execution:
     """The execution of a published motion, up to its report.
 
@@ -74,6 +110,8 @@ class Execution:
         Whether the motion stops the one before, which then gets no report of its own.
     reason : str
         Why the robot is stopped.
+    resumption : Resumption or None
+        The goal to which the robot goes on after the stop, once there is a path.
     is_reported : bool
         Whether the outcome was reported.
     last : Following or None
@@ -92,6 +130,7 @@ class Execution:
     served: Served | None = None
     is_stop: bool = False
     reason: str = ""
+    resumption: Resumption | None = None
     is_reported: bool = False
     last: Following | None = None
     largest_deviation: float = 0.0
@@ -101,13 +140,26 @@ class Execution:
     place: float = 0.0
 
     @classmethod
-    def of_stop(cls, stopped: Execution | None, joined: Joined, reason: str = "") -> Execution:
+    def of_stop(
+        cls,
+        stopped: Execution | None,
+        joined: Joined,
+        reason: str = "",
+        resumption: Resumption | None = None,
+    ) -> Execution:
         """The execution of a stop; it is reported unless that of the stopped motion was."""
         stop = cls(None, joined.motion, joined.time, is_stop=True, reason=reason, is_reported=True)
         if stopped is not None:
             stop.name, stop.is_reported = stopped.name, stopped.is_reported
             stop.last = stopped.last
+        stop.resumption = resumption
         return stop
+
+    @property
+    def rests(self) -> bool:
+        """Whether the robot was seen to rest on this motion."""
+        last = self.last
+        return last is not None and last.motion is self.motion and last.at_rest
 
     def replaced(self, reason: str = "") -> ExecutionReport | None:
         """The report on the motion when a newer one replaces it, for a reason; None if it had one.

@@ -311,7 +311,11 @@ class Publication:
         # A robot that rests after both motions where the old one ends is not on this one, however
         # near they are. At its start, it may only be slow to move.
         rests_on_old = is_over and to_new >= 0.5 * at_rest and to_old < 0.1 * to_new
-        if rests_on_old or (to_new >= refused and to_old < 0.5 * to_new):
+        # A robot that waits for a late message rests where it was, as if it had been rejected.
+        is_from_rest = previous.motion.duration == 0.0
+        may_be_late = is_from_rest and when < self.unconfirmed_since + options.late_start
+        is_on_old = rests_on_old or (to_new >= refused and to_old < 0.5 * to_new)
+        if is_on_old and not may_be_late:
             self.give_up()
             return REFUSED
         self.concluded = when, DOUBTFUL if between > options.same_distance else ALIKE

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..exceptions import TrajectoryError
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
@@ -121,6 +122,8 @@ def displaced(
     # Durations up to four times as long are tried, because the sum with the motion must keep the
     # limits.
     for _ in range(7):
+        if duration > INPUT_LIMITS.longest_motion(period):
+            return None
         trajectory = _displaced_in(duration, motion, place, goal, period)
         check = check_limits(trajectory, robot, limits)
         if not check.violations:
@@ -246,7 +249,7 @@ class GoalPlanner:
         """
         start, model = request.start, request.model
         adapted = None
-        if not isinstance(goal, SequenceGoal) and start.following is not None and not goal.vias:
+        if not isinstance(goal, SequenceGoal) and start.following is not None:
             adapted = self._continued(goal, request)
         plan = adapted or _executable_plan(goal, request)
         may_learn = model.settings.learn_trials and not start.is_in_motion

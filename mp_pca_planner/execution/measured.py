@@ -4,102 +4,40 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names
+from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointState
 from .options import FollowingOptions
+from .robot_clock import Clock, RobotClock
+from .state_sources import MeasuredSamples, Read, StateMessage, StateSource, overlap_conflict
 
-Clock = Callable[[], float]
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredSamples:
-    """Measured positions of the last moments.
-
-    Attributes
-    ----------
-    times : array, shape (n_samples,)
-        Times on the clock of motions [s], the newest last.
-    positions : array, shape (n_samples, n_joints)
-        Positions [rad or m].
-    """
-
-    times: FloatArray
-    positions: FloatArray
-
-    def contradiction(self, joint_names: Sequence[str], options: FollowingOptions) -> str:
-        """Which positions change as those of no robot do; empty if all are plausible."""
-        if len(self.times) < 2:
-            return ""
-        steps, since = np.diff(self.positions, axis=0), np.diff(self.times)[:, None]
-        excess = np.abs(steps) - options.max_step - options.max_speed * np.abs(since)
-        there, back, longest = steps[:-1], steps[1:], np.maximum(since[:-1], since[1:])
-        reversal = np.where(there * back < 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
-        reversal -= options.max_reversal + options.max_acceleration * longest**2
-        excess[1:] = np.maximum(excess[1:], reversal)
-        k, j = map(int, np.unravel_index(int(excess.argmax()), excess.shape))
-        if not excess[k, j] > 0.0:
-            return ""
-        one, other = self.positions[k : k + 2, j]
-        return _contradiction(joint_names[j], one, other, since[k, 0])
+__all__ = ["Clock", "LateStateError", "MeasuredSamples", "MeasuredStates"]
 
 
-def _contradiction(joint: str, one: float, other: float, since: float) -> str:
-    return (
-        f"joint_states contradict each other, joint '{joint}' is at {one:.4g} and {other:.4g} rad "
-        f"(or m) within {abs(since):.2g} s"
-    )
-
-
-@dataclass(eq=False)
-class _Message:
-    """A message, its number, and its time by the receipt clock and by the clock of motions."""
-
-    read: Callable[[], JointState]
-    received: float
-    time: float
-    number: int = 0
-
-    @cached_property
-    def state(self) -> JointState:
-        return self.read()
-
-
-def _disagreement(
-    latest: Sequence[_Message], joint_names: Sequence[str], options: FollowingOptions
-) -> str:
-    """How a message differs from the two of another publisher around it; empty if it does not."""
-    if len(latest) < 3 or latest[2].number != latest[0].number + 1:
-        return ""
-    before, other, after = latest
-    q, own, end = (one.state.positions for one in latest)
-    span, since = after.time - before.time, other.time - before.time
-    expected = q + (end - q) * (since / span if span > 0.0 else 0.0)
-    excess = np.abs(own - expected) - options.max_disagreement
-    excess -= options.max_acceleration * max(abs(span), abs(since)) ** 2
-    j = int(excess.argmax())
-    if not excess[j] > 0.0:
-        return ""
-    return _contradiction(joint_names[j], expected[j], own[j], since)
+class LateStateError(GoalError):
+    """The newest state is too old; a newer one may come soon."""
 
 
 class MeasuredStates:
     """Keeps the states of the last moments.
 
+    A robot may send its joints in several messages. Then a state is that of the newest time for
+    which all joints are known; the positions of joints that are sent at other times are
+    interpolated.
+
     Parameters
     ----------
     receipt_clock :
         The clock of message ages [s]: never set back.
-    motion_clock :
-        The clock of motions [s].
+    node_clock :
+        The clock of the node [s].
     fetch :
         Called before the newest state is used; adds messages that still wait in a queue.
     options :
@@ -107,62 +45,61 @@ class MeasuredStates:
 
     Attributes
     ----------
-    motion_clock, options
+    options
         As given.
+    clock : RobotClock
+        The clock of motions and of the times of states.
     joint_names : tuple of str
         The joints whose state is needed.
     n_incomplete : int
-        Messages ignored because they lack a joint.
+        Messages that have none of these joints.
     n_unusable : int
         Messages that were rejected when a goal needed them.
     """
 
+    max_sources = 30
+    """Most sets of joints that messages may have."""
+
     def __init__(
         self,
         receipt_clock: Clock,
-        motion_clock: Clock,
+        node_clock: Clock,
         fetch: Callable[[], None] = lambda: None,
         options: FollowingOptions | None = None,
     ) -> None:
         self.joint_names: tuple[str, ...] = ()
         self.n_incomplete = self.n_unusable = 0
         self._receipt_clock = receipt_clock
-        self.motion_clock = motion_clock
         self._fetch = fetch
         self.options = options = options or FollowingOptions()
-        # The planning thread reads a copy of them.
-        self._kept: deque[_Message] = deque(maxlen=int(options.window / options.spacing))
-        self._newest: _Message | None = None
-        self._latest: deque[_Message] = deque(maxlen=3)
-        self._conflict, self._conflict_time = "", 0.0
-        # Times from the stamps to the receipts, on the clock of motions.
-        self._delays: deque[float] = deque(maxlen=20)
+        self.clock = RobotClock(receipt_clock, node_clock, options)
+        self._sources: dict[tuple[str, ...], StateSource] = {}
+        # Reads the newest message with each further joint.
+        self._others: dict[str, Read] = {}
 
     def expect(self, joint_names: Sequence[str]) -> None:
         """Set the joints whose state is needed, and discard the states of others."""
         if self.joint_names:
             self._fetch()  # messages that still wait are discarded, too
         self.joint_names = tuple(joint_names)
-        self._newest, self._conflict = None, ""
-        self._kept.clear()
-        self._latest.clear()
+        self._sources = {}
 
     def receive(
         self,
         joint_names: Collection[str],
-        read: Callable[[], JointState],
+        read: Read,
         stamp: float = 0.0,
         age: float = 0.0,
         number: int = 0,
     ) -> None:
-        """Keep a message that has all joints; other publishers, such as a gripper's, send fewer.
+        """Keep a message with all, or some, of the joints.
 
         Parameters
         ----------
         joint_names : collection of str
             The joints of the message.
         read : callable
-            Returns the state of the joints that are needed; raises a `GoalError` if it is unusable.
+            Returns the state of some of them; raises a `GoalError` if it is unusable.
         stamp : float
             When the state was measured by the clock of the robot [s]; 0 if unknown.
         age : float
@@ -170,45 +107,52 @@ class MeasuredStates:
         number : int
             How many messages its publisher has sent by now; 0 if unknown.
         """
-        if not set(self.joint_names).issubset(joint_names):
+        given = frozenset(joint_names)
+        own = tuple(name for name in self.joint_names if name in given)
+        if len(own) < len(given):
+            self._others |= dict.fromkeys(given.difference(own), read)
+            for name in list(self._others)[: -INPUT_LIMITS.joints]:
+                del self._others[name]
+        if not own:
             self.n_incomplete += 1
             return
-        received, time = self._receipt_clock() - age, self.motion_clock() - age
-        message = _Message(read, received, time, number)
-        is_kept = not self._kept or received - self._kept[-1].received >= self.options.spacing
-        if is_kept and stamp != 0.0:
-            self._delays.append(time - stamp)
-        if stamp != 0.0 and self.clocks_agree:
-            message.time = stamp
-        if is_kept:
-            self._kept.append(message)
-        self._newest = message
-        self._latest.append(message)
-        with suppress(GoalError):
-            if found := _disagreement(self._latest, self.joint_names, self.options):
-                self._conflict, self._conflict_time = found, received
+        message = StateMessage(read, own, self.clock.receipt(age, stamp), number)
+        source = self._sources.get(own) or StateSource(own, self.options)
+        source.receive(message, self.clock)
+        if own not in self._sources:
+            # The planning thread may be reading the old ones.
+            newest = sorted(self._sources.values(), key=lambda one: -one.newest.received)
+            kept = newest[: self.max_sources - 1]
+            self._sources = {one.joint_names: one for one in [*kept, source]}
+
+    @property
+    def others(self) -> dict[str, float]:
+        """The newest usable positions of further joints by name.
+
+        They count however old they are: grippers may send theirs on a change only.
+        """
+        self._fetch()
+        found = {}
+        for name, read in list(self._others.items()):
+            with suppress(GoalError):
+                found[name] = float(read((name,)).positions[0])
+        return found
 
     @property
     def age(self) -> float | None:
-        """Age of the newest message [s]; None if there is none."""
-        newest = self._newest
-        return None if newest is None else self._receipt_clock() - newest.received
+        """Age of the oldest message that is needed [s]; None if a joint has none."""
+        sources, missing = self._chosen()
+        if missing or not sources:
+            return None
+        return self._receipt_clock() - min(one.newest.received for one in sources)
 
     @property
     def newest_time(self) -> float:
-        """Time of the newest state on the clock of motions [s]; 0 if there is none."""
-        newest = self._newest
-        return 0.0 if newest is None else newest.time
-
-    @property
-    def clocks_agree(self) -> bool:
-        """Whether the stamps are compatible with the clock of motions."""
-        return -self.options.max_stamp_lead <= self.clock_difference <= self.options.max_stamp_delay
-
-    @property
-    def clock_difference(self) -> float:
-        """Shortest time from a stamp to the receipt of its message [s]."""
-        return min(list(self._delays), default=0.0)
+        """Time of the newest state by the clock of the robot [s]; 0 if there is none."""
+        sources, missing = self._chosen()
+        if missing or not sources:
+            return 0.0
+        return min(self.clock.time(one.newest.receipt) for one in sources)
 
     def newest(self, timeout: float) -> JointState:
         """The newest state.
@@ -220,32 +164,34 @@ class MeasuredStates:
 
         Raises
         ------
+        LateStateError
+            If it is too old.
         GoalError
-            If there is none, it is too old or unusable, or the last ones contradict each other.
+            If there is none, it is unusable, or the last ones contradict each other.
         """
         self._fetch()
-        newest = self._newest
-        if newest is None:
+        sources, missing = self._chosen()
+        if missing or not sources:
             ignored = f" ({self.n_incomplete} without them were ignored)" * bool(self.n_incomplete)
             raise GoalError(
                 "the present state is not known: no joint_states message with the joints "
-                f"{quote_names(self.joint_names)} has arrived{ignored}"
+                f"{quote_names(missing)} has arrived{ignored}"
             )
-        age = self._receipt_clock() - newest.received
+        oldest = min(sources, key=lambda one: one.newest.received)
+        age = self._receipt_clock() - oldest.newest.received
         if 0.0 < timeout < age:
-            raise GoalError(
-                f"the present state is not known: the newest joint_states message is {age:.3g} s "
-                f"old, at most {timeout:g} s (parameter state_timeout) is accepted"
+            which = f" with {quote_names(oldest.joint_names)}" if len(sources) > 1 else ""
+            raise LateStateError(
+                f"the present state is not known: the newest joint_states message{which} is "
+                f"{age:.3g} s old, at most {timeout:g} s (parameter state_timeout) is accepted"
             )
         try:
-            state = newest.state
+            state = self._state(sources)
         except GoalError:
             self.n_unusable += 1
             raise
         contradiction = self.history().contradiction(self.joint_names, self.options)
-        if newest.received - self._conflict_time <= self.options.window:
-            contradiction = contradiction or self._conflict
-        if contradiction:
+        if contradiction := contradiction or self._conflict():
             raise GoalError(
                 f"the present state is not known: {contradiction}; check that only one node "
                 "publishes them, then send the goal again"
@@ -254,19 +200,67 @@ class MeasuredStates:
 
     def history(self) -> MeasuredSamples:
         """The usable states of the last moments."""
-        messages, last = list(self._kept), self._newest
-        if last is not None and messages and last is not messages[-1]:
-            messages.append(last)
-        times, positions = [], []
-        for message in messages:
-            if last is None or last.received - message.received > self.options.window:
+        sources, missing = self._chosen()
+        if missing or not sources:
+            return MeasuredSamples(np.zeros(0), np.zeros((0, len(self.joint_names))))
+        window = self.options.window
+        parts = [source.samples(self.clock, window) for source in sources]
+        if len(parts) == 1:
+            return parts[0]
+        n = len(self.joint_names)
+        if any(len(part.times) == 0 for part in parts):
+            return MeasuredSamples(np.zeros(0), np.zeros((0, n)))
+        slowest = min(parts, key=lambda part: len(part.times))
+        begin, end = max(p.times[0] for p in parts), min(p.times[-1] for p in parts)
+        inside = slowest.times[(slowest.times >= begin) & (slowest.times < end)]
+        times = np.append(inside, end)
+        positions = np.empty((len(times), n))
+        for source, part in zip(sources, parts, strict=True):
+            for k, name in enumerate(source.joint_names):
+                column = np.interp(times, part.times, part.positions[:, k])
+                positions[:, self.joint_names.index(name)] = column
+        return MeasuredSamples(times, positions)
+
+    def _state(self, sources: Sequence[StateSource]) -> JointState:
+        """The newest state of some sources, which together have all joints."""
+        states = [source.newest.state for source in sources]
+        if len(states) == 1:
+            return states[0]
+        velocities = {
+            name: v
+            for source, state in zip(sources, states, strict=True)
+            for name, v in zip(source.joint_names, state.velocities, strict=True)
+        }
+        names = self.joint_names
+        return JointState(names, self.history().positions[-1], [velocities[n] for n in names])
+
+    def _chosen(self) -> tuple[list[StateSource], list[str]]:
+        """The fewest present sources with all joints, and the joints that have none."""
+        every = sorted(self._sources.values(), key=lambda one: -len(one.joint_names))
+        chosen, missing = list[StateSource](), list[str]()
+        for name in self.joint_names:
+            having = [source for source in every if name in source.joint_names]
+            if not having:
+                missing.append(name)
                 continue
-            try:
-                positions.append(message.state.positions)
-            except GoalError:
-                continue
-            times.append(message.time)
-        return MeasuredSamples(np.array(times), np.reshape(positions, (-1, len(self.joint_names))))
+            newest = max(source.newest.received for source in having)
+            live = [s for s in having if newest - s.newest.received <= self.options.window]
+            if not any(source in chosen for source in live):
+                chosen.append(live[0])
+        return chosen, missing
+
+    def _conflict(self) -> str:
+        """How several publishers of a joint contradict each other; empty if they do not."""
+        every = list(self._sources.values())
+        newest = max(source.newest.received for source in every)
+        live = [s for s in every if newest - s.newest.received <= self.options.window]
+        for source in live:
+            if found := source.conflict():
+                return found
+        for one, other in combinations(live, 2):
+            if found := overlap_conflict(one, other, self.clock, self.options):
+                return found
+        return ""
 
     def velocities(self, state: JointState) -> FloatArray:
         """Velocities of the robot [rad/s or m/s], shape (n_joints,); exactly 0 for joints at rest.

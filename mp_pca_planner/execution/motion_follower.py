@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -27,8 +26,10 @@ from .following import (
 from .measured import MeasuredSamples, MeasuredStates
 from .parameters import Settings
 from .published_motion import Joined, Progress, PublishedMotion, TrackedMotion, locate
+from .timed_lock import TimedLock
 
 if TYPE_CHECKING:
+    from ..robot.world import World
     from .execution_monitor import Execution
 
 
@@ -46,16 +47,16 @@ class MotionFollower:
         As given.
     published : Publication or None
         The motion that was published last; None if there is none.
-    lock : RLock
+    lock : TimedLock
         Held while a motion is published, so that no thread sees half of the change.
     """
 
     def __init__(self, measured: MeasuredStates) -> None:
         self.measured = measured
         self._options = measured.options
-        self._motion_clock = measured.motion_clock
+        self._motion_clock = measured.clock.now
         # Goals are served in one thread, stops and reports in another.
-        self.lock = threading.RLock()
+        self.lock = TimedLock()
         self._forget()
 
     def _forget(self) -> None:
@@ -70,10 +71,14 @@ class MotionFollower:
             self.measured.expect(joint_names)
             self._forget()
 
-    def command(self, joined: Joined, execution: Execution | None = None) -> None:
-        """Record that a motion was published."""
+    def command(
+        self, joined: Joined, execution: Execution | None = None, world: World | None = None
+    ) -> None:
+        """Record that a motion was published, and in which world it was checked."""
         with self.lock:
-            self.published = Publication.after(self.published, joined, self._servo.lag, execution)
+            published = Publication.after(self.published, joined, self._servo.lag, execution)
+            published.checked = None if world is None else (joined.motion, world)
+            self.published = published
 
     @property
     def execution(self) -> Execution | None:
@@ -125,6 +130,8 @@ class MotionFollower:
             If there is no usable measured state.
         """
         with self.lock:
+            execution = self.execution
+            self.measured.clock.settle(is_idle=execution is None or execution.is_reported)
             motion = self.commanded
             measured = self.measured.newest(settings.state_timeout)
             published = self.published

@@ -8,16 +8,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Protocol
 
-from ..exceptions import GoalError, PlannerError
+from ..exceptions import GoalError
 from ..motion.trajectory import Trajectory
+from ..robot.world import World
 from .assembly import Model
-from .execution_monitor import Execution, ExecutionReport
+from .execution_monitor import Execution, ExecutionReport, Resumption
 from .measured import Clock
 from .options import ServingOptions
 from .published_motion import Joined
 from .start_state import StartStates
 from .stopping import StopPlanner
-from .surroundings import Surroundings
+from .surroundings import Surroundings, Threat
+from .timed_lock import SAFETY_WAIT
 
 
 class Publish(Protocol):
@@ -71,10 +73,13 @@ class MotionMonitor:
         """Check how the robot follows its motion; call this at 10 Hz or more.
 
         The robot is stopped if it would hit an obstacle soon, whatever is being planned.
+
+        Raises
+        ------
+        BusyError
+            If another thread publishes a motion at this moment; call it again.
         """
-        with suppress(PlannerError):  # obstacles that can't be avoided are reported elsewhere
-            self.surroundings.look_ahead(model)
-        with self.states.lock:
+        with self.states.lock.within(SAFETY_WAIT):
             try:
                 following = self.states.follow(model.settings)
             except GoalError:
@@ -87,10 +92,10 @@ class MotionMonitor:
                 self._end(report)
                 is_lost = report is not None and execution.is_stop and not report.is_good
                 if is_lost and following is not None and not following.at_rest:
-                    self.stop(model, execution.reason)  # once more
+                    self.stop(model, execution.reason, execution.resumption)  # once more
             threat = self.surroundings.threat
             if threat is not None and now > threat.last_time(self.options):
-                self.stop(model, threat.reason)
+                self.stop_before(threat, model)
 
     def expect(self, joint_names: tuple[str, ...], model: Model | None = None) -> bool:
         """Use the states of these joints; returns whether they are others.
@@ -114,10 +119,36 @@ class MotionMonitor:
         """Stop the robot if it executes the motion of a goal, like :meth:`stop`."""
         with self.states.lock:
             execution = self.states.execution
-            if execution is not None and not (execution.is_stop or execution.is_reported):
+            if execution is None:
+                return
+            execution.resumption = None
+            if not (execution.is_stop or execution.is_reported):
                 self.stop(model, reason)
 
-    def stop(self, model: Model, reason: str = "") -> str:
+    def stop_before(self, threat: Threat, model: Model) -> str:
+        """Stop the robot before an obstacle; it goes on to its goal once there is a path.
+
+        Like :meth:`stop`.
+        """
+        with self.states.lock:
+            execution, now, resumption = self.states.execution, self.states.motion_time, None
+            if execution is not None and execution.served is not None:
+                with suppress(Exception):  # in any case, the stop must come
+                    rest = execution.served.rest_of_goal(now - execution.motion.began)
+                    resumption = Resumption(rest, execution.name, now)
+            return self.stop(model, threat.reason, resumption)
+
+    @property
+    def resumption(self) -> Resumption | None:
+        """The goal to which a motion should be planned now, after a stop before an obstacle."""
+        execution = self.states.execution
+        found = execution.resumption if execution is not None and execution.rests else None
+        if found is None:
+            return None
+        is_due = found.is_due(self.states.motion_time, self.surroundings.world, self.options)
+        return found if is_due else None
+
+    def stop(self, model: Model, reason: str = "", resumption: Resumption | None = None) -> str:
         """Publish a trajectory that brings the robot to rest.
 
         Parameters
@@ -126,6 +157,8 @@ class MotionMonitor:
             The planner and its settings.
         reason :
             Why, for the report of the execution.
+        resumption :
+            The goal to which the robot goes on afterwards.
 
         Returns
         -------
@@ -138,16 +171,23 @@ class MotionMonitor:
             If the robot's state is unknown; nothing was published then.
         """
         with self.states.lock:
+            stopped = self.states.execution
+            if stopped is not None:
+                stopped.resumption = None
             found = self._stops.find(model)
             why = found.after(reason)
-            self._commit(found.joined, Execution.of_stop(self.states.execution, found.joined, why))
+            execution = Execution.of_stop(stopped, found.joined, why, resumption)
+            self._commit(found.joined, execution)
         return found.message
 
-    def _commit(self, joined: Joined, execution: Execution) -> None:
-        """Publish a motion, the only place where that is done; it replaces the one before."""
+    def _commit(self, joined: Joined, execution: Execution, world: World | None = None) -> None:
+        """Publish a motion, the only place where that is done; it replaces the one before.
+
+        It was checked for collisions with the obstacles of the world, if that is given.
+        """
         old = self.states.published
         self._send(joined.trajectory, stamp=joined.stamp, last_point_only=joined.last_point_only)
-        self.states.command(joined, execution)
+        self.states.command(joined, execution, world)
         if old is not None and old.execution is not None and not execution.is_stop:
             self._end(old.execution.replaced(old.threat.reason if old.threat else ""))
 

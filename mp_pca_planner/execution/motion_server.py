@@ -11,6 +11,7 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -19,15 +20,19 @@ import numpy as np
 from ..exceptions import GoalError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.validation import check_executable, check_limits
+from ..primitives.primitive import MovementPrimitive
+from ..robot.world import World
+from .assembly import unknown_positions
 from .execution_monitor import Execution, ExecutionReport
 from .following import UnconfirmedError
-from .goal_planner import GoalPlanner, GoalRequest, Planned, PlanRequest
-from .measured import Clock
+from .goal_planner import AdaptedPlan, AnyPlan, GoalPlanner, GoalRequest, Planned, PlanRequest
+from .measured import Clock, LateStateError
 from .motion_monitor import MotionMonitor, Publish
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
 from .served_goal import Served
 from .start_state import StartStates, TooLateError
+from .timed_lock import BusyError
 
 
 class GoalStatistics:
@@ -159,13 +164,17 @@ class MotionServer(MotionMonitor):
             began = self.states.motion_time
             try:
                 return self._serve_once(request, is_cancelled, latency)
-            except UnconfirmedError:
-                if self._clock() > deadline:
+            except (UnconfirmedError, LateStateError) as error:
+                # States that ceased long ago do not come back soon.
+                age, is_late = self.states.measured.age, isinstance(error, LateStateError)
+                is_over = is_late and (age is None or age > options.late_states)
+                if is_over or self._clock() > deadline:
                     raise
                 if is_cancelled():
                     raise CancelledError from None
                 self._sleep(options.confirmation_period)
-                self.watch(request.model)
+                with suppress(BusyError):  # the thread that watches does so just now
+                    self.watch(request.model)
             except TooLateError:
                 # While there is time before a collision, a stop is no better than a motion.
                 if attempt >= options.max_attempts and not lookahead:
@@ -178,6 +187,7 @@ class MotionServer(MotionMonitor):
     def _serve_once(
         self, request: GoalRequest, is_cancelled: IsCancelled, latency: float
     ) -> Served:
+        self.surroundings.settle(is_cancelled)
         began, model, last = self._clock(), request.model, self.served
         start = self.states.choose(model.settings, latency)
         model.cancellation.is_cancelled = is_cancelled
@@ -186,16 +196,23 @@ class MotionServer(MotionMonitor):
         if last is not None and under_way and self.surroundings.threat is None:
             return replace(last, under_way=under_way)
         world = self.surroundings.prepare(model)
+        if unknown := unknown_positions(model, world):
+            raise GoalError(unknown)
         context = PlanRequest(start, model, is_cancelled, last)
         planned = self._planner.plan(goal, context)
+        self.surroundings.settle(is_cancelled)
         world = self.surroundings.check_again(planned[0].trajectory, world, model)
-        served = self._publish(goal, planned, context, request.name)
+        served = self._publish(goal, planned, context, request.name, world)
         self._statistics.served(type(request.goal), served.plan.solve_time, self._clock() - began)
-        self.surroundings.look_ahead(model, (served.motion, world))
         return served
 
-    def _publish(self, goal: Goal, planned: Planned, request: PlanRequest, name: Any) -> Served:
-        """Publish a plan from where the robot is: the only place where goals are published."""
+    def _publish(
+        self, goal: Goal, planned: Planned, request: PlanRequest, name: Any, world: World
+    ) -> Served:
+        """Publish a plan from where the robot is: the only place where goals are published.
+
+        Whatever can be rejected is checked before: a published motion is never rejected.
+        """
         start, model, settings = request.start, request.model, request.model.settings
         (plan, trial), first = planned, start.state
         check = plan.limit_check
@@ -203,7 +220,13 @@ class MotionServer(MotionMonitor):
             # The trajectory that is published a moment later is a part of this one.
             joined = self.states.join(plan.trajectory, start, settings)
             check = check_limits(joined.trajectory, model.planning_robot, model.limits)
+            if check.violations:  # at another place, they join within the limits
+                raise TooLateError(
+                    f"where the motion joins the one under way, the {check.violations[0]}; send "
+                    "the goal again"
+                )
         may_end_moving = settings.allow_nonzero_end_velocity
+        primitives = _primitives_of(plan, request)
         with self.states.lock:
             if request.is_cancelled():
                 raise CancelledError
@@ -216,6 +239,14 @@ class MotionServer(MotionMonitor):
             check_executable(
                 joined.trajectory, check, first, allow_nonzero_end_velocity=may_end_moving
             )
-            served = Served(goal, plan, model, joined.motion, name, trial)
-            self._commit(joined, Execution(name, joined.motion, joined.time, served))
+            served = Served(goal, plan, model, joined.motion, name, trial, primitives)
+            self._commit(joined, Execution(name, joined.motion, joined.time, served), world)
         return served
+
+
+def _primitives_of(plan: AnyPlan, request: PlanRequest) -> tuple[MovementPrimitive, ...]:
+    """The primitives of a plan; a displaced motion has those of the motion before."""
+    if isinstance(plan, AdaptedPlan):
+        return () if request.last is None else request.last.primitives
+    library = request.model.planner.primitives
+    return tuple(map(library.named, dict.fromkeys(plan.primitives)))

@@ -41,8 +41,11 @@ class FollowingOptions:
         Two publishers contradict each other if their positions of the same time differ by more
         than this distance and this acceleration explain.
     max_stamp_delay, max_stamp_lead : float
-        A stamp that lies further behind its receipt, or further ahead of it, shows that the
+        Stamps that usually lie further behind their receipt, or further ahead of it, show that the
         clocks of the robot and of this computer differ [s].
+    stamp_spacing, min_stamps, max_stamps : float, int, int
+        Shortest time between stamps that are compared [s], and the fewest that show a constant
+        difference. So many are remembered.
     position_noise : float
         Standard deviation of measured positions in the estimation of the place, > 0.
     prior : tuple of four floats
@@ -103,8 +106,9 @@ class FollowingOptions:
         left. An unknown load pulls it away from the end in any direction.
     min_rate : float
         Rate below which the robot counts as being stopped by something else.
-    visible_time : float
-        Time after publishing from which states show the motion [s].
+    visible_time, late_start : float
+        Time after publishing from which states show the motion [s], and the same for a motion from
+        rest, whose message may be late.
     start_tolerance : float
         Distance that a robot at rest may move between the choice of a start and publishing. It
         bounds the jump that the controller has to absorb.
@@ -128,6 +132,9 @@ class FollowingOptions:
     max_disagreement: float = 5e-4
     max_stamp_delay: float = 0.1
     max_stamp_lead: float = 0.005
+    stamp_spacing: float = 0.02
+    min_stamps: int = 20
+    max_stamps: int = 250
     position_noise: float = 0.002
     prior: tuple[float, float, float, float] = (1.0, 0.3, 2.0, 40.0)
     max_rate: float = 1.2
@@ -158,6 +165,7 @@ class FollowingOptions:
     beside_share: float = 0.15
     min_rate: float = 0.05
     visible_time: float = 0.05
+    late_start: float = 1.0
     start_tolerance: float = 0.005
     full_rate: float = 0.01
     lead: float = 0.35
@@ -184,6 +192,9 @@ class ServingOptions:
     confirmation_timeout, confirmation_period : float
         Longest time to wait until states show that the last motion was taken, and the time
         between these checks [s].
+    late_states : float
+        Age of the newest joint states up to which a goal waits for newer ones [s]: a machine may
+        have stalled.
     near, near_at_rest : float
         Change of the goal up to which a motion is displaced without planning, while it runs and
         at its end.
@@ -204,6 +215,9 @@ class ServingOptions:
     avoidance_reserve : float
         Time before a collision with a new obstacle at which the search for another motion ends, and
         the robot is stopped [s].
+    resumption_period, resumption_timeout : float
+        Time between two attempts to go on to the goal after such a stop, a quarter of it if the
+        obstacles have changed, and time after which the goal is dropped [s].
     max_hold : float
         Time at rest on the path before the end, or without states after the end, after which a
         motion counts as not followed [s].
@@ -216,6 +230,7 @@ class ServingOptions:
     publishing_time: float = 0.02
     confirmation_timeout: float = 1.5
     confirmation_period: float = 0.01
+    late_states: float = 1.5
     near: float = 0.15
     near_at_rest: float = 0.03
     stop_latency: float = 0.02
@@ -228,5 +243,7 @@ class ServingOptions:
     left_start: float = 0.006
     slowest_rate: float = 0.1
     avoidance_lookahead: float = 0.15
-    avoidance_reserve: float = 0.5
+    avoidance_reserve: float = 0.6
+    resumption_period: float = 2.0
+    resumption_timeout: float = 60.0
     max_hold: float = 10.0

@@ -14,14 +14,25 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..exceptions import GoalError, MissingDependencyError, PlannerError, quote_names, unknown_name
+from ..exceptions import (
+    GoalError,
+    MissingDependencyError,
+    quote_names,
+    shown,
+    unknown_name,
+)
 from ..input_limits import INPUT_LIMITS
 from ..planning.objectives import objective_weights
 from ..planning.plan import DEMONSTRATED, TIMINGS, PlannerOptions
+from .parameter_texts import ParameterError as ParameterError
+from .parameter_texts import fixed_frames, locked_positions
 
 AUTO = "auto"
 MEASURED = "measured"
 COMMANDED = "commanded"
+
+REFUSE = "refuse"
+WARN = "warn"
 
 LIMITS_PREFIX = "limits."
 _LIMIT_QUANTITIES = {
@@ -32,10 +43,6 @@ _LIMIT_QUANTITIES = {
 }
 
 ParameterValue = bool | int | float | str | tuple[str, ...]
-
-
-class ParameterError(PlannerError):
-    """A parameter that is unknown or has a value that can't be used."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +84,7 @@ class Declaration:
     def refusal(self, value: object) -> ParameterError:
         """The error for a value that is not accepted."""
         return ParameterError(
-            f"parameter '{self.name}' is {value!r:.80}, but it must be {self.accepted}"
+            f"parameter '{self.name}' is {shown(value)}, but it must be {self.accepted}"
         )
 
 
@@ -121,6 +128,24 @@ class Settings:
         False,
         """Enables self-collision avoidance; goals without a collision-free motion are rejected.
         Needs collision geometry in the robot description.""",
+    )
+    locked_joints: str = _declared(
+        "",
+        """Positions of joints that the primitives do not move, name=value,… [rad or m], for those
+        that joint_states lacks. Goals are rejected while the position of such a joint is unknown
+        and makes a difference.""",
+    )
+    fixed_frames: tuple[str, ...] = _declared(
+        ("",),
+        """Poses of frames that are not of the robot, such as 'map: 0 0 -0.8' or with a quaternion
+        (FRAME: X Y Z QX QY QZ QW), in the base frame of the robot [m]; for obstacles. Further
+        frames are taken from tf2, if it is installed; empty texts are ignored.""",
+    )
+    unplaced_obstacles: str = _declared(
+        REFUSE,
+        """What an obstacle in an unknown frame does: 'refuse' (goals are rejected) or 'warn' (it is
+        not avoided, and reports say so).""",
+        choices=(REFUSE, WARN),
     )
     obstacle_margin: float = _declared(
         0.01,
@@ -184,6 +209,12 @@ class Settings:
         """Weighted sum to minimise, NAME=WEIGHT,…, of effort, energy, jerk, time and straightness
         (of the path of the end effector); a name alone has the weight 1.""",
     )
+    constraints: str = _declared(
+        "",
+        """Constraints on every configuration of a motion, NAME=VALUE;…: upright=FRAME,DEGREES keeps
+        the z axis of a frame within an angle of the vertical (upright=FRAME,DEGREES,X,Y,Z: that
+        axis of the frame). Empty: none.""",
+    )
     timing: str = _declared(
         DEMONSTRATED,
         """Duration of motions for which none is given: 'demonstrated' (as the demonstrations
@@ -233,6 +264,8 @@ class Settings:
             objective_weights(self.objective, "parameter 'objective'")
         except GoalError as error:
             raise ParameterError(str(error)) from None
+        fixed_frames(self.fixed_frames)
+        locked_positions(self.locked_joints)
         # Checked without `collision`, too, which may be set later.
         if self.srdf and not os.path.isfile(self.srdf):
             raise ParameterError(f"parameter 'srdf': there is no file '{self.srdf:.200}'")

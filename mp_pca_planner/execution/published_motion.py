@@ -27,6 +27,10 @@ TRANSPORT = 0.02
 USUAL_TRANSPORT = 0.001
 """Usual time of a message to the next cycle of a controller on the same machine [s]."""
 
+# Shortest time between points that are joined [s]. In a shorter one, the rounding of positions
+# would be a noticeable jerk.
+_MIN_STEP = 3e-4
+
 
 @dataclass(frozen=True, eq=False)
 class PublishedMotion:
@@ -79,13 +83,29 @@ class PublishedMotion:
         return interpolate_at(places, points.times, self._ends)
 
     def rest(self, place: float) -> Trajectory:
-        """The motion from a place before its end [s]; times count from there."""
+        """The motion from a place before its end [s]; times count from there.
+
+        Of points less than 0.3 ms away, none but the last remains: see :meth:`near_point`.
+        """
         points = self.trajectory
-        places = np.concatenate([[place], points.times[points.times > place]])
+        later = points.times > min(place + _MIN_STEP, points.times[-2])
+        places = np.concatenate([[place], points.times[later]])
         return Trajectory(points.joint_names, places - place, *self.sample(places))
+
+    def near_point(self, place: float) -> float:
+        """The place, or the nearest point of the trajectory if that is too near for a cut [s].
+
+        Cut there, the motion stays the same. A cut beside a point would leave that out, and one
+        quintic over both of its sides exceeds limits if the jerk is different on them.
+        """
+        times = self.trajectory.times
+        nearest = float(times[np.abs(times - place).argmin()])
+        return nearest if abs(nearest - place) < _MIN_STEP else place
 
     def followed_by(self, rest: Trajectory, switch: float, here: float) -> Trajectory:
         """The motion from one place up to another one, and then another trajectory.
+
+        Of points nearer to these places than 0.3 ms, none remains: see :meth:`near_point`.
 
         Parameters
         ----------
@@ -94,23 +114,35 @@ class PublishedMotion:
         switch, here : float
             Places [s], the switch not before here.
         """
-        lead = round(switch - here, 6)
-        if lead < 1e-4:
+        # Messages state times in nanoseconds. The motion is sampled at such times, because their
+        # rounding would be a noticeable jerk between near points.
+        lead = round(switch - here, 9)
+        if lead < _MIN_STEP:
             return rest
-        # Messages state times in nanoseconds; between nearer points, the rounding would be a
-        # noticeable jerk.
-        least = 5e-3
-        old, begin = self.trajectory, switch - lead
-        inside = (old.times > begin + least) & (old.times < switch - least)
-        times = np.concatenate([[0.0], old.times[inside] - begin, rest.times + lead])
-        first = self.sample(np.array([begin]))
-        columns = zip(first, old.states, rest.states, strict=True)
-        q, v, a = (np.vstack([x, y[inside], z]) for x, y, z in columns)
+        old, begin = self._with_hold(switch - _MIN_STEP), switch - lead
+        inside = (old.times > begin + _MIN_STEP) & (old.times < switch - _MIN_STEP)
+        since = np.concatenate([[0.0], np.round(old.times[inside] - begin, 9)])
+        times = np.concatenate([since, rest.times + lead])
+        columns = zip(self.sample(begin + since), rest.states, strict=True)
+        q, v, a = (np.vstack(pair) for pair in columns)
         efforts = None
         if old.efforts is not None and rest.efforts is not None:
             effort = [np.interp(begin, old.times, one) for one in old.efforts.T]
             efforts = np.vstack([effort, old.efforts[inside], rest.efforts])
         return Trajectory(old.joint_names, times, q, v, a, efforts)
+
+    def _with_hold(self, until: float) -> Trajectory:
+        """The trajectory with a point at rest soon after its end, if there is time before a place.
+
+        A point shortly before the end may be the last one of it in a message. Without another
+        point, the controller would lead from its small velocity through a long rest.
+        """
+        old, soon = self.trajectory, self.duration + 0.05
+        if soon >= until or any(x[-1].any() for x in old.states[1:]):
+            return old
+        q, v, a = (np.vstack([x, x[-1:]]) for x in old.states)
+        efforts = None if old.efforts is None else np.vstack([old.efforts, old.efforts[-1:]])
+        return Trajectory(old.joint_names, np.append(old.times, soon), q, v, a, efforts)
 
     @cached_property
     def _ends(self) -> FloatArray:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.states import in_order
+from ..planning.requests.states import in_order
+from ..primitives.primitive import MovementPrimitive
 from .assembly import Model
 from .published_motion import PublishedMotion
 from .start_state import MotionStart
@@ -42,6 +43,8 @@ class Served:
         Identifies the goal in the report of its execution.
     trial : ServedTrial or None
         The trial of the motion, if the goal is learned by trials.
+    primitives : tuple of MovementPrimitive
+        Those of the plan. Its names may be missing in the library of a newer model.
     under_way : str
         Why nothing was published for a goal that repeats; empty if a motion was.
     """
@@ -52,6 +55,7 @@ class Served:
     motion: PublishedMotion
     name: Any = None
     trial: ServedTrial | None = None
+    primitives: tuple[MovementPrimitive, ...] = ()
     under_way: str = ""
 
     def rest_of_goal(self, place: float) -> Goal:
@@ -130,8 +134,7 @@ def _timing(goal: Goal) -> tuple[Any, ...]:
     """Options that two goals must share exactly; there are as many times as targets."""
     if isinstance(goal, SequenceGoal):
         return goal.primitive, goal.times, goal.stops
-    # Vias are compared by identity, because goals of the node have none.
-    return goal.primitive, goal.duration, goal.vias
+    return goal.primitive, goal.duration
 
 
 def _targets(goal: Goal) -> tuple[JointState | Pose, ...]:

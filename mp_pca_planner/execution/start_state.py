@@ -105,7 +105,9 @@ class StartStates(MotionFollower):
                     self.published.check_taken(following, then, self._servo.lag, self._options)
                 if not at_once:
                     self._check_place(following, now)
-                place = following.progress.at(then)
+                expected = following.progress.at(then)
+                place = following.motion.near_point(expected)
+                then += place - expected
                 state, last = following.motion.state(place), self._last
                 return MotionStart(state, following, last, place, then, measured, at_once)
             return self._choose_at_rest(following, measured, now, start_from, settings)
@@ -172,7 +174,7 @@ class StartStates(MotionFollower):
                 raise TooLateError(
                     "another motion was published while this one was planned; send the goal again"
                 )
-            may_stamp = settings.stamp_trajectories and self.measured.clocks_agree
+            may_stamp = settings.stamp_trajectories and self.measured.clock.is_usable
             if old is None or following is None:
                 self._check_rest(start.measured, self.measured.newest(settings.state_timeout))
             if old is None or following is None or (following.is_over and old.is_over):
@@ -201,6 +203,10 @@ class StartStates(MotionFollower):
         # Until the message arrives, the robot advances at its rate. A stamped motion advances
         # meanwhile at the rate of the clock, another one not at all.
         here += USUAL_TRANSPORT * (rate - is_timed) * (following.how == LAGGING)
+        if is_timed:
+            cut = following.motion.near_point(here)
+            now += cut - here
+            here = cut
         # The last moments before show the place of the robot and its rate.
         lead = min(self._options.lead, here)
         motion = following.motion.followed_by(rest, start.place, here - lead)

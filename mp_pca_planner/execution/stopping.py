@@ -27,7 +27,7 @@ from ..motion.collision import Collision
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start
-from ..planning.stop_and_go import brakes
+from ..planning.search.stop_and_go import brakes
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .assembly import Model
@@ -343,11 +343,9 @@ def _slowed(motion: PublishedMotion, place: float, time: float, period: float) -
 
 def _rest_of(motion: PublishedMotion, place: float) -> Trajectory:
     """The motion from a place on; its end if it is over."""
-    old = motion.trajectory
-    if place >= old.duration:
-        return hold(old.joint_names, motion.end)
-    last = Trajectory(old.joint_names, [0.0], *(x[-1:] for x in old.states))
-    return motion.followed_by(last, old.duration, place)
+    if motion.near_point(place) >= motion.duration:
+        return hold(motion.trajectory.joint_names, motion.end)
+    return motion.rest(place)
 
 
 def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Trajectory]:

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -17,11 +16,10 @@ from ..robot.world import World
 from .assembly import Model, collision_model
 from .following import HELD, OFF, Following, Publication
 from .options import ServingOptions
-from .published_motion import PublishedMotion
+from .parameters import REFUSE
+from .preemptive_worker import IsCancelled
 from .start_state import StartStates, TooLateError
-
-# Longest wait of a stop for the check of a running motion in another thread [s].
-_LONGEST_WAIT = 5e-3
+from .timed_lock import SAFETY_WAIT, TimedLock
 
 
 @dataclass(frozen=True)
@@ -57,13 +55,20 @@ class Surroundings:
     ----------
     missing : str
         Why an obstacle that was given is not avoided; empty if all are.
+    settle : callable
+        Called before a motion is planned: waits until the obstacles that have arrived are here.
+    unplaced : str
+        Why it is unknown where an obstacle is; empty if all places are known.
     """
 
     def __init__(self, states: StartStates) -> None:
         self._states, self._world = states, World()
-        self._lock = threading.Lock()
+        # Held while the checker below is used; no other lock is taken meanwhile.
+        self._lock = TimedLock()
+        # Replaced as a whole: its model is never changed.
         self._checker: tuple[Robot, CollisionModel] | None = None
-        self.missing = ""
+        self.missing = self.unplaced = ""
+        self.settle: Callable[[IsCancelled], None] = lambda _: None
 
     @property
     def world(self) -> World:
@@ -115,15 +120,18 @@ class Surroundings:
             If they can't be avoided.
         """
         world, planner = self._world, model.planner
+        if self.unplaced and model.settings.unplaced_obstacles == REFUSE:
+            raise GoalError(
+                f"{self.unplaced}; with the parameter 'unplaced_obstacles' of 'warn', goals are "
+                "served without it"
+            )
         if planner.collision is None and len(world):
-            planner.use_collision(collision_model(model.planning_robot, model.settings))
+            planner.use_collision(_collision_of(model).with_world(world))
         collision = planner.collision
         if collision is not None and collision.world is not world:
             if len(world) and not collision.has_geometry:
                 raise _without_geometry()
             collision.set_world(world)
-        if len(world) or model.settings.collision:
-            self._checker_in(world, model)  # no stop has to wait for it
         return world
 
     def check_again(self, trajectory: Trajectory, planned_in: World, model: Model) -> World:
@@ -144,23 +152,23 @@ class Surroundings:
             )
         return world
 
-    def look_ahead(
-        self, model: Model, checked: tuple[PublishedMotion, World] | None = None
-    ) -> None:
+    def look_ahead(self, model: Model) -> None:
         """Check the rest of the running motion, unless it was checked, and set its `threat`.
 
-        Call this again and again: the place of a robot without states is unknown, one that is held
-        may move on, and the controller may have rejected the newest motion.
+        Call this again and again in the thread of obstacles: the place of a robot without states is
+        unknown, one that is held may move on, and the controller may have rejected the newest
+        motion. It also makes the collision model that stops are checked with.
 
         Raises
         ------
         PlannerError
             If the motion can't be checked.
         """
+        if len(self._world) or model.settings.collision:
+            self._checker_in(self._world, model)
         published = self._states.published
         if published is None:
             return
-        published.checked = checked or published.checked
         if published.checked == (published.current.motion, self._world):
             return
         try:
@@ -169,11 +177,10 @@ class Surroundings:
             return
         if following is not None and following.how == OFF:  # it may come back to its path
             return
-        with self._lock:
-            motion, world, threat = published.current.motion, self._world, None
-            if following is not None and following.motion is motion and len(world):
-                threat = self._threat(following, published, world, model)
-            published.threat, published.checked = threat, (motion, world)
+        motion, world, threat = published.current.motion, self._world, None
+        if following is not None and following.motion is motion and len(world):
+            threat = self._threat(following, published, world, model)
+        published.threat, published.checked = threat, (motion, world)
 
     def _threat(
         self, following: Following, published: Publication, world: World, model: Model
@@ -186,7 +193,9 @@ class Surroundings:
         is_held = following.how == HELD
         if place >= motion.duration or not (following.is_running or is_held):
             return None
-        found = self._checker_in(world, model).collisions(motion.rest(place))
+        checker, rest = self._checker_in(world, model), motion.rest(place)
+        with self._lock:
+            found = checker.collisions(rest)
         # Planning and stopping care for collisions of links.
         times = [(one.first_time, one) for one in found if one.links[1] in world.names]
         if not times:
@@ -198,21 +207,19 @@ class Surroundings:
     def collision_of(self, stop: Sequence[Trajectory], model: Model) -> Collision | None:
         """The deepest collision of the motions to a stop, with an obstacle or between links.
 
-        None if there is none, or if that is not known: a stop must not wait.
+        None if there is none, or if that is not known: a stop waits for no collision model.
         """
         if not (len(self._world) or model.settings.collision):
             return None
-        with suppress(Exception):  # whatever the reason, the stop must come
-            checker = self._checker_in(self._world, model)
-            if self._lock.acquire(timeout=_LONGEST_WAIT):
-                try:
-                    # Roughly where there are many: they take a millisecond each.
-                    one = len(stop) == 1
-                    every = (checker.collisions(motion, precisely=one) for motion in stop)
-                    met = [found[0] for found in every if found]
-                    return max(met, key=lambda found: found.penetration, default=None)
-                finally:
-                    self._lock.release()
+        robot, checker = self._checker or (None, None)
+        if checker is None or robot is not model.robot:
+            return None
+        with suppress(Exception), self._lock.within(SAFETY_WAIT):  # in any case, the stop must come
+            # Roughly where there are many: they take a millisecond each.
+            one = len(stop) == 1
+            every = (checker.collisions(motion, precisely=one) for motion in stop)
+            met = [found[0] for found in every if found]
+            return max(met, key=lambda found: found.penetration, default=None)
         return None
 
     def _checker_in(self, world: World, model: Model) -> CollisionModel:
@@ -221,11 +228,17 @@ class Surroundings:
         if checker is not None and robot is model.robot and checker.world is world:
             return checker
         if checker is None or robot is not model.robot:
-            checker = model.planner.collision or collision_model(model.robot, model.settings)
+            checker = _collision_of(model)
         if len(world) and not checker.has_geometry:
             raise _without_geometry()
-        self._checker = model.robot, checker.with_world(world)
-        return self._checker[1]
+        checker = checker.with_world(world)
+        self._checker = model.robot, checker
+        return checker
+
+
+def _collision_of(model: Model) -> CollisionModel:
+    """The collision model without obstacles; if there is none, why."""
+    return model.collision or collision_model(model.planning_robot, model.settings)
 
 
 def _without_geometry() -> RobotError:

@@ -12,8 +12,9 @@ from numpy.polynomial import legendre
 from ..arrays import FloatArray
 from ..motion.collision import Collision, CollisionModel
 from ..motion.validation import LimitCheck
-from ..planning.clearance import ClearanceOptions, Clearances, least_distances
 from ..planning.motion import Motion
+from ..planning.options import ClearanceOptions
+from ..planning.program.clearance import Clearances, least_distances
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .refined_motion import LOG_DURATION, N_PARAMETERS, RefinedMotion, SegmentStates, segment_states

@@ -260,7 +260,7 @@ def _content(path: Path) -> dict[str, Any]:
         content = load_json(read_text(path))
         check_form(content, {"format": str, "version": int}, "the file")
         if content["format"] != _FORMAT or content["version"] != _VERSION:
-            raise LearningError(f"'{path}' is no file of trials of this release")
+            raise LearningError(f"'{path}' is not a file of trials of this release")
         check_form(content, _FORM, "the file")
         return dict(content)
 

@@ -71,12 +71,16 @@ class Collision:
         return replace(self, time=moment - began, first_time=first - began, last_time=last - began)
 
     def __str__(self) -> str:
-        x, y, z = self.point
         return (
             f"{self.bodies} from {self.first_time:.3f} s on "
-            f"(deepest at {self.time:.3f} s, by {1e3 * self.penetration:.1f} mm, "
-            f"near ({x:.3f}, {y:.3f}, {z:.3f}) m)"
+            f"(deepest at {self.time:.3f} s, {self.place})"
         )
+
+    @property
+    def place(self) -> str:
+        """Depth and point of the penetration, as text."""
+        x, y, z = self.point
+        return f"by {1e3 * self.penetration:.1f} mm, near ({x:.3f}, {y:.3f}, {z:.3f}) m"
 
     @property
     def bodies(self) -> str:
@@ -188,9 +192,9 @@ class _CollisionSearch:
 
     def _doubtful(self) -> tuple[Indices, Indices, Indices]:
         """Pairs and intervals that bounds of the distances don't clear."""
-        # Every 32 ms are checked first.
+        # Every 32 ms are checked first; a single point is an interval of its own.
         n = len(self._q)
-        grid = np.unique(np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp))
+        grid = np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp)
         closed = np.diff(self._travelled[grid], axis=0) @ self._pairs.levers.T
         pad = np.zeros((1, closed.shape[1]))
         bounds = self._pairs.bounds(

@@ -6,14 +6,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, by_name, check_type, frozen_array, set_frozen, unique_names
-from ..exceptions import GoalError, quote_names, unknown_name
+from ..arrays import (
+    FloatArray,
+    as_list,
+    by_name,
+    check_type,
+    float_array,
+    frozen_array,
+    is_number,
+    set_frozen,
+    unique_names,
+)
+from ..exceptions import GoalError, quote_names, shown, unknown_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,67 +127,20 @@ class Pose:
         set_frozen(self, frame=frame, position=position, orientation=orientation)
 
 
-@dataclass(frozen=True, eq=False)
-class Via:
-    """A target to pass at a phase of the motion.
-
-    Attributes
-    ----------
-    target : JointState, mapping or Pose
-        Positions of some joints (velocities and accelerations are ignored), or a pose.
-    phase : float or None
-        Share of the duration, strictly between 0 and 1; None leaves it to the planner.
-
-    Raises
-    ------
-    GoalError
-        If the target is something else, or the phase is not between 0 and 1.
-
-    Examples
-    --------
-    >>> import mp_pca_planner as mp
-    >>> half_way = mp.Via(mp.JointState(["elbow"], [-0.5]), phase=0.5)
-    >>> half_way.phase
-    0.5
-    """
-
-    target: JointState | Pose
-    phase: float | None = None
-
-    def __post_init__(self) -> None:
-        set_frozen(self, target=_named(self.target, "the target of a via", JointState, Pose))
-        if self.phase is not None and not (_is_positive(self.phase) and self.phase < 1.0):
-            raise GoalError(f"the phase of a via must be between 0 and 1, got {self.phase!r:.80}")
-
-
 def _is_positive(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and bool(0 < value < np.inf)
+    return is_number(value) and cast(float, value) > 0.0
 
 
-class _CheckedGoal:
-    """Checks of the fields that goals of one motion share."""
-
-    duration: float | None
-    vias: tuple[Via, ...]
-
-    def __post_init__(self) -> None:
-        duration = self.duration
-        if duration is not None and not _is_positive(duration):
-            raise GoalError(
-                "the duration of a motion must be a positive number of seconds, got "
-                f"{duration!r:.80}; `PlannerOptions(timing=…)` leaves it to the planner"
-            )
-        check_type(self.vias, "the vias of a goal", GoalError, Sequence)
-        for via in self.vias:
-            check_type(via, "each of the vias of a goal", GoalError, Via)
-        set_frozen(self, vias=tuple(self.vias))
-        phases = [via.phase for via in self.vias if via.phase is not None]
-        if any(later <= earlier for earlier, later in pairwise(phases)):
-            raise GoalError(f"the phases of vias must increase, got {phases}")
+def _check_duration(duration: float | None) -> None:
+    if duration is not None and not _is_positive(duration):
+        raise GoalError(
+            "the duration of a motion must be a positive number of seconds, got "
+            f"{shown(duration)}; use `PlannerOptions(timing=…)` to let the planner choose it"
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class JointGoal(_CheckedGoal):
+class JointGoal:
     """A configuration to reach.
 
     Attributes
@@ -190,13 +152,11 @@ class JointGoal(_CheckedGoal):
         Duration of the motion [s]; None leaves it to the planner.
     primitive : str or None
         Name of the primitive to use; None leaves it to the planner.
-    vias : tuple of Via
-        Targets to pass, in this order.
 
     Raises
     ------
     GoalError
-        If a field is something else, or phases of vias don't increase.
+        If a field is something else.
 
     Examples
     --------
@@ -209,28 +169,27 @@ class JointGoal(_CheckedGoal):
     state: JointState
     duration: float | None = None
     primitive: str | None = None
-    vias: tuple[Via, ...] = ()
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        _check_duration(self.duration)
         set_frozen(self, state=_named(self.state, "the state of a goal", JointState))
 
 
 @dataclass(frozen=True, eq=False)
-class PoseGoal(_CheckedGoal):
+class PoseGoal:
     """A pose to reach, at rest; the planner chooses the configuration.
 
     Attributes
     ----------
     pose : Pose
         Pose of a frame of the robot at the end of the motion.
-    duration, primitive, vias
+    duration, primitive
         As of a `JointGoal`.
 
     Raises
     ------
     GoalError
-        If a field is something else, or phases of vias don't increase.
+        If a field is something else.
 
     Examples
     --------
@@ -243,10 +202,9 @@ class PoseGoal(_CheckedGoal):
     pose: Pose
     duration: float | None = None
     primitive: str | None = None
-    vias: tuple[Via, ...] = ()
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        _check_duration(self.duration)
         check_type(self.pose, "the pose of a goal", GoalError, Pose)
 
 
@@ -287,18 +245,21 @@ class SequenceGoal:
     stops: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        check_type(self.targets, "the targets of a sequence", GoalError, Sequence)
-        if not self.targets:
+        targets = as_list(self.targets, "the targets of a sequence must be a list", GoalError)
+        if not targets:
             raise GoalError("a sequence needs at least one target, got none")
-        named = (_named(x, "a target", JointState, Pose) for x in self.targets)
+        named = (_named(x, "a target", JointState, Pose) for x in targets)
         set_frozen(self, targets=tuple(named))
         n = len(self.targets)
-        set_frozen(self, times=self.times or (None,) * n, stops=self.stops or (False,) * n)
-        for what, given in (("time (or None)", self.times), ("stop", self.stops)):
-            if len(given) != n:
+        for field, what, usual in (("times", "time (or None)", None), ("stops", "stop", False)):
+            given = as_list(getattr(self, field), f"the {field} must be a list", GoalError)
+            set_frozen(self, **{field: tuple(given) or (usual,) * n})
+            if len(getattr(self, field)) != n:
                 raise GoalError(
                     f"a sequence needs a {what} for each of its {n} targets, got {len(given)}"
                 )
+        for stop in self.stops:
+            check_type(stop, "a stop of a sequence", GoalError, bool)
         last = 0.0
         for time in self.times:
             if time is None:
@@ -306,7 +267,7 @@ class SequenceGoal:
             if not (_is_positive(time) and time > last):
                 raise GoalError(
                     "the times of a sequence must be positive and increase, got "
-                    f"{time!r:.80} after {last:g}"
+                    f"{shown(time)} after {last:g}"
                 )
             last = time
 
@@ -341,15 +302,15 @@ def as_state(value: StateLike, joint_names: Sequence[str], what: str) -> JointSt
     if isinstance(value, JointState):
         return value
     names: Sequence[str] = tuple(value) if isinstance(value, Mapping) else joint_names
+    given = list(value.values()) if isinstance(value, Mapping) else value
     try:
-        given = [float(x) for x in value.values()] if isinstance(value, Mapping) else value
-        positions = np.asarray(given, dtype=np.float64)
+        positions = float_array(given, what, GoalError)
         if positions.ndim == 0:
-            raise TypeError
-    except (TypeError, ValueError):
+            raise GoalError
+    except GoalError:
         raise GoalError(
             f"{what} must be positions [rad or m] of the {len(joint_names)} joints, or a dict of "
-            f"positions by joint name, got {value!r:.100}"
+            f"positions by joint name, got {shown(value, 100)}"
         ) from None
     if positions.shape != (len(names),):
         raise GoalError(
@@ -410,7 +371,7 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     if isinstance(value, Goal):
         if duration is not None:
             raise GoalError(
-                f"a {type(value).__name__} holds its own duration or times: leave `duration` out"
+                f"a {type(value).__name__} has its own duration or times: remove `duration`"
             )
         return value
     if _is_several(value):
@@ -427,9 +388,10 @@ def _is_several(value: object) -> TypeGuard[Sequence[TargetLike]]:
     """Whether a value is a list of targets, rather than one list of positions."""
     if isinstance(value, np.ndarray):
         return value.ndim == 2
-    return isinstance(value, Sequence) and any(
-        isinstance(one, (JointState, Pose, Mapping, Sequence, np.ndarray)) for one in value
-    )
+    kinds = (JointState, Pose, Mapping, Sequence, np.ndarray)
+    # A range is a sequence of any length.
+    is_list = isinstance(value, Sequence) and not isinstance(value, range)
+    return is_list and any(isinstance(one, kinds) for one in cast(Sequence[Any], value))
 
 
 def _as_target(value: TargetLike, joint_names: Sequence[str], what: str) -> JointState | Pose:

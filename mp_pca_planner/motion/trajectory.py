@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import PlannerError, TrajectoryError, require
-from ..files import read_bytes, reading, write_whole
+from ..files import as_path, read_bytes, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 
 
@@ -140,7 +140,7 @@ class Trajectory:
             If the format is unknown, the file exists and may not be overwritten, or it can't be
             written.
         """
-        path = Path(path)
+        path = as_path(path)
         content = {".csv": _csv, ".json": _json, ".npz": _npz}.get(path.suffix)
         if content is not None:
             write_whole(path, content(self), overwrite=overwrite)
@@ -172,7 +172,7 @@ class Trajectory:
         path = Path(path)
         read = {".csv": _from_csv, ".json": _from_json, ".npz": _from_npz}.get(path.suffix)
         if read is None:
-            raise TrajectoryError(f"'{path}' is no .csv, .json or .npz file of a trajectory")
+            raise TrajectoryError(f"'{path}' is not a .csv, .json or .npz file of a trajectory")
         with reading(f"the trajectory '{path}'", TrajectoryError):
             content = read(read_bytes(path, INPUT_LIMITS.primitive_bytes))
             names, columns = content.pop("joint_names"), content

@@ -1,130 +1,39 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Options of the planner, and its result, the plan."""
+"""The result of the planner: the plan."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray, check_number, check_type
-from ..exceptions import GoalError, PlannerError
+from ..arrays import FloatArray
+from ..exceptions import PlannerError
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
-from .objectives import Effort, Objective
-from .search_options import SearchOptions
-from .solver import SolverOptions
-from .starts import MOST_STARTS
-from .unknowns import DEFAULT_NODES
+from .options import BASES as BASES
+from .options import DEMONSTRATED as DEMONSTRATED
+from .options import FREE as FREE
+from .options import MODES as MODES
+from .options import OPTIMAL as OPTIMAL
+from .options import REAL_TIME as REAL_TIME
+from .options import SHORTEST as SHORTEST
+from .options import TIMINGS as TIMINGS
+from .options import PlannerOptions as PlannerOptions
 
 if TYPE_CHECKING:
     from .planner import Planner
 
-BASES = ("pca", "bspline")
-DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
-TIMINGS = (DEMONSTRATED, SHORTEST, FREE)
-REAL_TIME, OPTIMAL = "real_time", "optimal"
-MODES = (REAL_TIME, OPTIMAL)
 SOLVED = "solved"
 STOPPED_EARLY = "stopped_early"
 INFEASIBLE = "infeasible"
 
 _SHOWN = ("status", "message", "primitive", "duration", "effort_cost", "in_span_score")
 """Values of a plan that notebooks show."""
-
-
-@dataclass(frozen=True)
-class PlannerOptions:
-    """Options of planning.
-
-    Attributes
-    ----------
-    basis : {'pca', 'bspline'}
-        Components of the primitive, or B-splines with 6 control points per joint ([P]). If
-        components have no motion within the limits, B-splines are added, and the plan reports it.
-    objectives : tuple of (float, Objective)
-        Objectives: running costs and their weights, see :mod:`.objectives`. Effort alone unless
-        given.
-    timing : {'demonstrated', 'shortest', 'free'}
-        Duration of goals that don't specify one: as predicted from the demonstrations; the shortest
-        within all limits; or the one with the least objective.
-    naturalness : float
-        ρ: cost of a motion one standard deviation away from the expected one, as a share of the
-        cost of the expected motion (or more, see `SearchOptions.effort_weight`). 0: least effort
-        alone, whose motions may be far from the demonstrations. It is raised if a motion violates
-        limits otherwise.
-    sample_period : float
-        Time between the points of a trajectory [s].
-    max_solve_time : float
-        Longest time for planning [s]; some of it is kept for the last checks.
-    n_starts : int
-        Number of starts of the solver, at most 5, for a small naturalness (ρ < 0.1), where there
-        may be several optima. The best solution found in the available time is used. Five starts
-        instead of one find a motion better by over 0.5 % for 3 % of the problems of four robots, at
-        most 12 % better, in about four times the time (benchmarks/starts.py).
-    n_nodes : int
-        Quadrature nodes.
-    allow_nonzero_end_velocity : bool
-        Whether the controller accepts motions that don't end at rest.
-    solver : SolverOptions
-        Stopping criteria of the solver. Its `should_stop` cancels planning: the best motion found
-        until then is returned.
-    search : SearchOptions
-        Options of the search.
-
-    Raises
-    ------
-    GoalError
-        If an option is out of its range.
-
-    Examples
-    --------
-    >>> import mp_pca_planner as mp
-    >>> options = mp.PlannerOptions(naturalness=0.1, timing="shortest")
-    >>> options.basis
-    'pca'
-    """
-
-    basis: str = "pca"
-    objectives: tuple[tuple[float, Objective], ...] = ((1.0, Effort()),)
-    timing: str = DEMONSTRATED
-    naturalness: float = 1.0
-    sample_period: float = 0.01
-    max_solve_time: float = 1.0
-    n_starts: int = 1
-    n_nodes: int = DEFAULT_NODES
-    allow_nonzero_end_velocity: bool = False
-    solver: SolverOptions = field(default_factory=SolverOptions)
-    search: SearchOptions = field(default_factory=SearchOptions)
-
-    def __post_init__(self) -> None:
-        if self.basis not in BASES:
-            raise GoalError(f"basis must be one of {BASES}, got {self.basis!r}")
-        if self.timing not in TIMINGS:
-            raise GoalError(f"timing must be one of {TIMINGS}, got {self.timing!r}")
-        check_type(self.objectives, "objectives", GoalError, Sequence)
-        if not self.objectives:
-            raise GoalError("at least one objective with a weight is needed, got none")
-        for pair in self.objectives:
-            is_pair = isinstance(pair, Sequence) and len(pair) == 2
-            if not (is_pair and hasattr(pair[1], "residuals")):
-                raise GoalError(
-                    "objectives must be pairs of a weight and an objective, such as "
-                    f"(1.0, Effort()), got {pair!r:.80}"
-                )
-            check_number(pair[0], "the weight of an objective", GoalError, 1e-12, 1e12)
-        check_number(self.naturalness, "naturalness", GoalError, 0.0, 1e12)
-        check_number(self.sample_period, "sample_period [s]", GoalError, 1e-4, 1.0)
-        check_number(self.max_solve_time, "max_solve_time [s]", GoalError, 1e-9)
-        check_number(self.n_starts, "n_starts", GoalError, 1, MOST_STARTS, is_whole=True)
-        check_number(self.n_nodes, "n_nodes", GoalError, 4, 1000, is_whole=True)
-        check_type(self.solver, "solver", GoalError, SolverOptions)
-        check_type(self.search, "search", GoalError, SearchOptions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from types import NoneType
 from typing import Any
 
-from ..arrays import check_type
-from ..exceptions import GoalError, LimitsError, PrimitiveError, RobotError, WorldError, quote_names
+from ..arrays import check_choice, check_number, check_type
+from ..exceptions import (
+    GoalError,
+    LimitsError,
+    PrimitiveError,
+    RobotError,
+    WorldError,
+    quote_names,
+)
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
     GoalLike,
@@ -28,18 +36,19 @@ from ..primitives.primitive_library import PrimitiveLibrary
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
-from .budget import Budget
-from .fallback import FallbackPlanner
+from .context import Context
 from .objectives import uses_efforts
-from .plan import MODES, OPTIMAL, Plan, PlannerOptions
-from .plan_assembly import PlanAssembly, selection_reason
-from .request import GoalResolver
-from .route import SequenceResolver
-from .selection import Selector
-from .setup import Setup
-from .several import SeveralPlanner
-from .single import BasisChooser, SinglePlanner
-from .threads import one_blas_thread
+from .options import MODES, OPTIMAL, PlannerOptions
+from .plan import Plan
+from .program.store import BasisStore
+from .report import report
+from .requests.resolve import check_goal, resolve, target
+from .requests.selection import Selector
+from .requests.states import in_order
+from .search.budget import Budget
+from .search.search import search
+from .search.threads import one_blas_thread
+from .search.warm_starts import warm_starts
 
 
 class Planner:
@@ -118,15 +127,10 @@ class Planner:
         if any(uses_efforts(objective, self.robot) for _, objective in self.options.objectives):
             others = "choose an objective without efforts, such as jerk"
             self.robot.require_inertias("objectives with efforts", others)
-        self._selector = Selector(self.robot, self.primitives, self.options.objectives)
-        self._setup = setup = Setup(self.robot, self.limits, self.options, collision)
-        self._resolver = GoalResolver(setup, self._selector)
-        self._sequences = SequenceResolver(setup, self._selector)
-        fallback = FallbackPlanner(setup)
-        self._chooser = BasisChooser(setup)
-        self._single = SinglePlanner(setup, self._resolver, fallback, self._chooser)
-        self._several = SeveralPlanner(setup, fallback, self._chooser)
-        self._assembly = PlanAssembly(setup, self._resolver)
+        objectives, selection = self.options.objectives, self.options.selection
+        self._selector = Selector(self.robot, self.primitives, objectives, selection)
+        bases = BasisStore(self.options)
+        self._context = Context(self.robot, self.limits, self.options, collision, bases)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Planner, (self.robot, self.primitives, self.limits, self.options, self.collision)
@@ -138,11 +142,18 @@ class Planner:
     @property
     def collision(self) -> CollisionModel | None:
         """The collision model, if collisions are avoided."""
-        return self._setup.collision
+        return self._context.collision
 
     def use_collision(self, collision: CollisionModel) -> None:
-        """Avoid collisions by another model of the same robot from now on."""
-        self._setup.collision = collision
+        """Avoid collisions by another model of the same robot from now on.
+
+        Raises
+        ------
+        RobotError
+            If it is not a collision model.
+        """
+        check_type(collision, "collision", RobotError, CollisionModel)
+        self._context = replace(self._context, collision=collision)
 
     def check(self, goal: JointGoal) -> None:
         """Reject a goal that can't be served from any start state.
@@ -155,9 +166,10 @@ class Planner:
             If it names unknown joints or no primitive of the planner, is outside the limits, or
             its duration is too long.
         """
-        self._resolver.check(goal)
+        check_type(goal, "the goal", GoalError, JointGoal)
+        check_goal(self._context, self._selector, goal)
 
-    def target(self, goal: JointGoal, start: JointState) -> JointState:
+    def target(self, goal: JointGoal, start: StateLike) -> JointState:
         """The configuration of all joints that a goal specifies.
 
         Raises
@@ -165,7 +177,9 @@ class Planner:
         GoalError
             See :meth:`plan`.
         """
-        return self._resolver.target(goal, start)
+        check_type(goal, "the goal", GoalError, JointGoal)
+        here = as_state(start, self.robot.joint_names, "the start")
+        return target(self._context, goal, in_order(here, self.robot.joint_names))
 
     @one_blas_thread()
     def plan(
@@ -204,23 +218,21 @@ class Planner:
         RobotError
             If there is no such frame.
         """
-        if mode not in MODES:
-            raise GoalError(f"the mode must be one of {quote_names(MODES)}, got {mode!r:.80}")
+        check_choice(mode, "the mode", GoalError, MODES)
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         began = time.perf_counter()
-        most, kept = self.options.max_solve_time, self.options.search.time_for_checks
-        deadline = began + most - min(kept, 0.2 * most)
+        most, each = self.options.max_solve_time, self.options.search.time_for_checks
+        n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
+        deadline = began + most - min(n_segments * each, 0.4 * most)
         budget = Budget(deadline, self.options.solver.should_stop)
-        if isinstance(goal, SequenceGoal):
-            planned = self._several.serve(self._sequences.resolve(goal, start), mode, budget)
-            attempts = [planned.attempt]
-        else:
-            requests = self._resolver.resolve(goal, start)
-            planned, attempts = self._single.serve(requests, began, budget)
-        solved_at = max(attempts[-1].solved_at, planned.attempt.solved_at)
-        reason = selection_reason(goal, planned.attempt, attempts)
-        return self._assembly.plan(planned, reason, solved_at - began, self)
+        requests = resolve(self._context, self._selector, goal, start)
+        outcome = search(self._context, requests, mode, began, budget)
+        return report(self._context, outcome, goal, began, self)
+
+    def start_like(self, other: Planner) -> None:
+        """Use the warm starts of another planner with the same primitives."""
+        self._context.bases.warm_starts.update(other._context.bases.warm_starts)
 
     @one_blas_thread()
     def precompute(self, max_time: float = float("inf")) -> None:
@@ -234,14 +246,20 @@ class Planner:
         ----------
         max_time : float
             Time [s] after which no further motion is begun.
+
+        Raises
+        ------
+        GoalError
+            If the time is no number of at least 0.
         """
         near = self.options.naturalness >= self.options.search.near_expected
         if self.options.basis != "pca" or near:
             return
+        check_number(max_time, "max_time [s]", GoalError, 0.0)
         deadline = time.perf_counter() + max_time
         for primitive in self.primitives:
             if Budget(deadline).is_over():
                 break
-            found = self._single.precompute(primitive, deadline)
-            if found.memories:
-                self._chooser.warm_starts[primitive.name] = found
+            found = warm_starts(self._context, self._selector, primitive, deadline)
+            if len(found.memories):
+                self._context.bases.warm_starts[primitive.name] = found

@@ -76,27 +76,6 @@ def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
     return float(np.max(shares ** (1.0 / np.arange(1, 4))))
 
 
-def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> FloatArray:
-    """Largest values of a motion as shares of the limits, shape (5, n_joints).
-
-    Those of positions are 0 in the middle of a range and 1 at its ends.
-
-    Parameters
-    ----------
-    limits : JointLimits
-        Limits of the joints.
-    states : array, shape (4, n_steps, n_joints)
-        Positions, velocities, accelerations and jerks.
-    efforts : array, shape (n_steps, n_joints)
-        Efforts; NaN counts as beyond a limit.
-    """
-    half = (limits.upper - limits.lower) / 2.0
-    beyond = np.maximum(limits.lower - states[0], states[0] - limits.upper).max(axis=0)
-    bounds = np.array([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
-    magnitudes = np.abs([*states[1:], efforts]).max(axis=1)
-    return np.vstack([1.0 + beyond / np.where(np.isfinite(half), half, 1.0), magnitudes / bounds])
-
-
 def _gravity(robot: Robot, q: FloatArray) -> FloatArray:
     """Efforts of gravity, the part of efforts that does not depend on the duration."""
     rest = np.zeros_like(q)

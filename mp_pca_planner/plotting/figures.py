@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray, by_name
 from ..planning.plan import Plan
-from ..planning.remarks import UNUSUAL_IN_SPAN_SCORE
+from ..planning.report import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.differences import PHASES
 from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray
-from ..exceptions import PrimitiveError
+from ..arrays import FloatArray, check_type
+from ..exceptions import PrimitiveError, shown
 from ..recordings.demonstration import Demonstration
 from ..rows import empty_rows, row_blocks, row_mean
 from .conditional_model import ConditionalModel, left_out_squares, thinned
@@ -53,11 +53,12 @@ def build_primitive(
         If there is no demonstration, something else is among them, they have different joints, or
         nothing moves.
     """
+    check_type(name, "the name of a primitive", PrimitiveError, str)
     others = demonstrations if isinstance(demonstrations, Sequence) else [demonstrations]
     for one in others:
         if not isinstance(one, Demonstration):
             raise PrimitiveError(
-                f"primitive '{name}' can't be built: {one!r:.80} is no demonstration; "
+                f"primitive '{name}' can't be built: {shown(one)} is not a demonstration; "
                 "load_demonstrations reads recordings, and arrays need times="
             )
     if not demonstrations:

@@ -48,6 +48,8 @@ _MIN_RANKED = 3
 _MAX_DEMONSTRATIONS = 200
 # Predicted durations stay within this many standard deviations of the demonstrated ones.
 _MAX_DEVIATIONS = 3.0
+# The second fit counts alone where the novelty is at least the inverse of this.
+_FAR = 4.0
 # Growth of the standard deviation of motions from a demonstrated request to one far from all.
 _GROWTH = 5.0
 # The prior of the covariance of requests counts as this many demonstrations.
@@ -67,9 +69,13 @@ class ConditionalDistribution:
     weights : array, shape (n_weights,)
         Expected weights ŵ.
     covariance : array, shape (n_weights, n_weights)
-        Their covariance Λ, positive definite.
+        Covariance Λ of the errors of left-out demonstrations, positive definite; the same for all
+        requests.
     precision : array, shape (n_weights, n_weights)
         Λ⁻¹.
+    variance : float
+        Factor of Λ for the errors to expect at this request. It grows with the size of the motion
+        and with the distance from the demonstrations; more so, the fewer there are.
     pace : array, shape (n_pace,)
         Expected time scaling, see :mod:`.pace`; zero: even.
     duration : float
@@ -83,6 +89,7 @@ class ConditionalDistribution:
     weights: FloatArray
     covariance: FloatArray
     precision: FloatArray
+    variance: float
     pace: FloatArray
     duration: float
     in_span_score: float
@@ -93,7 +100,7 @@ class ConditionalModel:
     """A fitted regression of motions on requests (q0, qT, log T).
 
     Shapes and durations grow with the square root of the distance from start to goal: small
-    motions are straighter. Standard deviations grow likewise, and with the distance from the
+    motions are straighter. Expected errors grow likewise, and with the distance from the
     demonstrations. Demonstrations of several activities are fitted twice, with kernels
     ranked by left-out motions and by left-out activities. The second fit is used for requests
     out of distribution.
@@ -112,9 +119,10 @@ class ConditionalModel:
     duration_coefficients : array, shape (1, n_lengths, 2, n_demonstrations, 1)
         Of log T minus its mean, by the end points alone.
     weight_covariance, weight_precision : array, shape (n_weights, n_weights)
-        Covariance of the errors of weights at a demonstrated request of the usual size, and its
-        inverse. It is that of left-out demonstrations, widened to the variance of Student's t
-        distribution with as many degrees of freedom as demonstrations.
+        Covariance of the errors of the weights of left-out demonstrations, and its inverse.
+    error_variance : array, shape (1,)
+        Factor of this covariance for a demonstrated request of usual size, widened to the variance
+        of Student's t distribution with as many degrees of freedom as demonstrations.
     request_precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
         Inverse covariance of the requests.
     """
@@ -126,6 +134,7 @@ class ConditionalModel:
     duration_coefficients: FloatArray
     weight_covariance: FloatArray
     weight_precision: FloatArray
+    error_variance: FloatArray
     request_precision: FloatArray
 
     @classmethod
@@ -160,13 +169,15 @@ class ConditionalModel:
         similar, distances = RequestFeatures(used).of(used)
         roots = np.sqrt(distances)[:, None]
         shape, residuals = _fit(similar, shapes / roots, reversed_shapes / roots, partitions)
-        others = similar[0, 0] - (np.diag(np.full(len(used), np.inf)) if len(used) > 1 else 0.0)
-        errors = residuals / _spread(1.0, others)[:, None]
+        errors, others = residuals * roots, similar[0, 0].copy()
+        if len(used) > 1:
+            np.fill_diagonal(others, -np.inf)
+        variance = _error_variance(errors, _variance(distances, others))
         pace, _ = _fit(similar, paces, reversed_paces(paces), partitions)
         similar, _ = RequestFeatures(used[:, :-1]).of(used[:, :-1])
         times = used[:, -1:] - used[:, -1].mean() - np.log(roots)
         duration, _ = _fit(similar, times, times, partitions[:1])
-        covariances = *shrunk_covariance(errors), request_precision(requests)
+        covariances = *shrunk_covariance(errors), variance, request_precision(requests)
         return cls(used, shape, straight_weights, pace, duration, *covariances)
 
     def predict(
@@ -185,12 +196,13 @@ class ConditionalModel:
         expected = self._expected_duration(ends) if duration is None else duration
         similar, distance = self._features(np.append(ends, math.log(expected)))
         near, far = self._coefficients
-        both = similar.ravel() @ (near + _novelty(similar[0, 0]) * far if far.any() else near)
+        share = min(1.0, _FAR * float(_novelty(similar[0, 0])))
+        both = similar.ravel() @ (near + share * far if far.any() else near)
         shape, pace = both[: self.straight_weights.size], both[self.straight_weights.size :]
         weights = self.straight_weights + math.sqrt(distance) * shape
-        variance = float(_spread(distance, similar[0, 0])) ** 2
-        covariance, precision = variance * self.weight_covariance, self.weight_precision / variance
-        return ConditionalDistribution(weights, covariance, precision, pace, expected, score)
+        variance = float(self.error_variance[0] * _variance(distance, similar[0, 0]))
+        of_weights = self.weight_covariance, self.weight_precision, variance
+        return ConditionalDistribution(weights, *of_weights, pace, expected, score)
 
     def in_span_score(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -325,10 +337,9 @@ def left_out_squares(
 
 
 def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Covariance of new errors, and its inverse, shape (n_features, n_features).
+    """Covariance of errors about zero, and its inverse, shape (n_features, n_features).
 
-    It is positive definite, and the wider and the nearer to its diagonal the fewer errors there
-    are. Errors are about zero.
+    It is positive definite, and shrunk towards its diagonal, more strongly with fewer errors.
 
     Parameters
     ----------
@@ -340,9 +351,7 @@ def shrunk_covariance(errors: FloatArray) -> tuple[FloatArray, FloatArray]:
     variances = np.diag(covariance)
     floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
     shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
-    # The variance of Student's t distribution, at least with three degrees of freedom.
-    freedom = max(n, 3)
-    positive = np.asarray(freedom / (freedom - 2.0) * shrunk + floor * np.eye(size))
+    positive = np.asarray(shrunk + floor * np.eye(size))
     return positive, np.asarray(np.linalg.inv(positive))
 
 
@@ -411,9 +420,19 @@ def _novelty(similarities: FloatArray) -> FloatArray:
     return np.asarray(1.0 + OFFSET - similarities.max(axis=-1)).clip(0.0, 1.0)
 
 
-def _spread(distance: float, similarities: FloatArray) -> FloatArray:
-    """Standard deviation of motions, in units of that at a demonstrated request of usual size."""
-    return np.asarray(math.sqrt(distance) * (1.0 + _GROWTH * _novelty(similarities)))
+def _variance(distances: FloatArray | float, similarities: FloatArray) -> FloatArray:
+    """Variance of errors, in units of that at a demonstrated request of usual size."""
+    return np.asarray(distances * (1.0 + _GROWTH * _novelty(similarities)) ** 2)
+
+
+def _error_variance(errors: FloatArray, variances: FloatArray) -> FloatArray:
+    """Factor of the covariance of left-out errors with which variances of 1 are as predicted.
+
+    Shape (1,). Widened as Student's t distribution is, with at least three degrees of freedom.
+    """
+    squares, freedom = np.sum(errors**2, axis=1), max(len(errors), 3)
+    unit = (np.sum(squares / variances) + _TINY) / (np.sum(squares) + _TINY)
+    return np.array([freedom / (freedom - 2.0) * unit])
 
 
 def _fit(

@@ -165,7 +165,8 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
             f"its format version is {version}, this release reads versions 1 and {FORMAT_VERSION}: "
             "build it again"
         )
-    missing = [name for name in ARRAY_SHAPES if name not in arrays]
+    fitted_anew = {"error_variance"} if version == 1 else set()
+    missing = [name for name in ARRAY_SHAPES if name not in arrays.keys() | fitted_anew]
     if missing:
         raise PrimitiveFileError(f"it lacks the arrays {', '.join(missing)}")
     stated = metadata.pop("checksum", None)
@@ -272,7 +273,7 @@ def _archive(file: BinaryIO) -> NpzFile:
         content = None
     if not isinstance(content, NpzFile):
         raise PrimitiveFileError(
-            "it is no .npz file, or not all of it: expected a file that build_primitives made"
+            "it is not a complete .npz file: expected a file that build_primitives made"
         )
     return content
 

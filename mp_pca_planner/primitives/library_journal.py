@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..exceptions import PlannerError, PrimitiveError, require, unknown_name
+from ..exceptions import PlannerError, PrimitiveError, require, shown, unknown_name
 from ..files import reading
 from ..json_content import check_form, load_json
 from .primitive import MovementPrimitive
@@ -107,7 +107,7 @@ def check_name(name: str) -> None:
     except UnicodeEncodeError:
         length = 0
     if not 0 < length <= MAX_NAME_BYTES or name.startswith(".") or "/" in name or "\0" in name:
-        raise PrimitiveError(f"{name!r:.80} can't be the name of a file: choose another")
+        raise PrimitiveError(f"{shown(name)} can't be the name of a file: choose another")
 
 
 def change_now(

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..arrays import check_number
-from ..exceptions import PrimitiveError, quote_names
+from ..arrays import check_choice, check_number
+from ..exceptions import PrimitiveError
 from .alignment import ALIGNMENTS
 from .basis import N_END_CONDITIONS
 from .primitive_values import COUPLINGS
@@ -46,10 +46,7 @@ class PrimitiveOptions:
     align: str = "arc_length"
 
     def __post_init__(self) -> None:
-        if self.coupling not in COUPLINGS:
-            raise PrimitiveError(
-                f"coupling must be one of {quote_names(COUPLINGS)}, got {self.coupling!r}"
-            )
+        check_choice(self.coupling, "coupling", PrimitiveError, COUPLINGS)
         if self.n_components is not None:
             check_number(self.n_components, "components", PrimitiveError, 1, is_whole=True)
         check_number(self.variance, "variance", PrimitiveError, 1e-9, 1.0)
@@ -69,7 +66,4 @@ class PrimitiveOptions:
             10_000,
             is_whole=True,
         )
-        if self.align not in ALIGNMENTS:
-            raise PrimitiveError(
-                f"align must be one of {quote_names(ALIGNMENTS)}, got {self.align!r}"
-            )
+        check_choice(self.align, "align", PrimitiveError, ALIGNMENTS)

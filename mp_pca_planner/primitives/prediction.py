@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from .conditional_model import ConditionalDistribution
     from .primitive import MovementPrimitive
 
+_MAX_DRAWS = 10_000
+
 
 def expected_motion(
     primitive: MovementPrimitive, start: StateLike, goal: StateLike, duration: float | None = None
@@ -68,13 +70,15 @@ def drawn_motions(
     ------
     GoalError
         If an end point is none of these or not finite, or `n` or `seed` is no whole number of at
-        least 0.
+        least 0; at most 10,000 motions.
     """
-    for what, value in (("the number of motions", n), ("the seed", seed)):
-        check_number(value, what, GoalError, 0, is_whole=True)
+    check_number(n, "the number of motions", GoalError, 0, is_whole=True)
+    if n > _MAX_DRAWS:
+        raise GoalError(f"at most {_MAX_DRAWS} motions are drawn at once, got {n}")
+    check_number(seed, "the seed", GoalError, 0, is_whole=True)
     ends, expected = _request(primitive, start, goal, None)
     rng = np.random.default_rng(seed)
-    draws = rng.multivariate_normal(expected.weights, expected.covariance, n)
+    draws = rng.multivariate_normal(expected.weights, expected.variance * expected.covariance, n)
     return [_motion(primitive, ends, expected, weights) for weights in draws]
 
 
@@ -84,9 +88,15 @@ def _request(
     """End points, shape (2, n_joints), and the prediction for them."""
     first = joint_positions(start, primitive.joint_names, "the start")
     last = joint_positions(goal, primitive.joint_names, "the goal", first)
+    for position in (*first.tolist(), *last.tolist()):
+        limit = INPUT_LIMITS.position
+        check_number(position, "a position of the start or the goal", GoalError, -limit, limit)
     if duration is not None:
         check_number(duration, "the duration [s]", GoalError, 1e-3, INPUT_LIMITS.duration)
-    return np.array([first, last]), primitive.model.predict(first, last, duration)
+    expected = primitive.model.predict(first, last, duration)
+    longest = INPUT_LIMITS.duration
+    check_number(expected.duration, "the predicted duration [s]", GoalError, 0.0, longest)
+    return np.array([first, last]), expected
 
 
 def _motion(

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, check_number, frozen_array
+from ..exceptions import PrimitiveError, PrimitiveFileError
+from ..files import as_path
 from ..motion.goal import StateLike
 from ..motion.trajectory import Trajectory
 from .alignment import aligned_phases
@@ -201,14 +203,14 @@ class MovementPrimitive:
         """Write the primitive to a file, see :func:`.save_primitive`."""
         from .file import save_primitive
 
-        save_primitive(self, path, overwrite=overwrite)
+        save_primitive(self, as_path(path, PrimitiveError), overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path) -> MovementPrimitive:
         """Read a primitive from a file, see :func:`.load_primitive`."""
         from .file import load_primitive
 
-        return load_primitive(path)
+        return load_primitive(as_path(path, PrimitiveFileError))
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the mean shape and the components on Matplotlib Axes; return these."""
@@ -268,8 +270,8 @@ class MovementPrimitive:
             return float("nan")
         series = self.component_coefficients / np.sqrt(2.0 * np.arange(self.degree + 1) + 1.0)
         rows = series.reshape(self.n_components, -1)
-        variance = float(np.sum((rows @ rows.T) * expected.covariance)) / self.n_joints
-        return float(np.sqrt(variance + np.mean(self.fit_residual**2)))
+        square = expected.variance * float(np.sum((rows @ rows.T) * expected.covariance))
+        return float(np.sqrt(square / self.n_joints + np.mean(self.fit_residual**2)))
 
     def reproduction(self, demonstration: int, times: FloatArray) -> FloatArray:
         """Positions of a demonstration as its weights and its own timing reproduce it.
@@ -281,6 +283,9 @@ class MovementPrimitive:
         times : array, shape (n_steps,)
             Times from 0 to its duration [s].
         """
+        n, times = len(self.durations), frozen_array(times, (None,), "times [s]", PrimitiveError)
+        what = "the index of a demonstration"
+        check_number(demonstration, what, PrimitiveError, 0, n - 1, is_whole=True)
         duration = float(self.durations[demonstration])
         phases = aligned_phases(self.warps[demonstration], times / duration)
         state = self.boundary_states[demonstration]

@@ -13,7 +13,7 @@ from typing import overload
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, PrimitiveError, quote_names, unknown_name
+from ..exceptions import GoalError, PrimitiveError, quote_names, shown, unknown_name
 from .file import load_primitive
 from .file_index import index_files, load_unchanged
 from .primitive import MovementPrimitive
@@ -99,7 +99,7 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
         for one in primitives:
             if not isinstance(one, MovementPrimitive):
                 raise PrimitiveError(
-                    f"{one!r:.80} is no movement primitive; MovementPrimitive.load reads a file"
+                    f"{shown(one)} is not a movement primitive; MovementPrimitive.load reads a file"
                 )
         require_same_joints((f"primitive '{p.name}'", p.joint_names) for p in primitives)
         return cls(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import frozen_array, unique_names
-from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names
+from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names, shown
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
 from .conditional_model import INVERSE_LENGTHS
@@ -39,6 +39,7 @@ ARRAY_SHAPES: dict[str, tuple[str | int, ...]] = {
     "duration_coefficients": (1, len(INVERSE_LENGTHS), 2, "requests", 1),
     "weight_covariance": ("weights", "weights"),
     "weight_precision": ("weights", "weights"),
+    "error_variance": (1,),
     "request_precision": ("entries", "entries"),
 }
 """Shapes of the arrays of a primitive and of its conditional model."""
@@ -74,7 +75,9 @@ def freeze_values(primitive: MovementPrimitive) -> None:
 def _freeze_names(primitive: MovementPrimitive) -> None:
     name = primitive.name
     if not isinstance(name, str) or not name:
-        raise PrimitiveFileError(f"the name of a primitive must be a non-empty string: {name!r}")
+        raise PrimitiveFileError(
+            f"the name of a primitive must be a non-empty string: {shown(name)}"
+        )
     if any("\ud800" <= letter <= "\udfff" for letter in "".join([name, *primitive.joint_names])):
         raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
     if primitive.coupling not in COUPLINGS:
@@ -113,6 +116,8 @@ def _problem(primitive: MovementPrimitive) -> str:
         return "its demonstrations must last > 0 s"
     if np.any(primitive.explained_variance <= 0.0) or np.any(primitive.total_variance < 0.0):
         return "a variance is not positive"
+    if model.error_variance[0] <= 0.0:
+        return "the variance of its errors is not positive"
     if primitive.explained_variance.sum() > (1.0 + 1e-6) * primitive.total_variance.sum():
         return "its components explain more than all variance"
     for matrix in (model.weight_covariance, model.weight_precision, model.request_precision):

@@ -60,7 +60,7 @@ class VersionedLibrary:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         if self.folder.exists() and not self.folder.is_dir():
-            raise PrimitiveError(f"the library '{folder}' is no folder")
+            raise PrimitiveError(f"the library '{folder}' is not a folder")
         self._versions = self.folder / ".versions"
         self._journal = self._versions / "journal.jsonl"
         self.history()

@@ -78,7 +78,7 @@ def map_on_cluster(
     distributed = require("distributed", "dask", "work on a Dask cluster")
     if not _ADDRESS.fullmatch(address):
         raise RecordingError(
-            f"'{address}' is no address of a Dask scheduler such as tcp://192.0.2.1:8786"
+            f"'{address}' is not the address of a Dask scheduler such as tcp://192.0.2.1:8786"
         )
     name = f"the Dask cluster at '{address}'"
     run = _run_on_worker()
@@ -151,7 +151,7 @@ def _run_on_worker() -> Callable[[bytes, str, str], list[Any]]:
             raise ImportError(f"{worker} has mp_pca_planner {found}, but {version} is needed")
         if path and not os.path.exists(path):
             raise FileNotFoundError(
-                f"{worker} does not see '{path}': all must see the recordings at the same path"
+                f"{worker} can't read '{path}': all must see the recordings at the same path"
             )
         return [function(item)]
 

@@ -231,8 +231,8 @@ def _without_rest(
             why = "as an arm that is held still sways" if sways else "by its noise"
         raise RecordingError(
             f"it holds no motion: its joints move over {max(cut.extent for cut in cuts):.2g} rad "
-            f"(or m) at most, and up to {least:.2g} is taken for rest, {why}; give a table of "
-            "segments if these are motions nevertheless"
+            f"(or m) at most, and up to {least:.2g} counts as rest, {why}; give a table of "
+            "segments if these movements are motions"
         )
     return kept
 

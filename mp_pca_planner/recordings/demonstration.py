@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
-from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
+from ..arrays import FloatArray, check_number, check_type, frozen_array, set_frozen, unique_names
 from ..exceptions import RecordingError
+from ..input_limits import INPUT_LIMITS
 
 MIN_SAMPLES = 5
 """Fewest samples of a motion that is given as arrays."""
@@ -68,6 +69,9 @@ class Demonstration:
     checksum: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
+        check_type(self.recording, "the recording of a motion", RecordingError, str)
+        for value, what in ((self.start_time, "start_time [s]"), (self.end_time, "end_time [s]")):
+            check_number(value, what, RecordingError, -1e18, 1e18)
         where = f"motion at {self.start_time:.3f} s of '{self.recording}'"
         names = unique_names(self.joint_names, f"joints of the {where}", RecordingError)
         times = frozen_array(self.times, (None,), f"times of the {where}", RecordingError)
@@ -203,6 +207,7 @@ class Demonstration:
 
         They are found by cubic Hermite interpolation of positions and velocities.
         """
+        times = frozen_array(times, (None,), "times [s]", RecordingError)
         spline = CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
         return np.asarray(spline(times), dtype=np.float64)
 
@@ -211,6 +216,8 @@ class Demonstration:
 
         Their shape is (n_phases, n_joints); at least 2 phases are needed.
         """
+        most = INPUT_LIMITS.trajectory_points
+        check_number(n_phases, "the number of phases", RecordingError, 2, most, is_whole=True)
         return self.at(np.linspace(0.0, self.times[-1], n_phases))
 
     def thinned(self, most_samples: int) -> Demonstration:
@@ -221,6 +228,7 @@ class Demonstration:
         most_samples : int
             Largest number of samples, at least 2. A motion that has no more is returned unchanged.
         """
+        check_number(most_samples, "the number of samples", RecordingError, 2, is_whole=True)
         if self.times.size <= most_samples:
             return self
         times = np.linspace(0.0, self.times[-1], most_samples)

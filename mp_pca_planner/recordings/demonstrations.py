@@ -9,8 +9,9 @@ from pathlib import Path
 from types import NoneType
 from typing import Any
 
-from ..arrays import check_type
+from ..arrays import as_list, check_number, check_type
 from ..exceptions import RecordingError, RobotError
+from ..files import as_path
 from ..robot.model import Robot
 from .bags import write_joint_states
 from .load import load_recordings
@@ -59,13 +60,21 @@ def load_demonstrations(
     """
     check_type(paths, "the paths of recordings", RecordingError, str, Path, Iterable)
     check_type(robot, "robot", RobotError, Robot, str, Path, NoneType)
+    several = (
+        [paths]
+        if isinstance(paths, (str, Path))
+        else as_list(paths, "the paths of recordings are needed", RecordingError)
+    )
+    for one in several:
+        if not isinstance(one, str):  # an address, or a pattern
+            as_path(one, RecordingError)
     joints = options.pop("joints", None)
     options.setdefault("moving_only", joints is None and isinstance(robot, (str, Path)))
     if isinstance(robot, (str, Path)):
         robot = Robot.from_file(robot, joints)
     joints = robot.joint_names if robot else joints
     options.setdefault("position_limits", position_limits(robot))
-    recordings = load_recordings(paths, joints=joints, same_joints=True, **options)
+    recordings = load_recordings(several, joints=joints, same_joints=True, **options)
     recordings.require_motion()
     return recordings
 
@@ -102,7 +111,10 @@ def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int 
     >>> mp.write_example_recording("motions.mcap", 6).name
     'motions.mcap'
     """
+    file = as_path(path, RecordingError)
+    check_number(n_motions, "the number of motions", RecordingError, 1, 10_000, is_whole=True)
+    check_number(seed, "the seed", RecordingError, 0, is_whole=True)
     recording = continuous_recording(generate_motions(n_motions, seed), seed=seed)
     names, stamps = recording.joint_names, recording.stamps
-    write_joint_states(path, "mcap", names, stamps, recording.positions, overwrite=True)
-    return Path(path)
+    write_joint_states(file, "mcap", names, stamps, recording.positions, overwrite=True)
+    return file

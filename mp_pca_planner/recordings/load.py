@@ -187,7 +187,7 @@ def _with_joints_of_set(
                     task.name,
                     f"its joints, {quote_names(report.joint_names)}, are not those of most "
                     f"recordings, {quote_names(common)}: choose joints that all have, or use it "
-                    "apart",
+                    "separately",
                 )
             elif joints != report.joint_names:
                 again[index] = _with_joints(task, joints, report.joint_names, still)
@@ -245,7 +245,7 @@ def _with_extent_of_set(
         what = cutting.far_moving("its joints move", largest[index], absurd)
         reason = (
             f"beside the other recordings' motions, {what}; choose the joints, or give "
-            "a table of segments if these are motions nevertheless"
+            "a table of segments if these movements are motions"
         )
         loaded.refuse(index, tasks[index].name, reason)
         smallest[index] = np.inf

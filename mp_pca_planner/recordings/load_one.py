@@ -113,7 +113,7 @@ class LoadOptions:
             raise RecordingError(unknown_name("segmentation", self.segment, SEGMENTATIONS))
         if self.state_field is not None and self.topic is None:
             raise RecordingError(
-                f"the field '{self.state_field}' needs the topic whose messages have it"
+                f"the field '{self.state_field}' needs a topic whose messages have this field"
             )
 
 
@@ -133,7 +133,7 @@ def load_one(task: LoadTask, progress: Callable[[float], None] | None = None) ->
     """Load one recording, in this process or another one."""
     try:
         if task.segments == ():
-            raise RecordingError("the table of segments names no motion in it")
+            raise RecordingError("the table of segments lists no motion of it")
         began = time.perf_counter()
         with bags.local_copy(task.path) as path:
             found = _loaded(task, path, progress)

@@ -72,7 +72,7 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
             )
         for number, row in enumerate(rows):
             if number == INPUT_LIMITS.segments:
-                raise RecordingError(f"'{path}' has more than {number:,} rows: divide it")
+                raise RecordingError(f"'{path}' has more than {number:,} rows: split it")
             where = f"'{path}', line {rows.line_num}"
             name = row["recording"] or ""
             if name not in recordings:
@@ -154,7 +154,7 @@ def segments_by_hand(
     """
     if path is None:
         if labels is not None:
-            raise RecordingError("labels select motions of a table of segments: none is given")
+            raise RecordingError("labels select motions of a table of segments: also give one")
         return None
     by_hand = read_segments(path, names)
     if labels is None:

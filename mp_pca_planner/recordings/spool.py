@@ -52,7 +52,7 @@ class Spool(Sequence[Value]):
             self._file.flush()  # a process that is forked must not write it again
         except OSError as error:
             raise RecordingError(
-                f"what is read can't be kept in '{tempfile.gettempdir()}' ({error.strerror}): set "
+                f"the data read can't be kept in '{tempfile.gettempdir()}' ({error.strerror}): set "
                 "TMPDIR to a folder with more space"
             ) from None
 

@@ -42,7 +42,7 @@ def parse_collada(content: bytes) -> MeshContent:
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != "COLLADA":
-        raise ValueError(f"it is no COLLADA file: its root element is <{root.tag:.40}>")
+        raise ValueError(f"it is not a COLLADA file: its root element is <{root.tag:.40}>")
     return _Document(root).content()
 
 

@@ -44,7 +44,7 @@ class Dynamics(PinocchioModel):
         tau : array, shape (n_steps, n_joints)
             Joint torques [N·m] or forces [N].
         """
-        q, v, a = (self._order.sorted(x) for x in (q, v, a))
+        q, v, a = self._in_order(q, v, a, n_dims=2)
         if self._pool is not None:
             tau = np.empty(q.shape)
             pin.rneaInParallel(1, self._pool, q.T, v.T, a.T, tau.T)
@@ -97,7 +97,7 @@ class Dynamics(PinocchioModel):
             ∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ (the mass matrix) side by side.
         """
         n = self.n_joints
-        q, v, a = (self._order.sorted(x) for x in (q, v, a))
+        q, v, a = self._in_order(q, v, a, n_dims=2)
         tau = np.empty((len(q), n))
         dtau = np.empty((len(q), 3, n, n))  # filled block by block: the innermost loop of planning
         model, data, derivatives = self._model, self._data, pin.computeRNEADerivatives
@@ -128,7 +128,7 @@ class Dynamics(PinocchioModel):
             Efforts of gravity, centrifugal and Coriolis forces.
         """
         model, data, order = self._model, self._data, self._order
-        q, v = order.sorted(q), order.sorted(v)
+        q, v = self._in_order(q, v, n_dims=1)
         M, h = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
         if not order.is_same:
             M = order.restored_matrix(np.triu(M) + np.triu(M, 1).T)
@@ -136,7 +136,7 @@ class Dynamics(PinocchioModel):
 
     def gravity_efforts(self, q: FloatArray) -> FloatArray:
         """Efforts that hold the robot still in one configuration, shape (n_joints,)."""
-        g = pin.computeGeneralizedGravity(self._model, self._data, self._order.sorted(q))
+        g = pin.computeGeneralizedGravity(self._model, self._data, *self._in_order(q, n_dims=1))
         return self._order.restored(g)
 
     def forward_dynamics(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> FloatArray:
@@ -144,5 +144,5 @@ class Dynamics(PinocchioModel):
 
         By Featherstone's articulated-body algorithm.
         """
-        q, v, tau = (self._order.sorted(x) for x in (q, v, tau))
+        q, v, tau = self._in_order(q, v, tau, n_dims=1)
         return self._order.restored(pin.aba(self._model, self._data, q, v, tau))

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from ..arrays import FloatArray
-from ..exceptions import RobotError
 from .inertias import joint_of
 from .pinocchio_model import JointOrder, PinocchioModel
 
@@ -40,12 +39,9 @@ class Kinematics(PinocchioModel):
             If there is no such frame, or the positions have another shape.
         """
         ids = self._frame_ids(frames)
-        if np.ndim(q) != 2 or np.shape(q)[1] != self.n_joints:
-            raise RobotError(
-                f"positions must have the shape (n_steps, {self.n_joints}), got {np.shape(q)}"
-            )
+        (q,) = self._in_order(q, n_dims=2)
         points = np.empty((len(q), len(ids), 3))
-        for k, configuration in enumerate(self._order.sorted(q)):
+        for k, configuration in enumerate(q):
             pin.framesForwardKinematics(self._model, self._data, configuration)
             for i, frame in enumerate(ids):
                 points[k, i] = self._data.oMf[frame].translation
@@ -75,8 +71,9 @@ class Kinematics(PinocchioModel):
         joints = [joint_of(self._model.frames[end])]
         while joints[-1] > 0:
             joints.append(int(self._model.parents[joints[-1]]))
+        (q,) = self._in_order(q, n_dims=2)
         points = np.empty((len(q), len(joints) + 1, 3))
-        for k, configuration in enumerate(self._order.sorted(q)):
+        for k, configuration in enumerate(q):
             pin.framesForwardKinematics(self._model, self._data, configuration)
             for i, joint in enumerate(reversed(joints)):
                 points[k, i] = self._data.oMi[joint].translation

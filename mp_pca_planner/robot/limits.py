@@ -6,14 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, check_type, html_table, unique_names
-from ..exceptions import LimitsError, unknown_name
+from ..arrays import FloatArray, check_type, html_table, is_number, unique_names
+from ..exceptions import LimitsError, shown, unknown_name
 from ..files import load_yaml, read_text, reading
 
 _KEYS = {
@@ -195,24 +194,26 @@ def _checked(
 ) -> dict[str, dict[str, float]]:
     for name in limits:
         if name not in joint_names:
-            raise LimitsError(f"{where}: {unknown_name('joint', str(name), joint_names)}")
+            raise LimitsError(f"{where}: {unknown_name('joint', name, joint_names)}")
     return {name: _read_entry(name, entry, where) for name, entry in limits.items()}
 
 
 def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
     if not isinstance(entry, Mapping):
-        raise LimitsError(f"{where}: joint '{name}' must be a mapping of limits, got {entry!r:.40}")
+        raise LimitsError(
+            f"{where}: joint '{name}' must be a mapping of limits, got {shown(entry, 40)}"
+        )
     values: dict[str, float] = {}
     for key, value in entry.items():
         what = f"{where}: {key} of joint '{name}'"
         if key in LIMIT_KEYS:
-            if isinstance(value, bool) or not isinstance(value, Real):
-                raise LimitsError(f"{what} is {value!r:.40}, not a number")
+            if not (is_number(value) or (isinstance(value, float) and abs(value) == np.inf)):
+                raise LimitsError(f"{what} is {shown(value, 40)}, not a number")
             values[key] = float(value)
             _check_limit(name, key, values[key], where)
         elif key not in _QUANTITIES:
             valid = (*LIMIT_KEYS, *_QUANTITIES)
-            raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', str(key), valid)}")
+            raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', key, valid)}")
         elif not isinstance(value, bool):
             raise LimitsError(f"{what} must be true or false")
     for switch, quantity in _QUANTITIES.items():

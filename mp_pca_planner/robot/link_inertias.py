@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from ..arrays import FloatArray
 from .inertias import joint_of
-from .urdf import stated_origin
+from .urdf_elements import stated_origin
 
 
 @dataclass(frozen=True, eq=False)

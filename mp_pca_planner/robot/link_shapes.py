@@ -16,7 +16,8 @@ from .mesh_files import find_mesh, scaled
 from .mesh_pieces import whole_piece
 from .shapes import NO_VOLUME, Box, Cylinder, Mesh, Shape, Sphere
 from .solids import Solid, solid_of, solids_of, surface_of
-from .urdf import Description, StatedShape
+from .urdf import Description
+from .urdf_elements import StatedShape
 
 
 class LinkShapes:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..arrays import frozen_array
 from ..exceptions import RobotError
 from .inertias import joint_of
 from .link_shapes import LinkShapes
+from .urdf import Description
 
 _NOT_A_LINK = " (joint)"
 
@@ -30,6 +31,14 @@ class LockedModel:
         Joints that move.
     locked : mapping of str to float
         Positions [rad or m] of others; 0 (or the nearest limit) unless given.
+    description : Description
+        Names the joints that mimic others, whose positions follow from those, and the links with
+        collision shapes.
+
+    Attributes
+    ----------
+    known : mapping of str to float
+        The positions that were given, and those of joints that mimic these [rad or m].
 
     Raises
     ------
@@ -37,15 +46,52 @@ class LockedModel:
         If a position is no finite number.
     """
 
-    def __init__(self, full: Any, joint_names: Sequence[str], locked: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        full: Any,
+        joint_names: Sequence[str],
+        locked: Mapping[str, float],
+        description: Description,
+    ) -> None:
         self._full = full
+        self._colliding = {*description.shapes, *description.lost_shapes}
         low, high = full.lowerPositionLimit, full.upperPositionLimit
         self._reference = np.clip(pin.neutral(full), low, high)
-        for name, value in locked.items():
-            position = frozen_array(value, (), f"position of locked joint '{name}'", RobotError)
-            self._reference[full.joints[full.getJointId(name)].idx_q] = position
         names = enumerate(full.names)
         self._locked = [i for i, name in names if i > 0 and name not in joint_names]
+        given = {
+            name: float(frozen_array(x, (), f"position of locked joint '{name}'", RobotError))
+            for name, x in locked.items()
+        }
+        following = {
+            name: mimic.multiplier * given[mimic.joint] + mimic.offset
+            for name, mimic in description.mimics.items()
+            if mimic.joint in given and name not in joint_names
+        }
+        self.known: Mapping[str, float] = {**following, **given}
+        for name, position in self.known.items():
+            self._reference[full.joints[full.getJointId(name)].idx_q] = position
+
+    def relevant(self, *, pairs: bool, links: Collection[str]) -> tuple[str, ...]:
+        """The locked joints whose positions make a difference, see `Robot.relevant_joints`."""
+        model = self._full
+        moving = {i for i in range(1, model.njoints) if i not in self._locked}
+        shapes, needed = (
+            {f.parentJoint for f in model.frames if f.type == pin.FrameType.BODY and f.name in some}
+            for some in (self._colliding, links)
+        )
+        found = []
+        for joint in self._locked:
+            carried, carriers = set(model.subtrees[joint]), set(model.supports[joint])
+            is_carried = bool(moving & carriers)
+            has_mass = any(model.inertias[i].mass > 0.0 for i in carried)
+            if (
+                (carried & (moving | needed))
+                or (is_carried and has_mass)
+                or ((is_carried or pairs) and carried & shapes)
+            ):
+                found.append(model.names[joint])
+        return tuple(found)
 
     def reduced(self, geometries: list[Any]) -> tuple[Any, list[Any]]:
         """The model without locked joints, and geometries of its links.

@@ -111,7 +111,7 @@ def _stl(content: bytes) -> MeshContent:
         return _soup(found.reshape(-1, 3).astype(np.float64))
     if not content[:80].lstrip().lower().startswith(b"solid") or b"\0" in content:
         raise ValueError(
-            f"it is no STL file: one of {count} triangles has "
+            f"it is not an STL file: one of {count} triangles has "
             f"{_STL_HEADER + count * _STL_TRIANGLE.itemsize} bytes, this one has {len(content)}"
         )
     words = content.lower().split()
@@ -131,7 +131,7 @@ def _soup(corners: FloatArray) -> MeshContent:
 def _obj(content: bytes) -> MeshContent:
     """The vertices and faces of an OBJ file; normals, textures and materials are skipped."""
     if b"\0" in content:
-        raise ValueError("it is no OBJ file: that is text")
+        raise ValueError("it is not an OBJ file, which is text")
     vertices: list[list[bytes]] = []
     corners: list[int] = []
     counts: list[int] = []

@@ -4,19 +4,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, check_type, html_table, unique_names
+from ..arrays import FloatArray, check_number, check_type, frozen_array, html_table, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
-from ..files import read_text, reading
+from ..files import as_path, read_text, reading
 from .dynamics import Dynamics
 from .inertias import inertia_flaws, joint_of, listed_flaws
 from .kinematics import AttachedPoints as AttachedPoints
@@ -46,7 +47,8 @@ class Robot(Dynamics, Kinematics):
         The joints that move, in the order of every array of this class. All movable
         joints but those that mimic others, in the order of the kinematic tree, unless given.
     locked : mapping, optional
-        Positions [rad or m] of locked joints; 0 (or the nearest limit) unless given.
+        Positions [rad or m] of locked joints; 0 (or the nearest limit) unless given. Those of
+        joints that mimic one of these follow from it.
     source : str
         Name of the description in messages.
 
@@ -90,6 +92,8 @@ class Robot(Dynamics, Kinematics):
         locked: Mapping[str, float] | None = None,
         source: str = "robot description",
     ) -> None:
+        check_type(urdf, "a robot description", RobotError, str)
+        check_type(locked, "locked joints", RobotError, Mapping, NoneType)
         self._source, self._given = source, (urdf, dict(locked or {}))
         self.path: Path | None = None
         self._description = found = read_description(urdf, source)
@@ -106,7 +110,7 @@ class Robot(Dynamics, Kinematics):
             raise RobotError(f"{quote_names(both)} can't be locked and move at the same time")
         if locked:
             _movable(tuple(locked), self.movable_joints, source)
-        self._locked = LockedModel(full, names, locked or {})
+        self._locked = LockedModel(full, names, locked or {}, found)
         model, _ = self._locked.reduced([])
         self._inertia_flaws, unknown = inertia_flaws(model, found)
         for joint in unknown:  # efforts that can't be computed become NaN, not 0
@@ -144,6 +148,7 @@ class Robot(Dynamics, Kinematics):
     ) -> Robot:
         """Read the robot description from a URDF file (see the class)."""
         check_type(path, "the path of a URDF file", RobotError, str, Path)
+        path = as_path(path, RobotError)
         with reading(f"the URDF file {str(path)!r:.100}", RobotError):
             urdf = read_text(path)
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
@@ -154,6 +159,26 @@ class Robot(Dynamics, Kinematics):
     def described_joints(self) -> tuple[str, ...]:
         """The joints that move, in the order of the robot description."""
         return tuple(name for name in self.movable_joints if name in self.joint_names)
+
+    @property
+    def locked_positions(self) -> Mapping[str, float]:
+        """The known positions of locked joints [rad or m]; others count as 0."""
+        return self._locked.known
+
+    def relevant_joints(self, *, pairs: bool, links: Collection[str] = ()) -> tuple[str, ...]:
+        """The locked joints whose positions make a difference to the motion of the others.
+
+        These place joints that move, or they place a mass or a collision shape that these carry.
+
+        Parameters
+        ----------
+        pairs : bool
+            Whether pairs of links are checked for collisions: then collision shapes that the base
+            carries matter, too.
+        links : collection of str
+            Links whose poses are needed.
+        """
+        return self._locked.relevant(pairs=pairs, links=links)
 
     def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
         """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.
@@ -221,9 +246,10 @@ class Robot(Dynamics, Kinematics):
         Raises
         ------
         RobotError
-            If there is no such link.
+            If there is no such link, or the mass is no number of at least 0.
         """
         (frame_id,) = self._frame_ids([self.end_effector if frame is None else frame])
+        check_number(mass, "the mass of a payload [kg]", RobotError, 0.0, 1e9)
         model = self._model.copy()
         carrier = model.frames[frame_id]
         joint = joint_of(carrier)
@@ -246,6 +272,8 @@ class Robot(Dynamics, Kinematics):
             Factors of the mass and of the three principal moments of inertia about the centre of
             mass of each link of `link_inertias`.
         """
+        shape = (len(self.link_inertias.links), 4)
+        factors = frozen_array(factors, shape, "factors of inertias", RobotError)
         model = self._model.copy()
         self.link_inertias.change(model, factors)
         return self._with_model(model)

@@ -12,8 +12,8 @@ from typing import Any, Self
 import numpy as np
 import pinocchio as pin
 
-from ..arrays import FloatArray
-from ..exceptions import RobotError, unknown_name
+from ..arrays import MAX_SIZE, FloatArray, frozen_array
+from ..exceptions import RobotError, shown, unknown_name
 from .inertias import joint_of
 
 
@@ -114,10 +114,27 @@ class PinocchioModel:
         """Number of joints that move."""
         return len(self.joint_names)
 
+    def _in_order(self, *arrays: FloatArray, n_dims: int) -> list[FloatArray]:
+        """Values of the user's joints in Pinocchio's order, all of the shape of the first.
+
+        Pinocchio itself checks neither shapes nor types.
+        """
+        expected: tuple[int | None, ...] = (*(None,) * (n_dims - 1), self.n_joints)
+        found: list[FloatArray] = []
+        for x in arrays:
+            # The innermost loop of planning has arrays of floats.
+            is_array = isinstance(x, np.ndarray) and x.dtype == np.float64 and x.ndim == n_dims
+            is_usual = is_array and x.shape[-1] == self.n_joints and x.size <= MAX_SIZE
+            if not is_usual or (found and x.shape != expected):
+                x = frozen_array(x, expected, "values of the joints", RobotError)
+            expected = x.shape
+            found.append(self._order.sorted(x))
+        return found
+
     def _frame_ids(self, frames: Sequence[str]) -> list[int]:
-        if isinstance(frames, str):
-            raise RobotError(f"frames must be a list of names of links, got '{frames:.80}'")
+        if isinstance(frames, str) or not isinstance(frames, Sequence):
+            raise RobotError(f"frames must be a list of names of links, got {shown(frames)}")
         for name in frames:
-            if name not in self._ids:
+            if not isinstance(name, str) or name not in self._ids:
                 raise RobotError(f"{self._source}: {unknown_name('link', name, self.frame_names)}")
         return [self._ids[name] for name in frames]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, frozen_array
-from ..exceptions import WorldError, printable, unknown_name
+from ..exceptions import WorldError, printable, shown, unknown_name
 from ..files import load_yaml, read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .world import ANY, Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
@@ -160,8 +160,8 @@ def _collision_object(
     name, frame = str(one.get("id", "")), _frame_of(one)
     if one.get("operation", 0) not in (*_ADD, *_APPEND):
         raise WorldError(
-            f"object '{printable(name)}': operation {one['operation']!r:.40} is not supported; "
-            "accepted is a scene whose objects are added (0)"
+            f"object '{printable(name)}': operation {shown(one['operation'], 40)} is not "
+            "supported; accepted is a scene whose objects are added (0)"
         )
     shapes = _shapes_of(one, name)
     if frame in frames:
@@ -280,7 +280,7 @@ def _mapping(content: Any, key: str | None = None) -> Mapping[str, Any]:
     if found is None:
         return {}
     if not isinstance(found, dict):
-        raise WorldError(f"{key or 'an entry'} must be a mapping, got {found!r:.60}")
+        raise WorldError(f"{key or 'an entry'} must be a mapping, got {shown(found, 60)}")
     return found
 
 
@@ -289,7 +289,7 @@ def _list(content: Mapping[str, Any], key: str) -> Sequence[Any]:
     if found is None:
         return []
     if not isinstance(found, list):
-        raise WorldError(f"{key} must be a list, got {found!r:.60}")
+        raise WorldError(f"{key} must be a list, got {shown(found, 60)}")
     return found
 
 

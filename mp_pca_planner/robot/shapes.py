@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, frozen_array, set_frozen
 from ..exceptions import WorldError
+from ..files import as_path
 from ..input_limits import INPUT_LIMITS
 from .mesh_pieces import THICKNESS, Piece, is_point, pieces_of
 
@@ -258,7 +259,7 @@ class Mesh(Shape):
         """
         from .mesh_files import read_mesh
 
-        size, found = _positive(scale, "scale of a mesh"), read_mesh(Path(path))
+        size, found = _positive(scale, "scale of a mesh"), read_mesh(as_path(path, WorldError))
         return cls(size * found.vertices, found.triangles, position, orientation)
 
     @cached_property

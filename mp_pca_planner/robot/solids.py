@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 from .mesh_pieces import Piece
 from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
@@ -49,8 +50,18 @@ def solids_of(shape: Shape) -> list[Solid]:
     return [Solid(body, body, True)]
 
 
+# Worlds with the same mesh share them: they are never changed.
+_SOLIDS: WeakKeyDictionary[Piece, Solid] = WeakKeyDictionary()
+
+
 def solid_of(piece: Piece) -> Solid:
-    """A piece of a mesh for the distance library."""
+    """A piece of a mesh for the distance library, the same one each time."""
+    if piece not in _SOLIDS:
+        _SOLIDS[piece] = _solid_of(piece)
+    return _SOLIDS[piece]
+
+
+def _solid_of(piece: Piece) -> Solid:
     points, faces = _Points(), coal.StdVec_Triangle()
     for corner in piece.corners:
         points.append(corner)

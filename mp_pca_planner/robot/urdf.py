@@ -16,31 +16,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
-from ..arrays import FloatArray, repeated_names
+from ..arrays import repeated_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
+from .urdf_elements import NUMBERS, SHAPES, StatedShape, numbers_of, stated_shape
 
 _ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
 # Means "no limit" where a URDF needs a number. Continuous joints are revolute ones for Pinocchio:
 # a configuration then has one angle per joint.
 _UNBOUNDED = "1e30"
 _PARTS_OF_JOINTS = ("origin", "parent", "child", "axis", "limit")
-_SHAPES = ("box", "sphere", "cylinder", "mesh")
-# Numbers in attributes: how many; those in _OPTIONAL may be left out.
-_NUMBERS = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
-    "mass": {"value": 1},
-    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
-    "box": {"size": 3},
-    "sphere": {"radius": 1},
-    "cylinder": {"radius": 1, "length": 1},
-    "mesh": {"scale": 3},
-}
+# Attributes with numbers that may be left out.
 _OPTIONAL = ("xyz", "rpy", "lower", "upper", "scale")
+
+
+class Mimic(NamedTuple):
+    """How a joint follows another one: its position is the multiple of that, plus the offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
 
 
 @dataclass(frozen=True)
@@ -57,8 +52,8 @@ class Description:
         'revolute', 'continuous' or 'prismatic' for each movable joint.
     limits : mapping of str to mapping
         Their limits by the keys of limits files.
-    mimics : frozenset of str
-        Those of them that mimic others.
+    mimics : mapping of str to Mimic
+        Those of them that mimic others, and how.
     child_links : mapping of str to str
         The link that each of them moves.
     inertials : mapping of str to Element
@@ -77,7 +72,7 @@ class Description:
     xml: str
     types: Mapping[str, str]
     limits: Mapping[str, Mapping[str, float]]
-    mimics: frozenset[str]
+    mimics: Mapping[str, Mimic]
     child_links: Mapping[str, str]
     inertials: Mapping[str, ET.Element]
     lost_inertials: Mapping[str, str]
@@ -118,7 +113,7 @@ def read_description(urdf: str, source: str) -> Description:
         xml=ET.tostring(clean, encoding="unicode"),
         types={name: joint.get("type", "") for name, joint in joints.items()},
         limits={name: _limits_of(joint) for name, joint in joints.items()},
-        mimics=frozenset(name for name, j in joints.items() if j.find("mimic") is not None),
+        mimics=_mimics(joints, source),
         child_links={name: _end(joint, "child") for name, joint in joints.items()},
         inertials={name: inertial for name, inertial in copies.items() if inertial is not None},
         lost_inertials=lost_inertials,
@@ -159,7 +154,7 @@ def parse_xml(text: str, source: str) -> ET.Element:
 def _parse(urdf: str, source: str) -> ET.Element:
     root = parse_xml(urdf, source)
     if root.tag != "robot":
-        raise RobotError(f"{source} is no URDF: its root element is <{root.tag}>, not <robot>")
+        raise RobotError(f"{source} is not a URDF: its root element is <{root.tag}>, not <robot>")
     if _is_xacro(root):
         raise RobotError(
             f"{source} is a xacro file: expand it to a URDF first (`xacro file.xacro`)"
@@ -193,6 +188,24 @@ def _limits_of(joint: ET.Element) -> dict[str, float]:
         keys |= {"lower": "min_position", "upper": "max_position"}
     found = {key: limit.get(attribute, "0") for attribute, key in keys.items()}
     return {key: float(text) for key, text in found.items()}
+
+
+def _mimics(joints: Mapping[str, ET.Element], source: str) -> dict[str, Mimic]:
+    """The joints that mimic others."""
+    found = {}
+    for name, joint in joints.items():
+        mimic = joint.find("mimic")
+        if mimic is None:
+            continue
+        try:
+            multiplier, offset = (
+                float(numbers_of(mimic, *one)[0])
+                for one in (("multiplier", 1, "1"), ("offset", 1, "0"))
+            )
+        except RobotError as error:
+            raise RobotError(f"{source}: joint '{name}': {error}") from None
+        found[name] = Mimic(mimic.get("joint", ""), multiplier, offset)
+    return found
 
 
 def _end(joint: ET.Element, which: str) -> str:
@@ -258,9 +271,9 @@ def _wrong_shape(collision: ET.Element) -> str:
     """The defect of a collision shape; empty if there is none."""
     geometry = collision.find("geometry")
     shapes = [] if geometry is None else list(geometry)
-    if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
+    if len(shapes) != 1 or shapes[0].tag not in SHAPES:
         found = quote_names(shape.tag for shape in shapes)
-        return f"its geometry is {found}, expected one of {', '.join(_SHAPES)}"
+        return f"its geometry is {found}, expected one of {', '.join(SHAPES)}"
     if shapes[0].tag == "mesh" and not shapes[0].get("filename"):
         return "its mesh lacks 'filename'"
     return _wrong_numbers(collision)
@@ -302,7 +315,7 @@ def _copy_joint(joint: ET.Element, clean: ET.Element, source: str) -> None:
 def _wrong_numbers(element: ET.Element) -> str:
     """The defect of the numbers in an element; valid ones are rewritten for urdfdom."""
     for part in element.iter():
-        for attribute, count in _NUMBERS.get(part.tag, {}).items():
+        for attribute, count in NUMBERS.get(part.tag, {}).items():
             text = part.get(attribute)
             if text is None:
                 if attribute in _OPTIONAL:
@@ -323,77 +336,3 @@ def _wrong_numbers(element: ET.Element) -> str:
                 return f"'{attribute}' of <{part.tag}> is '{text}', expected {expected}"
             part.set(attribute, " ".join(map(repr, values)))
     return ""
-
-
-class StatedShape(NamedTuple):
-    """A shape of a link as a URDF states it.
-
-    Attributes
-    ----------
-    kind : str
-        Its tag: box, sphere, cylinder, capsule or mesh.
-    sizes : array, shape (n_sizes,)
-        Edges of a box, radius of a sphere, radius and length of a cylinder or a capsule [m], scale
-        of a mesh.
-    file : str
-        File of a mesh.
-    origin : array, shape (6,)
-        Its place on the link: x, y, z [m], roll, pitch, yaw [rad].
-    """
-
-    kind: str
-    sizes: FloatArray
-    file: str
-    origin: FloatArray
-
-
-def stated_shape(part: ET.Element) -> StatedShape:
-    """Read a <visual> or <collision> element.
-
-    Raises
-    ------
-    RobotError
-        If it has no shape, an unknown one, or numbers that are missing or malformed.
-    """
-    shape = part.find("geometry/*")
-    if shape is None:
-        raise RobotError(f"a <{part.tag}> lacks its <geometry>")
-    if shape.tag not in (*_SHAPES, "capsule"):
-        raise RobotError(f"no shape is called <{shape.tag}>")
-    usual = "1 1 1" if shape.tag == "mesh" else ""
-    counts = _NUMBERS["cylinder" if shape.tag == "capsule" else shape.tag]
-    sizes = [numbers_of(shape, name, count, usual) for name, count in counts.items()]
-    file = shape.get("filename", "")
-    return StatedShape(shape.tag, np.concatenate(sizes), file, stated_origin(part))
-
-
-def stated_origin(part: ET.Element) -> FloatArray:
-    """The x, y, z [m], roll, pitch and yaw [rad] of the <origin> in an element; 0 without one.
-
-    Raises
-    ------
-    RobotError
-        If the numbers are malformed.
-    """
-    origin = part.find("origin")
-    if origin is None:
-        return np.zeros(6)
-    return np.concatenate([numbers_of(origin, name, 3, "0 0 0") for name in ("xyz", "rpy")])
-
-
-def numbers_of(element: ET.Element, attribute: str, count: int, usual: str = "") -> FloatArray:
-    """The numbers in an attribute, or the usual ones without it.
-
-    Raises
-    ------
-    RobotError
-        If there are not so many, or one is not finite.
-    """
-    text = element.get(attribute, usual)
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.zeros(0)
-    if values.size != count or not np.isfinite(values).all():
-        raise RobotError(f"'{attribute}' of <{element.tag}> is '{text}', expected {count} numbers")
-    return values

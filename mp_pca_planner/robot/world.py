@@ -8,8 +8,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..arrays import check_type, set_frozen, unique_names
-from ..exceptions import WorldError, quote_names, unknown_name
+from ..arrays import as_list, check_type, set_frozen, unique_names
+from ..exceptions import WorldError, quote_names, shown, unknown_name
+from ..files import as_path
 from ..input_limits import INPUT_LIMITS
 from .shapes import Box as Box
 from .shapes import Capsule as Capsule
@@ -63,15 +64,23 @@ class Obstacle:
         touch_links: Sequence[str] = (),
     ) -> None:
         if not isinstance(name, str) or not name.strip() or name == ANY:
-            raise WorldError(f"an obstacle must have a name, got {name!r:.80}")
-        parts = tuple(shapes) if isinstance(shapes, Iterable) else (shapes,)
+            raise WorldError(f"an obstacle must have a name, got {shown(name)}")
+        parts: tuple[Shape, ...]
+        if isinstance(shapes, Shape):
+            parts = (shapes,)
+        else:
+            needed = f"obstacle '{name}': one or several shapes are needed"
+            parts = tuple(as_list(shapes, needed, WorldError))
         if not parts or not all(isinstance(part, Shape) for part in parts):
             raise WorldError(
                 f"obstacle '{name}' must have one or several shapes (Box, Sphere, Cylinder, "
-                f"Capsule, Mesh), got {parts!r:.80}"
+                f"Capsule, Mesh), got {shown(parts)}"
             )
         check_type(frame, f"frame of obstacle '{name}'", WorldError, str)
-        set_frozen(self, name=name, shapes=parts, frame=frame, touch_links=tuple(touch_links))
+        touched = as_list(touch_links, f"links of obstacle '{name}': a list is needed", WorldError)
+        for link in touched:
+            check_type(link, f"a link of obstacle '{name}'", WorldError, str)
+        set_frozen(self, name=name, shapes=parts, frame=frame, touch_links=tuple(touched))
 
     def __repr__(self) -> str:
         frame = f" on '{self.frame}'" if self.frame else ""
@@ -108,8 +117,8 @@ class World:
     def __init__(
         self, obstacles: Iterable[Obstacle] = (), allowed: Iterable[tuple[str, str]] = ()
     ) -> None:
-        check_type(obstacles, "the obstacles of a world", WorldError, Iterable)
-        bodies = tuple(obstacles)
+        needed = "the obstacles of a world must be a list"
+        bodies = tuple(as_list(obstacles, needed, WorldError))
         for one in bodies:
             check_type(one, "each obstacle of a world", WorldError, Obstacle)
         if bodies:
@@ -122,7 +131,12 @@ class World:
         ):
             if count > most:
                 raise WorldError(f"a world of {count} {kind} is too large: at most {most} are used")
-        pairs = frozenset((min(pair), max(pair)) for pair in allowed)
+        needed = "allowed contacts must be pairs of names"
+        couples = [as_list(x, needed, WorldError) for x in as_list(allowed, needed, WorldError)]
+        for pair in couples:
+            if len(pair) != 2 or not all(isinstance(one, str) for one in pair):
+                raise WorldError(f"{needed}, got {shown(pair)}")
+        pairs = frozenset((min(pair), max(pair)) for pair in couples)
         set_frozen(self, obstacles=bodies, allowed=pairs)
 
     def __repr__(self) -> str:
@@ -166,10 +180,18 @@ class World:
         """
         from .scene_files import read_scene
 
-        return read_scene(path)
+        return read_scene(as_path(path, WorldError))
 
     def with_obstacles(self, *obstacles: Obstacle) -> World:
-        """The world with further obstacles; those of the same name are replaced."""
+        """The world with further obstacles; those of the same name are replaced.
+
+        Raises
+        ------
+        WorldError
+            If one is no obstacle.
+        """
+        for one in obstacles:
+            check_type(one, "an obstacle", WorldError, Obstacle)
         new = {one.name for one in obstacles}
         kept = [one for one in self.obstacles if one.name not in new]
         return World([*kept, *obstacles], self.allowed)
@@ -180,15 +202,23 @@ class World:
         Raises
         ------
         WorldError
-            If there is no such obstacle.
+            If there is no such obstacle, or the names are no list of strings.
         """
-        removed = set(names)
-        for name in sorted(removed):
-            if name not in self.names:
+        removed = as_list(names, "a list of names of obstacles is needed", WorldError)
+        for name in removed:
+            if not isinstance(name, str) or name not in self.names:
                 raise WorldError(unknown_name("obstacle", name, self.names))
         return World([one for one in self.obstacles if one.name not in removed], self.allowed)
 
     def allows(self, first: str, second: str) -> bool:
-        """Whether two bodies, by their names, are not checked for contact."""
+        """Whether two bodies, by their names, are not checked for contact.
+
+        Raises
+        ------
+        WorldError
+            If a name is no string.
+        """
+        for name in (first, second):
+            check_type(name, "the name of a body", WorldError, str)
         pairs = ((first, second), (first, ANY), (second, ANY))
         return any((min(pair), max(pair)) in self.allowed for pair in pairs)

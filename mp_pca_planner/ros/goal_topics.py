@@ -1,11 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of goals, the report of each goal, and the service that stops the robot."""
+"""The topics of goals, the thread of planning, and the report of each goal."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,20 +19,24 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, unknown_name
-from ..execution.assembly import Model
-from ..execution.avoidance import avoid_obstacle
+from ..execution.assembly import Model, is_outdated
+from ..execution.avoidance import avoid_obstacle, go_on
 from ..execution.goal_planner import GoalRequest, UnexecutablePlanError
 from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
 from ..execution.served_goal import Served
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.states import in_order
+from ..planning.requests.states import in_order
 from ..robot.model import Robot
 from . import messages
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
 from .planning_setup import PlanningSetup
 from .subscriptions import EVERY, GOALS, GroupExecutor, ThreadGroup
+
+# Longest wait for a model of the present positions of other joints [s], and how many models a goal
+# is planned with at most.
+_LONGEST_WAIT, _MAX_MODELS = 1.0, 5
 
 
 def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointState], PoseGoal]:
@@ -87,10 +93,13 @@ class _Request(GoalRequest):
 
     Attributes
     ----------
+    message : object
+        The message.
     ignored_joints : tuple of str
         Joints of the message that the primitives don't move.
     """
 
+    message: Any = None
     ignored_joints: tuple[str, ...] = ()
 
     def check(self) -> None:
@@ -99,8 +108,8 @@ class _Request(GoalRequest):
             self.model.planner.check(self.goal)
 
 
-class _Avoidance:
-    """The request to replace a motion that would hit a new obstacle."""
+class _Reaction:
+    """The request to replace a motion that would hit a new obstacle, or to go on after a stop."""
 
 
 class GoalTopics:
@@ -132,8 +141,8 @@ class GoalTopics:
         self._node, self._setup, self._server = node, setup, server
         self._statistics, self._last_motion = statistics, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
-        self._worker: PreemptiveWorker[_Request | _Avoidance] = PreemptiveWorker(
-            self._serve, self._on_preempted, node.guarded(last_motion.show_preview)
+        self._worker: PreemptiveWorker[_Request | _Reaction] = PreemptiveWorker(
+            self._serve, self._on_preempted, last_motion.show_preview, self._on_failure
         )
         group = ThreadGroup()
         for message_type, topic in (
@@ -142,15 +151,19 @@ class GoalTopics:
             (JointTrajectory, "~/goal_sequence"),
         ):
             node.create_subscription(
-                message_type, topic, self._receive, GOALS, callback_group=group
+                message_type,
+                topic,
+                partial(self._receive, message_type),
+                GOALS,
+                callback_group=group,
+                raw=True,
             )
-        node.create_service(Trigger, "~/stop", self._on_stop, callback_group=group)
-        # A separate thread, so that neither waits for new parameters or primitives.
+        # A separate thread, so that no goal waits for new parameters or primitives.
         self._executor = GroupExecutor(node, group)
 
-    def avoid(self) -> None:
-        """Replace the running motion, or stop the robot; after the goal that is being served."""
-        self._worker.submit_if_idle(_Avoidance())
+    def react(self) -> None:
+        """Replace the running motion, stop the robot, or go on; after the goal being served."""
+        self._worker.submit_if_idle(_Reaction())
 
     def cancel(self) -> None:
         """Cancel all goals that wait or are being planned."""
@@ -161,7 +174,8 @@ class GoalTopics:
         self._executor.shutdown()
         self._worker.close()
 
-    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Callback of the service that stops the robot, which cancels all goals."""
         self._worker.cancel()
         try:
             # Whatever prevents goals, the robot that was given one can be stopped.
@@ -173,36 +187,41 @@ class GoalTopics:
             response.success = True
         return response
 
-    def _receive(self, message: Any) -> None:
+    def _receive(self, message_type: Any, content: bytes) -> None:
         try:
-            request = _read(message, self._setup.ready())
+            context = self._setup.ready()
+            request = _read(messages.read_goal(content, message_type), context)
             # An invalid goal must not preempt a running one. If none is running, planning reports
             # the error.
             if not self._worker.is_idle:
                 request.check()
         except Exception as error:
-            self._reject(messages.to_refusal(self._node.explain(error), message.header.stamp))
+            stamp = messages.read_stamp(content)
+            self._reject(messages.to_refusal(self._node.explain(error), stamp))
         else:
             self._worker.submit(request)
 
-    def _serve(self, request: _Request | _Avoidance, is_cancelled: IsCancelled) -> None:
-        """Serve a goal, then avoid an obstacle that the running motion would hit."""
+    def _serve(self, request: _Request | _Reaction, is_cancelled: IsCancelled) -> None:
+        """Serve a goal, then react to an obstacle that the running motion would hit."""
         if isinstance(request, _Request):
             self._serve_goal(request, is_cancelled)
-        if self._server.surroundings.threat is None:
+        has_threat = self._server.surroundings.threat is not None
+        if not has_threat and isinstance(request, _Request):
             return
+        react = avoid_obstacle if has_threat else go_on
         logger = self._node.get_logger()
         try:
-            text, served = avoid_obstacle(self._server, self._setup.ready(), is_cancelled)
+            text, served = react(self._server, self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:
-            text = f"the robot was not stopped: {self._node.explain(error)}"
+            text = f"no reaction to an obstacle: {self._node.explain(error)}"
             logger.error(text, throttle_duration_sec=LOG_PERIOD)
         else:
             if served is not None:
                 self._last_motion.replace(served)
-            logger.warning(messages.to_text(text or "the obstacle is no longer on the path"))
+            if text:
+                logger.warning(messages.to_text(text))
 
     def _serve_goal(self, request: _Request, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report, in the thread of the worker."""
@@ -213,8 +232,19 @@ class GoalTopics:
             return is_cancelled() or is_held
 
         try:
-            served = self._server.serve(request, is_over)
-            self._report(served, request)
+            for _ in range(_MAX_MODELS):
+                request = self._with_present_model(request, is_cancelled)
+                try:
+                    served = self._server.serve(request, is_over)
+                    break
+                except CancelledError:
+                    if is_cancelled() or not self._is_relocked(request.model):
+                        raise
+            else:
+                raise GoalError(
+                    "joints that the primitives do not move were moving during planning; send the "
+                    "goal again when they are at rest"
+                )
         except UnexecutablePlanError as error:
             self._reject(messages.to_refusal(str(error), stamp, error.plan))
         except CancelledError:
@@ -225,6 +255,28 @@ class GoalTopics:
             self._reject(messages.to_refusal(reason, stamp))
         except Exception as error:
             self._reject(messages.to_refusal(self._node.explain(error), stamp))
+        else:
+            # The motion is published: an error in its report is logged, and rejects nothing.
+            self._node.guarded(self._report)(served, request)
+
+    def _with_present_model(self, request: _Request, is_cancelled: IsCancelled) -> _Request:
+        """The request with the model of the present positions of all joints.
+
+        The thread of parameters makes that model; while joints keep moving, the newest one counts.
+        """
+        measured, world = self._server.states.measured, self._server.surroundings.world
+        deadline = time.monotonic() + _LONGEST_WAIT
+        while time.monotonic() < deadline and not is_cancelled():
+            if not is_outdated(self._setup.ready(), measured.others, world):
+                break
+            time.sleep(0.01)
+        context = self._setup.ready()
+        return request if context is request.model else _read(request.message, context)
+
+    def _is_relocked(self, model: Model) -> bool:
+        """Whether the present model differs in positions of locked joints alone."""
+        context = self._setup.context
+        return context is not None and not self._setup.hold and context.settings is model.settings
 
     def _report(self, served: Served, request: _Request) -> None:
         plan, stamp = served.plan, request.name
@@ -234,10 +286,9 @@ class GoalTopics:
             return
         # A cost may follow the report at once.
         self._last_motion.replace(served)
-        library = served.model.planner.primitives
-        used = [library.named(name) for name in dict.fromkeys(plan.primitives)]
+        missing = self._server.surroundings.missing
         report = messages.to_plan_report(
-            plan, stamp, used, request.ignored_joints, self._server.surroundings.missing
+            plan, stamp, served.primitives, request.ignored_joints, missing
         )
         self._reports.publish(report)
         times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
@@ -249,10 +300,17 @@ class GoalTopics:
             f"goal refused: {report.message}", throttle_duration_sec=LOG_PERIOD
         )
         self._reports.publish(report)
-        self._last_motion.erase_preview()
+        self._node.guarded(self._last_motion.erase_preview)()
 
-    def _on_preempted(self, request: _Request | _Avoidance) -> None:
-        if isinstance(request, _Avoidance):
+    def _on_failure(self, request: _Request | _Reaction | None, error: BaseException) -> None:
+        """Log what nothing else caught; a goal is rejected."""
+        text = self._node.explain(error)
+        self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+        if isinstance(request, _Request):
+            self._reject(messages.to_refusal(text, request.name))
+
+    def _on_preempted(self, request: _Request | _Reaction) -> None:
+        if isinstance(request, _Reaction):
             return
         try:
             request.check()
@@ -269,14 +327,14 @@ def _read(message: JointStateMessage | PoseStamped | JointTrajectory, context: M
     if isinstance(message, PoseStamped):
         posed = messages.to_pose_goal(message, context.end_effector, duration)
         make_goal = stated_in(posed, header.frame_id, context.planning_robot)
-        return _Request(posed, context, header.stamp, make_goal)
+        return _Request(posed, context, header.stamp, make_goal, message)
     stated: JointGoal | SequenceGoal
     if isinstance(message, JointTrajectory):
         stated = messages.to_sequence_goal(message)
     else:
         stated = messages.to_goal(message, duration)
     goal, ignored = _without_unmoved(stated, context.robot)
-    return _Request(goal, context, header.stamp, ignored_joints=ignored)
+    return _Request(goal, context, header.stamp, message=message, ignored_joints=ignored)
 
 
 def _without_unmoved(

@@ -22,9 +22,16 @@ class GuardedNode(Node):
     """A node that logs exceptions of its callbacks and answers every service request.
 
     This holds for the services and subscriptions that rclpy creates, too.
+
+    Attributes
+    ----------
+    n_internal_errors : int
+        Exceptions that no input should cause.
     """
 
-    def explain(self, error: Exception) -> str:
+    n_internal_errors = 0
+
+    def explain(self, error: BaseException) -> str:
         """Describe an error in one sentence; log the traceback of an internal one."""
         if isinstance(error, PlannerError):
             return to_text(error)
@@ -34,6 +41,7 @@ class GuardedNode(Node):
             return to_text(f"the operating system reports: {error.strerror}{file}")
         if isinstance(error, MemoryError):
             return "the system is out of memory"
+        self.n_internal_errors += 1
         lines = traceback.format_exception(error)
         found = "\n".join(printable(line) for line in "".join(lines).splitlines())
         self.get_logger().error(found, throttle_duration_sec=LOG_PERIOD)
@@ -73,6 +81,14 @@ class GuardedNode(Node):
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
         """Guarded version of the method of `Node`; the response reports an error."""
+        return super().create_service(srv_type, srv_name, self.answering(callback), **options)
+
+    def answering(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """Return a callback of a service that answers whatever happens.
+
+        After an exception, the response says why if it has a message, and its other fields keep
+        their defaults: ``success`` is false.
+        """
 
         @wraps(callback)
         def answer(request: Any, response: Any) -> Any:
@@ -82,6 +98,8 @@ class GuardedNode(Node):
                 text = self._explain_failure(callback, error)
                 if hasattr(response, "message"):
                     response.message = text
+                else:
+                    self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
                 return response
 
-        return super().create_service(srv_type, srv_name, answer, **options)
+        return answer

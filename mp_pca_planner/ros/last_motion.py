@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-import threading
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,9 +20,10 @@ from ..exceptions import GoalError, RobotError
 from ..execution.execution_monitor import NEVER_STARTED, REPLACED
 from ..execution.parameters import ParameterError
 from ..execution.served_goal import Served
+from ..execution.timed_lock import TimedLock
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
-from ..robot.urdf import StatedShape, stated_shape
+from ..robot.urdf_elements import StatedShape, stated_shape
 
 
 class LastMotion:
@@ -45,19 +45,26 @@ class LastMotion:
         self._show = show
         self._served: Served | None = None
         self._previewed: Served | None = None
-        self._is_over, self._is_shown = True, False
-        self._lock = threading.Lock()
+        self._is_over, self._is_shown, self._must_erase = True, False, False
+        self._lock = TimedLock()
 
     def replace(self, served: Served) -> None:
         """Record a published motion."""
-        self._served, self.cost, self._is_over = served, None, False
+        self._served, self.cost, self._is_over, self._must_erase = served, None, False, False
 
     def end(self, outcome: str) -> None:
-        """Record that a motion is over; its preview is erased if the robot has left its start."""
+        """Record that a motion is over; :meth:`tidy` erases its preview if it was begun.
+
+        This waits for no lock.
+        """
         if outcome != REPLACED:
-            self._is_over = True
-            if outcome != NEVER_STARTED:
-                self.erase_preview()
+            self._must_erase, self._is_over = outcome != NEVER_STARTED, True
+
+    def tidy(self) -> None:
+        """Erase the preview of a motion that is over."""
+        if self._must_erase:
+            self._must_erase = False
+            self.erase_preview()
 
     def report_cost(self, cost: float) -> None:
         """Record the measured cost, and learn from it if the motion is a trial.

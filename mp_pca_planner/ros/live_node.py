@@ -17,18 +17,19 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import package_folders
-from ..robot.world import World
+from ..robot.world import Obstacle, World
 from ..view.live import LiveView, NodeStatus
 from .client import report_values
+from .marker_bytes import read_markers
+from .marker_subscription import MarkerSubscription
 from .messages import to_trajectory
 from .node import NODE_NAME
 from .obstacle_markers import MarkerMessages
 from .process import NoAnswerError, NodeInOwnContext
-from .subscriptions import BURSTS, EVERY, LATCHED_BURSTS, NEWEST, STATES, PolledSubscription
+from .subscriptions import EVERY, NEWEST, STATES, PolledSubscription
 
 Keep = Callable[[Any, dict[str, int]], None]
 
@@ -60,7 +61,8 @@ class LiveNode(NodeInOwnContext):
         self._states: dict[str, tuple[float, float, float]] = {}
         parent = self.node.get_namespace().rstrip("/")
         self._status_name = f"{parent}/{planner}: planner"
-        motions, obstacles = trajectories or f"{planner}/joint_trajectory", f"{planner}/obstacles"
+        motions = trajectories or f"{planner}/joint_trajectory"
+        self._obstacles = MarkerSubscription(self.node, f"{planner}/obstacles")
         topics: tuple[tuple[type, str, Keep, QoSProfile | int], ...] = (
             (JointState, "joint_states", self._on_state, STATES),
             (JointState, f"{planner}/goal", self._on_goal, 10),
@@ -75,8 +77,6 @@ class LiveNode(NodeInOwnContext):
             ),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, EVERY),
             (JointTrajectory, motions, self._on_motion, EVERY),
-            (MarkerArray, obstacles, partial(self._on_markers, is_late=False), BURSTS),
-            (MarkerArray, obstacles, partial(self._on_markers, is_late=True), LATCHED_BURSTS),
         )
         self._subscriptions = [
             (PolledSubscription(self.node, kind, topic, qos), keep)
@@ -90,6 +90,7 @@ class LiveNode(NodeInOwnContext):
         for subscription, keep in self._subscriptions:
             for message, facts in subscription.poll():
                 keep(message, facts)
+        self._update_world()
         return replace(self._seen, states=dict(self._states))
 
     def send_goal(self, positions: Mapping[str, float]) -> None:
@@ -145,15 +146,27 @@ class LiveNode(NodeInOwnContext):
         except PlannerError:  # another publisher's; the node publishes none like that
             self._keep(motion=None)
 
-    def _on_markers(self, message: MarkerArray, facts: dict[str, int], *, is_late: bool) -> None:
+    def _update_world(self) -> None:
         """Apply markers as the node does, which reports those that it rejects."""
-        world, stamp = self._seen.world, facts["source_timestamp"]
-        applied = self._markers.apply(
-            world, message, stamp, is_late=is_late, links=None, folders=package_folders(())
-        )
-        if applied is not None:
+        now, folders = time.monotonic(), package_folders(())
+        for message in self._obstacles.poll():
             with suppress(WorldError):
-                self._keep(world=World(applied[0]))
+                markers, world = read_markers(message.content), self._seen.world
+                applied = self._markers.apply(
+                    world,
+                    markers,
+                    message.stamp,
+                    is_late=message.is_late,
+                    folders=folders,
+                    now=now,
+                )
+                self._use(applied)
+        with suppress(WorldError):
+            self._use(self._markers.refresh(self._seen.world, now))
+
+    def _use(self, applied: tuple[list[Obstacle], list[str]] | None) -> None:
+        if applied is not None:
+            self._keep(world=World(applied[0]))
 
 
 def _status(status: DiagnosticStatus) -> NodeStatus:

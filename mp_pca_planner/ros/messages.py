@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -26,15 +27,47 @@ from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
-from ..planning.remarks import remarks
+from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.byte_layout import NS_PER_S
+from .cdr_reader import CdrReader
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""
 
 OVERTAKEN = "overtaken"
 """Status in the report of a valid goal that was preempted before execution."""
+
+
+def read_stamp(content: bytes) -> Time:
+    """The stamp at the begin of a serialised message; zero if the message is too short."""
+    with suppress(GoalError), reading("a stamp", GoalError):
+        return Time(**dict(zip(("sec", "nanosec"), CdrReader(content).numbers("iI"), strict=True)))
+    return Time()
+
+
+def read_goal(content: bytes, kind: type[Any]) -> Any:
+    """Deserialise a goal.
+
+    Joints and points are counted before: an object of each takes a second for 100,000 points.
+
+    Raises
+    ------
+    GoalError
+        If it is malformed, or joints or points are too many.
+    """
+    with reading("the message of the goal", GoalError):
+        if kind is not PoseStamped:
+            reader = CdrReader(content)
+            reader.numbers("iI")
+            reader.text()
+            n_names = reader.count(4)
+            _check_count("names", n_names, "joints")
+            if kind is JointTrajectory:
+                for _ in range(n_names):
+                    reader.text()
+                _check_count("has", reader.count(24), "points")
+        return deserialize_message(content, kind)
 
 
 def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
@@ -54,7 +87,8 @@ def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
         If names repeat or are too many, lengths disagree or a number is not finite.
     """
     _check_count("names", len(message.name), "joints")
-    state = _joint_state(message, range(len(message.name)), "goal", "goal")
+    names = range(len(message.name))
+    state = _joint_state(message, message.velocity, names, "goal", "goal")
     return JointGoal(state, duration or None, message.header.frame_id or None)
 
 
@@ -174,6 +208,9 @@ def read_states(content: bytes) -> JointStateMessage:
 def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointState:
     """Read the state of some joints, the others may hold anything.
 
+    A velocity that is NaN was not measured: it becomes 0, as without velocities, and positions
+    decide whether the robot moves.
+
     Raises
     ------
     GoalError
@@ -187,29 +224,33 @@ def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointSta
                 "exactly once is accepted"
             )
     index = [message.name.index(name) for name in joint_names]
-    return _joint_state(message, index, "present state", "present")
+    velocities = [0.0 if math.isnan(v) else v for v in message.velocity]
+    return _joint_state(message, velocities, index, "present state", "present")
 
 
 def _joint_state(
-    message: JointStateMessage, index: Sequence[int], what: str, which: str
+    message: JointStateMessage,
+    velocities: Sequence[float],
+    index: Sequence[int],
+    what: str,
+    which: str,
 ) -> JointState:
     """Read the joints at some places of a message; errors name the message and its numbers."""
     n, names = len(message.name), [message.name[i] for i in index]
-    for field, fields, lengths, accepted in (
-        ("position", "positions", (n,), "one"),
-        ("velocity", "velocities", (0, n), "none or one"),
+    for field, fields, values, lengths, accepted in (
+        ("position", "positions", message.position, (n,), "one"),
+        ("velocity", "velocities", velocities, (0, n), "none or one"),
     ):
-        values = getattr(message, field)
         if len(values) not in lengths:
             raise GoalError(
                 f"the {what} names {n} joints and has {len(values)} {fields}, "
                 f"{accepted} for each joint is accepted"
             )
-        if values:
-            chosen = zip(names, (values[i] for i in index), strict=True)
-            _check_finite(f"the {which} {field} of joint '{{}}' is {{}}", chosen)
-    velocities = [message.velocity[i] for i in index] if message.velocity else None
-    return JointState(names, [message.position[i] for i in index], velocities)
+        if len(values):
+            found = zip(names, (values[i] for i in index), strict=True)
+            _check_finite(f"the {which} {field} of joint '{{}}' is {{}}", found)
+    chosen = [velocities[i] for i in index] if len(velocities) else None
+    return JointState(names, [message.position[i] for i in index], chosen)
 
 
 def _check_finite(text: str, values: Iterable[tuple[str, float]]) -> None:

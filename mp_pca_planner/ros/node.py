@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
+from queue import SimpleQueue
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
@@ -21,22 +22,27 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import quote_names
+from ..execution.assembly import unknown_positions
 from ..execution.execution_monitor import ExecutionReport
 from ..execution.measured import MeasuredStates
 from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.parameters import ParameterError
 from ..execution.start_state import StartStates
+from ..execution.timed_lock import SAFETY_WAIT, BusyError, TimedLock
 from ..motion.trajectory import Trajectory
+from ..robot.world import World
 from .goal_topics import GoalTopics
 from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
 from .messages import read_states, to_execution_report, to_seconds, to_state, to_status, to_text
 from .obstacle_topic import ObstacleTopic
 from .planning_setup import NodeParameters, PlanningSetup
+from .safety_thread import SafetyThread
 from .subscriptions import EVERY, LATCHED, NEWEST, STATES, PolledSubscription
 from .trajectory_bytes import serialize_trajectory
 
 NODE_NAME = "mp_pca_planner"
+_READING_TIME = 0.02  # the longest for all joint states that wait [s]
 
 
 class PlannerNode(GuardedNode):
@@ -64,8 +70,8 @@ class PlannerNode(GuardedNode):
             reason = str(error).splitlines()[0]
             raise ParameterError(f"ROS refuses the node: {reason}") from error
         self._statistics = GoalStatistics()
-        self._polling, self._polled = threading.Lock(), time.monotonic()
-        self._clocks_are_known = False
+        self._polling, self._polled = TimedLock(), time.monotonic()
+        self._clocks, self._failures = (True, False), SimpleQueue[str]()
         self._states = StartStates(MeasuredStates(time.monotonic, self._seconds, self._poll_states))
         self._server = MotionServer(
             self._states, self._statistics, self._send, time.perf_counter, self._report_execution
@@ -82,13 +88,21 @@ class PlannerNode(GuardedNode):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
         served_by = self._setup, self._server
+        self._obstacles = ObstacleTopic(self, *served_by)
+        self._server.surroundings.settle = self._obstacles.settle
         self._goals = GoalTopics(self, *served_by, self._statistics, self._last_motion)
-        self._obstacles = ObstacleTopic(self, *served_by, self._goals.avoid)
+        self._safety = SafetyThread(self, self._watch, self._goals.stop)
+        # A steady clock, because these are needed even if simulated time stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        self.create_timer(0.1, self._tidy, clock=steady)
+        self.create_timer(0.05, self._lock_joints, clock=steady)
         if not self._setup.problem:
             self._log_readiness()
 
     def destroy_node(self) -> None:
         """End the threads, then the node."""
+        self._safety.close()
         self._obstacles.close()
         self._goals.close()
         super().destroy_node()
@@ -127,10 +141,6 @@ class PlannerNode(GuardedNode):
         self.create_subscription(String, "robot_description", self._on_description, LATCHED)
         self.create_service(Trigger, "~/reload_primitives", self._on_reload)
         self.create_service(Trigger, "~/save_motion", self._on_save)
-        # A steady clock, because diagnostics are needed even if simulated time stands still.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
-        self.create_timer(0.05, self._watch, clock=steady)
 
     def _on_trial_cost(self, message: Float64) -> None:
         try:
@@ -170,29 +180,52 @@ class PlannerNode(GuardedNode):
         return SetParametersResult(successful=True)
 
     def _watch(self) -> None:
-        """Poll the waiting states, and check how the robot follows its motion."""
+        """Poll the waiting states, and check how the robot follows its motion; without waiting."""
         self._poll_states()
-        if self._setup.last_context is not None:
-            self._server.watch(self._setup.last_context)
-        if self._server.surroundings.threat is not None:
-            self._goals.avoid()
-        measured = self._states.measured
-        if not (self._clocks_are_known or measured.clocks_agree):
-            self._clocks_are_known = True
-            self.get_logger().warning(
-                "the clocks of the robot and of this node differ: the stamps of joint_states are "
-                f"{measured.clock_difference:.3g} s behind. Trajectories are sent without stamps, "
-                "so goals for a moving robot may cause jumps; synchronise the clocks"
+        context = self._setup.last_context
+        if context is not None:
+            self._server.watch(context)
+        if self._server.surroundings.threat is not None or self._server.resumption is not None:
+            self._goals.react()
+
+    def _lock_joints(self) -> None:
+        """Lock the joints that the primitives do not move where they are measured."""
+        self._setup.lock(self._states.measured.others, self._server.surroundings.world)
+
+    def _log_clocks(self) -> None:
+        """Log when the judgement of the robot's clock changes."""
+        clock = self._states.measured.clock
+        state = clock.is_usable, clock.offset != 0.0
+        if state == self._clocks:
+            return
+        self._clocks, logger = state, self.get_logger()
+        if not clock.is_usable:
+            logger.warning(
+                "the stamps of joint_states are no times of a clock with a constant difference "
+                f"from that of this node: they are {clock.estimate:.3g} s behind. Trajectories are "
+                "sent without stamps, so goals for a moving robot may cause jumps; synchronise the "
+                "clocks"
             )
+        elif clock.offset:
+            logger.info(
+                f"the clock of the robot is {clock.offset:.3g} s behind that of this node; "
+                "trajectories are stamped with the time of the robot"
+            )
+        else:
+            logger.info("the clocks of the robot and of this node agree")
 
     def _poll_states(self) -> None:
         """Poll the waiting states; their age counts from when the middleware got them."""
-        with self._polling:
+        # Another thread that polls takes them, too.
+        with suppress(BusyError), self._polling.within(SAFETY_WAIT):
             last, self._polled = self._polled, time.monotonic()
             measured = self._states.measured
-            for content, facts in self._joint_states.poll():
+            deadline, waiting = time.monotonic() + _READING_TIME, self._joint_states.poll()
+            for k, (content, facts) in enumerate(waiting, start=1):
+                if k < len(waiting) and time.monotonic() > deadline:
+                    continue  # too many, or too large: the newest one counts
                 message = read_states(content)
-                read = partial(to_state, message, measured.joint_names)
+                read = partial(to_state, message)
                 age = (time.time_ns() - facts["received_timestamp"]) * 1e-9
                 # At most the time since the last poll, because the wall clock may have been set.
                 age = min(max(age, 0.0), time.monotonic() - last)
@@ -212,13 +245,27 @@ class PlannerNode(GuardedNode):
         self._executions.publish(to_execution_report(report))
         self._last_motion.end(report.outcome)
         if not report.is_good:
-            self.get_logger().error(to_text(report.message))
+            self._failures.put(to_text(report.message))
+
+    def _tidy(self) -> None:
+        """Do what the thread that stops the robot leaves to others: the output may block."""
+        self._last_motion.tidy()
+        self._log_clocks()
+        while not self._failures.empty():
+            self.get_logger().error(self._failures.get())
 
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
         cost = self._last_motion.cost
-        values = {"trial_cost": "none" if cost is None else cost, **self._obstacles.facts}
-        status = _status(name, self._setup, self._states.measured, self._statistics, values)
+        values = {
+            "trial_cost": "none" if cost is None else cost,
+            "internal_errors": self.n_internal_errors,
+            "safety_longest_gap_s": round(self._safety.longest_gap(), 4),
+            "locked_joints": self._setup.locked_joints,
+            **self._obstacles.facts,
+        }
+        measured, world = self._states.measured, self._server.surroundings.world
+        status = _status(name, self._setup, measured, self._statistics, world, values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -239,6 +286,7 @@ def _status(
     setup: PlanningSetup,
     measured: MeasuredStates,
     statistics: GoalStatistics,
+    world: World,
     more: Mapping[str, str | float | int],
 ) -> DiagnosticStatus:
     """Diagnostics on the node's inputs and on the goals that it served."""
@@ -249,6 +297,8 @@ def _status(
         problem = f"joint_states stopped {age:.1f} s ago"
     elif not problem and more["obstacle_rejected"] != "none":
         problem = f"an obstacle is not avoided: {more['obstacle_rejected']}"
+    elif not problem and context is not None:
+        problem = unknown_positions(context, world)
     values = {
         "model": quote_names(context.robot.joint_names) if context else "none",
         "library": setup.library,
@@ -275,7 +325,11 @@ class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
 
     def __init__(self) -> None:
         PlannerNode.__init__(self, hold=_INACTIVE)
+        own = set(self.services)
         LifecycleNodeMixin.__init__(self)
+        # rclpy raises where a transition is not possible, and creates these services by itself.
+        for service in set(self.services) - own:
+            service.callback = self.answering(service.callback)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the primitives; it fails if they can't be used."""

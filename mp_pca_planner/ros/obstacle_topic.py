@@ -4,24 +4,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import threading
+import time
+from collections.abc import Callable, Sequence
 
-from visualization_msgs.msg import MarkerArray
+import numpy as np
 
-from ..exceptions import PlannerError
+from ..arrays import FloatArray
+from ..exceptions import GoalError, PlannerError, WorldError
+from ..execution.frames import Poses, foreign_poses, is_same, placed
 from ..execution.motion_server import MotionServer
+from ..execution.parameter_texts import fixed_frames
+from ..execution.preemptive_worker import CancelledError, IsCancelled
 from ..motion.collision import package_folders
-from ..robot.world import World
+from ..robot.world import Obstacle, World
 from .guarded_node import LOG_PERIOD, GuardedNode
+from .marker_bytes import read_markers
+from .marker_subscription import MarkerMessage, MarkerSubscription
 from .messages import to_text
 from .obstacle_markers import MarkerMessages
 from .planning_setup import PlanningSetup
-from .subscriptions import BURSTS, LATCHED_BURSTS, GroupExecutor, ThreadGroup
+from .transforms import FrameTransforms
 
 
 class ObstacleTopic:
-    """Keeps the obstacles as the markers of ``~/obstacles`` say.
+    """Keeps the obstacles as the markers of ``~/obstacles`` say, and checks the running motion.
+
+    Both take place in a thread of its own.
 
     Parameters
     ----------
@@ -31,29 +40,38 @@ class ObstacleTopic:
         Has the robot whose links markers may be attached to.
     server : MotionServer
         Keeps the obstacles.
-    on_threat : callable
-        Called if the running motion would hit a new obstacle.
     """
 
-    def __init__(
-        self,
-        node: GuardedNode,
-        setup: PlanningSetup,
-        server: MotionServer,
-        on_threat: Callable[[], None],
-    ) -> None:
+    period = 0.01
+    """Time between two polls [s]."""
+
+    frame_period = 0.2
+    """Time between two looks at the frames of obstacles [s]."""
+
+    look_period = 0.05
+    """Time between two checks of the running motion while the obstacles stay the same [s]."""
+
+    mesh_timeout = 5.0
+    """Longest time that a goal waits for meshes [s]."""
+
+    def __init__(self, node: GuardedNode, setup: PlanningSetup, server: MotionServer) -> None:
         self._node, self._setup, self._server = node, setup, server
-        self._on_threat = on_threat
-        self._messages = MarkerMessages()
+        self._markers = MarkerMessages()
+        self._subscription = MarkerSubscription(node, "~/obstacles")
         # Notes on the present obstacles, each of which is logged once.
         self._notes: frozenset[str] = frozenset()
-        group = ThreadGroup()
-        for callback, qos in ((self._on_live, BURSTS), (self._on_late, LATCHED_BURSTS)):
-            node.create_subscription(
-                MarkerArray, "~/obstacles", callback, qos, callback_group=group
-            )
-        # A separate thread, so that a running motion is checked while a goal is planned.
-        self._executor = GroupExecutor(node, group)
+        self._transforms = FrameTransforms(node)
+        # The obstacles as they are stated, and the poses that their frames had.
+        self._stated: Sequence[Obstacle] = ()
+        self._used: Poses = {}
+        self._looked = self._placed = 0.0
+        # Polls that were begun and completed.
+        self._cycled = threading.Condition()
+        self._n_begun = self._n_completed = 0
+        self._is_asked = threading.Event()
+        self._is_ending = False
+        self._thread = threading.Thread(target=self._run, name="obstacles", daemon=True)
+        self._thread.start()
 
     @property
     def facts(self) -> dict[str, str | int]:
@@ -63,35 +81,116 @@ class ObstacleTopic:
             "obstacle_rejected": self._server.surroundings.missing or "none",
         }
 
+    def settle(self, is_cancelled: IsCancelled) -> None:
+        """Wait until the markers that have arrived are obstacles; usually a millisecond.
+
+        Raises
+        ------
+        GoalError
+            If reading their meshes takes too long.
+        CancelledError
+            If the goal that waits is cancelled.
+        """
+        deadline = time.monotonic() + self.mesh_timeout
+
+        def wait(is_done: Callable[[], bool]) -> None:
+            with self._cycled:
+                while not (is_done() or self._is_ending):
+                    if is_cancelled():
+                        raise CancelledError
+                    if time.monotonic() > deadline:
+                        raise GoalError(
+                            "meshes of obstacles are still being read; send the goal again"
+                        )
+                    self._is_asked.set()
+                    self._cycled.wait(self.period)
+
+        due = self._n_begun + 1
+        wait(lambda: self._n_completed >= due)
+        n_asked, n_read = self._markers.meshes
+        if n_read < n_asked:
+            wait(lambda: self._markers.meshes[1] >= n_asked)
+            after = self._n_begun + 1
+            wait(lambda: self._n_completed >= after)
+
     def close(self) -> None:
         """End the thread, before the node is destroyed."""
-        self._executor.shutdown()
+        self._is_ending = True
+        self._is_asked.set()
+        self._thread.join()
+        self._markers.close()
 
-    def _on_live(self, message: MarkerArray, facts: dict[str, Any]) -> None:
-        self._apply(message, facts["source_timestamp"], is_late=False)
+    def _run(self) -> None:
+        cycle = self._node.guarded(self._cycle)
+        while not self._is_ending:
+            self._is_asked.wait(self.period)
+            self._is_asked.clear()
+            self._n_begun += 1
+            cycle()
+            with self._cycled:
+                self._n_completed = self._n_begun
+                self._cycled.notify_all()
 
-    def _on_late(self, message: MarkerArray, facts: dict[str, Any]) -> None:
-        self._apply(message, facts["source_timestamp"], is_late=True)
+    def _cycle(self) -> None:
+        for message in self._subscription.poll():
+            self._node.guarded(self._apply)(message)
+        self._use(self._markers.refresh(self._stated, self._now()))
+        if time.monotonic() - self._placed >= self.frame_period:
+            self._placed = time.monotonic()
+            self._follow_frames()
+        context = self._setup.last_context
+        if context is not None and time.monotonic() - self._looked >= self.look_period:
+            self._looked = time.monotonic()
+            try:
+                self._server.surroundings.look_ahead(context)
+            except PlannerError as error:
+                self._log(str(error))
 
-    def _apply(self, message: MarkerArray, stamp: int, *, is_late: bool) -> None:
+    def _apply(self, message: MarkerMessage) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        context, surroundings = self._setup.context, self._server.surroundings
-        applied = self._messages.apply(
-            surroundings.world,
-            message,
-            stamp,
-            is_late=is_late,
-            links=context.robot.frame_names if context else None,
-            folders=package_folders(self._setup.settings.package_folders),
+        self._use(
+            self._markers.apply(
+                self._stated,
+                read_markers(message.content),
+                message.stamp,
+                is_late=message.is_late,
+                folders=package_folders(self._setup.settings.package_folders),
+                now=self._now(),
+            )
         )
-        if applied is None:
-            return
-        obstacles, problems = applied
-        missing = list(self._messages.rejected.values())
+
+    def _use(self, applied: tuple[list[Obstacle], list[str]] | None) -> None:
+        """Replace the obstacles, unless nothing has changed."""
+        if applied is not None:
+            obstacles, problems = applied
+            self._place(obstacles, self._poses(obstacles), problems)
+
+    def _follow_frames(self) -> None:
+        """Place the obstacles again where frames outside of the robot have moved."""
+        poses = self._poses(self._stated)
+        if not is_same(poses, self._used):
+            self._place(self._stated, poses, [])
+
+    def _poses(self, obstacles: Sequence[Obstacle]) -> Poses:
+        """Poses of the frames of obstacles that are not links; none before there is a robot."""
+        context = self._setup.context
+        if context is None:
+            return {}
+        links, fixed = context.robot.frame_names, fixed_frames(context.settings.fixed_frames)
+
+        def pose_of(frame: str) -> FloatArray | None:
+            if frame in fixed:
+                return np.array(fixed[frame])
+            return self._transforms.pose(frame, links[0])
+
+        return foreign_poses(obstacles, links, pose_of)
+
+    def _place(self, stated: Sequence[Obstacle], poses: Poses, problems: list[str]) -> None:
+        """Use obstacles with poses of their frames; log problems."""
+        surroundings, missing = self._server.surroundings, list(self._markers.rejected.values())
         try:
-            world = World(obstacles)
-            if surroundings.replace(world, context):
-                self._on_threat()
+            world = World(placed(stated, poses)[0])
+            surroundings.replace(world, self._setup.context)
             for note in world.notes:
                 if note not in self._notes:
                     self._node.get_logger().warning(to_text(note))
@@ -99,8 +198,23 @@ class ObstacleTopic:
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))
+            if isinstance(error, WorldError):  # the obstacles before are kept
+                stated, poses = self._stated, self._used
+        self._stated, self._used = stated, poses
+        unplaced = placed(stated, poses)[1]
+        problems += unplaced
+        missing += unplaced
+        surroundings.unplaced = to_text(unplaced[0]) if unplaced else ""
         surroundings.missing = to_text(missing[0]) if missing else ""
         if problems:
             more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
-            text = to_text(f"obstacles: {problems[0]}{more}")
-            self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+            self._log(f"{problems[0]}{more}")
+
+    def _log(self, text: str) -> None:
+        self._node.get_logger().error(
+            to_text(f"obstacles: {text}"), throttle_duration_sec=LOG_PERIOD
+        )
+
+    def _now(self) -> float:
+        # Lifetimes are counted by the clock of the robot.
+        return float(self._node.get_clock().now().nanoseconds) * 1e-9

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import mmap
 import os
 import signal
@@ -19,6 +20,7 @@ DONE, FAILED, REFUSED = 0, 1, 2
 _PROGRAM = "mp-pca planner_node"
 _ROS_ARGUMENTS = "--ros-args"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SWITCH_INTERVAL = 5e-4  # [s]
 
 
 class _ShortageError(Exception):
@@ -44,6 +46,8 @@ def main(args: Sequence[str] | None = None) -> int:
     options, unknown = _parser().parse_known_args(own)
     # One thread, because the matrices of planning are too small for several.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # The thread that stops the robot soon gets the lock of the interpreter, whatever is computed.
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     # Installed before the slow imports, which a signal may interrupt.
     stop = threading.Event()
     for number in _SIGNALS:
@@ -121,6 +125,11 @@ def _load_slow_modules() -> None:
     import scipy.interpolate
     import scipy.optimize
     import scipy.spatial.transform  # noqa: F401
+
+    # What lives as long as the node is searched for garbage no more: that stops all threads, for
+    # 50 ms each time.
+    gc.collect()
+    gc.freeze()
 
 
 def _parser() -> argparse.ArgumentParser:

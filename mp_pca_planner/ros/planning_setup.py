@@ -7,7 +7,8 @@ The context is made of primitives, robot description and parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -15,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..exceptions import GoalError, quote_names, unknown_name
-from ..execution.assembly import Model, assemble_model
+from ..execution.assembly import LOCKED_TOLERANCE, Model, assemble_model, is_outdated
 from ..execution.parameters import (
     DECLARATIONS,
     LIMITS_PREFIX,
@@ -27,8 +28,11 @@ from ..execution.parameters import (
 )
 from ..primitives.primitive_library import PrimitiveLibrary, load_primitives
 from ..robot.model import Robot
+from ..robot.world import World
 from .messages import to_descriptor
 
+# Least time between models of a robot whose other joints are moving [s].
+_LOCK_PERIOD = 0.3
 # Parameters that rclpy declares.
 _NAMES_OF_ROS = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
@@ -170,12 +174,20 @@ class PlanningSetup:
         self._primitives: PrimitiveLibrary | None = None
         self._description = ""
         self._context_problem = ""
+        self._measured: Mapping[str, float] = {}
+        self._next_lock = 0.0
         _check_description(self.settings)
 
     @property
     def library(self) -> str:
         """The names of the primitives, for messages."""
         return quote_names(self._primitives.names if self._primitives else ())
+
+    @property
+    def locked_joints(self) -> str:
+        """The positions at which joints are locked, for messages."""
+        known = self.context.robot.locked_positions if self.context else {}
+        return ", ".join(f"{name}={position:.4g}" for name, position in known.items()) or "none"
 
     @property
     def missing(self) -> str:
@@ -200,9 +212,12 @@ class PlanningSetup:
         GoalError
             If goals are rejected.
         """
-        if self.context is None or self.hold:
-            raise GoalError(self.missing)
-        return self.context
+        context = self.context  # read once: another thread may replace it
+        if context is None or self.hold:
+            raise GoalError(
+                self.missing or "the robot model is being replaced; send the goal again"
+            )
+        return context
 
     def load(self) -> bool:
         """Read the primitive files; returns False if they can't be read, see `problem`.
@@ -243,6 +258,31 @@ class PlanningSetup:
             raise
         return True
 
+    def lock(self, measured: Mapping[str, float], world: World) -> None:
+        """Lock the joints that the primitives do not move at measured positions.
+
+        A model at new positions replaces the present one if they make a difference.
+
+        Parameters
+        ----------
+        measured : mapping of str to float
+            Measured positions of any joints [rad or m].
+        world : World
+            The obstacles.
+        """
+        last, self._measured = self._measured, measured
+        before, primitives = self.context, self._primitives
+        if before is None or primitives is None or not is_outdated(before, measured, world):
+            return
+        moves = any(abs(x - last.get(name, x)) > LOCKED_TOLERANCE for name, x in measured.items())
+        if moves and time.monotonic() < self._next_lock:
+            return
+        self._next_lock = time.monotonic() + _LOCK_PERIOD
+        context = assemble_model(before.urdf, primitives, before.settings, measured, before)
+        if self.last_context is before:
+            self.last_context = context
+        self.context = context
+
     def change(self, changes: Sequence[Parameter]) -> None:
         """Use changed parameters.
 
@@ -253,11 +293,12 @@ class PlanningSetup:
         """
         self._parameters.check_names([p.name for p in changes], _joint_names(self._primitives))
         old, new = self.settings, self._parameters.settings(changes)
-        if new.robot_description != old.robot_description:
-            _check_description(new)
         primitives = self._primitives
         if new.primitives != old.primitives:
             primitives = load_primitives(new.primitive_paths) if new.primitive_paths else None
+        if new.robot_description != old.robot_description:
+            # With all joints of a long chain, the model would take half a second.
+            _check_description(new, _joint_names(primitives) if self.context else ())
         if new != old:
             self._adopt(primitives, changes)
 
@@ -279,7 +320,7 @@ class PlanningSetup:
         context, problem = None, ""
         try:
             if urdf and primitives:
-                context = assemble_model(urdf, primitives, settings)
+                context = assemble_model(urdf, primitives, settings, self._measured)
         except Exception as error:
             if not self._context_problem:
                 self._parameters.forget_limits_except(_joint_names(self._primitives))
@@ -295,10 +336,11 @@ class PlanningSetup:
         self._parameters.forget_limits_except(joint_names)
 
 
-def _check_description(settings: Settings) -> None:
+def _check_description(settings: Settings, joint_names: tuple[str, ...] = ()) -> None:
     """Raise a `ParameterError` if no robot can be made of the parameter, even if unused."""
     if settings.robot_description:
-        Robot(settings.robot_description, source="parameter 'robot_description'")
+        source = "parameter 'robot_description'"
+        Robot(settings.robot_description, joint_names or None, source=source)
 
 
 def _joint_names(primitives: PrimitiveLibrary | None) -> tuple[str, ...]:

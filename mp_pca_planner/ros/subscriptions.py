@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions outside of the node's executor: polled ones, and those with their own thread.
+"""What is outside of the node's executor: polled entities, and those with their own thread.
 
 The executor waits for all entities of a node at once and handles them one after the other. A
 thousand states a second would keep it busy, and a goal would wait behind a service.
@@ -26,14 +26,6 @@ EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Late subscribers receive the last message."""
-
-BURSTS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Receives from all publishers; bursts of messages wait."""
-
-LATCHED_BURSTS = QoSProfile(
-    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
-"""Receives what latching publishers sent before."""
 
 GOALS = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
 """Only the newest goal is served, but each one of a burst gets its report."""
@@ -80,6 +72,7 @@ class PolledSubscription:
     def __init__(
         self, node: Node, message_type: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False
     ) -> None:
+        self._node = node
         self._subscription = node.create_subscription(
             message_type, topic, lambda _: None, qos, callback_group=ThreadGroup(), raw=raw
         )
@@ -94,6 +87,40 @@ class PolledSubscription:
                     break
                 polled.append(taken)
         return polled
+
+    def destroy(self) -> None:
+        """End the subscription."""
+        self._node.destroy_subscription(self._subscription)
+
+
+class PolledService:
+    """A service whose requests stay in the middleware until they are answered.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    service_type : type
+        Type of the service.
+    name : str
+        Its name.
+    callback : callable
+        Takes a request and a response, and returns the response.
+    """
+
+    def __init__(self, node: Node, service_type: Any, name: str, callback: Any) -> None:
+        self._service = node.create_service(
+            service_type, name, callback, callback_group=ThreadGroup()
+        )
+
+    def answer(self) -> None:
+        """Answer the request that has waited longest, if there is one."""
+        service: Any = self._service
+        kind = service.srv_type
+        with service.handle:
+            request, header = service.handle.service_take_request(kind.Request)
+        if header is not None:
+            service.send_response(service.callback(request, kind.Response()), header)
 
 
 class GroupExecutor(SingleThreadedExecutor):
@@ -129,6 +156,11 @@ class GroupExecutor(SingleThreadedExecutor):
         is_ending = self._is_ending.is_set
         with suppress(ConditionReachedException, ExternalShutdownException):
             while True:
-                handler, _, _ = self.wait_for_ready_callbacks(nodes=nodes, condition=is_ending)
-                # Exceptions are caught here: an unreadable message must not end the thread.
-                handler()
+                try:
+                    handler, _, _ = self.wait_for_ready_callbacks(nodes=nodes, condition=is_ending)
+                    # It keeps its exceptions: an unreadable message must not end the thread.
+                    handler()
+                except (ConditionReachedException, ExternalShutdownException):
+                    raise
+                except Exception as error:  # such as an entity that another thread has destroyed
+                    nodes[0].get_logger().error(f"{error!r:.200}", throttle_duration_sec=1.0)

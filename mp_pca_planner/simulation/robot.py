@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array
-from ..exceptions import SimulationError, unknown_name
+from ..exceptions import SimulationError, shown, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.byte_layout import NS_PER_S
 from ..robot.model import Robot
@@ -69,7 +69,7 @@ class Faults:
             raise SimulationError(unknown_name("fault", name, self.__dataclass_fields__))
         if name in ("held", "silent", "active"):
             if not isinstance(value, bool):
-                raise SimulationError(f"{name} is {value!r}, expected true or false")
+                raise SimulationError(f"{name} is {shown(value)}, expected true or false")
         else:
             high = {"payload": 1000.0, "noise": 0.1}.get(name, 1.0)
             if isinstance(value, str) or not 0.0 <= value <= high:

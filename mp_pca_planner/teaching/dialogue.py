@@ -11,7 +11,7 @@ from typing import Protocol
 from .session import TeachingSession
 from .words import SessionWords
 
-KEYS = "d discards the last motion, b builds the primitive, q quits; all that is recorded is kept"
+KEYS = "d discards the last motion, b builds the primitive, q quits; the recording is kept"
 
 
 class StateSource(Protocol):
@@ -87,7 +87,7 @@ def hold_dialogue(
             say(*words.update_lines(session.update(is_over=True), session.motions))
             if session.motions:
                 return True
-            say("there is no motion to build a primitive of")
+            say("there is no motion to build a primitive from")
         elif key == "d":
             discarded = session.discard_last()
             say("there is no motion to discard" if discarded is None else _discarded(session))

@@ -40,7 +40,7 @@ class SessionWords:
         for note in update.notes:
             yield f"left out: {note}" if motions else f"no motion yet: {note}"
         if update.n_lost:
-            yield f"{update.n_lost} earlier motions are cut in another way now"
+            yield f"{update.n_lost} earlier motions now have other cuts"
         for motion in update.found:
             number = motions.index(motion) + 1
             yield f"motion {number}: {motion.duration:.2f} s, {self._length(motion)}, accepted"

@@ -166,7 +166,7 @@ class PlanPanel:
         self._formats = gui.add_button_group("Save as", tuple(_FORMATS))
         self._formats.on_click(self._on_save)
         self._worker = PreemptiveWorker[ViewRequest](
-            lambda request, _: self._serve(request), lambda _: None, lambda: None
+            lambda request, _: self._serve(request), lambda _: None, lambda: None, self._on_failure
         )
         self._place_handle()
         self.submit()
@@ -332,6 +332,12 @@ class PlanPanel:
                     show(answer)
                 self._stage.server.flush()
         if answer is None:
+            self._fail(request)
+
+    def _on_failure(self, request: ViewRequest | None, error: BaseException) -> None:
+        with self._stage.caught():
+            raise error
+        if request is not None:
             self._fail(request)
 
     def _fail(self, request: ViewRequest) -> None:

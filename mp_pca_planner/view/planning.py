@@ -14,14 +14,14 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import CollisionModel
-from ..motion.goal import JointGoal, JointState, Pose, Via
+from ..motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from ..motion.trajectory import Trajectory
 from ..motion.validation import interpolate
+from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.objectives import objective_by_name
 from ..planning.plan import DEMONSTRATED, TIMINGS, Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..planning.pose_search import POSE_TOLERANCE, nearest_configuration
-from ..planning.remarks import UNUSUAL_IN_SPAN_SCORE
+from ..planning.report import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -194,11 +194,14 @@ class InteractivePlanner:
         elif self.collision.world is not world:
             self.collision.set_world(world)
 
-    def _goal(self, request: ViewRequest, configuration: FloatArray) -> JointGoal:
+    def _goal(self, request: ViewRequest, configuration: FloatArray) -> JointGoal | SequenceGoal:
         settings = request.settings
         duration = settings.duration if settings.timing == FIXED else None
         state = JointState(self.robot.joint_names, configuration)
-        return JointGoal(state, duration, vias=tuple(Via(pose) for pose in request.vias))
+        if request.vias:
+            times = (*(None for _ in request.vias), duration)
+            return SequenceGoal((*request.vias, state), times)
+        return JointGoal(state, duration)
 
     def _new_planner(self, basis: str, settings: PlanSettings) -> Planner:
         timing = settings.timing if settings.timing in TIMINGS else DEMONSTRATED
@@ -218,7 +221,7 @@ def in_span_words(score: float) -> str:
         return "like the demonstrations"
     if score <= UNUSUAL_IN_SPAN_SCORE:
         return "at the edge of the demonstrations"
-    return "unlike the demonstrations: the motion may look unlike them, too"
+    return "unlike the demonstrations: the motion may also look unlike them"
 
 
 def limit_shares(trajectory: Trajectory, limits: JointLimits) -> dict[str, FloatArray]:

@@ -250,7 +250,7 @@ def test_one_arm_of_a_robot_is_chosen_by_its_joints(capsys):
         (["--seed", "1"], "not be 1, which chooses the demonstrations"),
         (["--time-limit", "0"], "is not a number from"),
         (["--primitives", "nothing.npz"], "nothing.npz"),
-        (["--primitives", "any.npz", "--joints", "elbow"], "--primitives has its own joints"),
+        (["--primitives", "any.npz", "--joints", "elbow"], "--joints is not accepted with"),
         (["--joints", "elbo"], "did you mean 'elbow'?"),
     ],
 )

@@ -72,7 +72,7 @@ def test_unknown_peer_is_refused(capsys, scenes):
 
 def test_options_of_other_problems_are_refused(capsys, scenes):
     assert main(["benchmark", "--scenes", str(scenes), "--random-ends"]) == 2
-    assert "--random-ends are not for --scenes" in capsys.readouterr().err
+    assert "--random-ends are not accepted with --scenes" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not SCENES.is_dir(), reason=f"no problems in {SCENES}")

@@ -22,7 +22,7 @@ from embedded_bags import FIELD, TOPIC, write_embedded_bag
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive
-from mp_pca_planner.recordings import load_one
+from mp_pca_planner.recordings import reading
 from mp_pca_planner.recordings.bags import find_recordings, stored_size
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.repair import REPAIRS
@@ -77,7 +77,7 @@ def test_written_segments_fed_back_give_the_same_motions(bags: Path, tmp_path: P
 def test_the_folder_of_resume_is_not_the_output(bags: Path, tmp_path: Path) -> None:
     file = tmp_path / "one.npz"
     status, _, error = run(bags, "--output", file, "--resume", file)
-    assert (status, error.count("\n")) == (2, 1) and "are the same: name" in error
+    assert (status, error.count("\n")) == (2, 1) and "are the same path" in error
     assert not file.exists()
 
 
@@ -149,14 +149,16 @@ def test_a_primitive_without_components_is_warned_of(tmp_path: Path) -> None:
     status, out, err = run(bag, "--segment", "none", "--output", tmp_path / "one.npz", "--json")
     assert status == 0 and json.loads(out)["n_components"] == 0
     (line,) = err.splitlines()
-    assert line.startswith("warning: 'one' has no components, for it was learned from one motion")
+    assert line.startswith(
+        "warning: 'one' has no components, because it was learned from one motion"
+    )
 
 
 def test_refusal_of_a_damaged_recording_says_what_may_help(bags: Path, tmp_path: Path) -> None:
     (refused,) = build(bags, "--output", tmp_path / "p.npz")["refused"]
     assert refused["recording"] == "broken"
     assert refused["reason"].endswith(
-        "recovering it (--recover; salvage=True in Python) takes what is before the damage, if "
+        "recovering it (--recover; salvage=True in Python) reads the part before the damage, if "
         "there is any"
     )
     (refused,) = build(bags, "--output", tmp_path / "q.npz", "--salvage")["refused"]
@@ -285,7 +287,7 @@ def test_demonstrations_of_processes_are_immutable(bags: Path) -> None:
 def test_recording_whose_process_dies_is_refused_by_name(
     bags: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read = load_one.read_clean
+    read = reading.read_clean
 
     def die_of_two(*arguments, **options):
         clean = read(*arguments, **options)
@@ -293,7 +295,7 @@ def test_recording_whose_process_dies_is_refused_by_name(
             os._exit(9)
         return clean
 
-    monkeypatch.setattr(load_one, "read_clean", die_of_two)
+    monkeypatch.setattr(reading, "read_clean", die_of_two)
     done: list[tuple[int, int]] = []
     loaded = load_recordings([bags], jobs=2, progress=lambda n, total: done.append((n, total)))
     assert {report.name for report in loaded.reports} == {NAMES[0], NAMES[2]}
@@ -320,7 +322,7 @@ def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -
     assert "before the damage" in found["notes"][file.stem][0]
     found = build(*options, "--salvage", "--max-gap", "1", "--force")
     assert found["repairs"] == {file.stem: {"cut_off": 1}}
-    assert "'a.b' needs the topic" in refusal(*options, "--field", "a.b", "--force")
+    assert "'a.b' needs a topic" in refusal(*options, "--field", "a.b", "--force")
 
 
 class Page(HTMLParser):

@@ -121,7 +121,7 @@ def output(tmp_path_factory, request):
 
 def test_the_command_writes_a_page_that_needs_nothing_else(output):
     page = (output / "case_study.html").read_text(encoding="utf-8")
-    assert "Joint angles of generated motions, not of real ones" in page
+    assert "Joint angles of generated motions. Pass --recordings" in page
     assert page.count("data:image/png;base64,") == 3
     assert "http" not in page
     assert "<canvas" in page and "requestAnimationFrame" in page

@@ -255,7 +255,7 @@ def test_inspect_of_a_damaged_bag_says_what_may_help(recording, tmp_path):
     (whole,) = recording[0].glob("*.mcap")
     damaged = tmp_path / "damaged.mcap"
     damaged.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    assert "(--recover; salvage=True in Python) takes" in run("inspect", damaged, ok=False).stdout
+    assert "(--recover; salvage=True in Python) reads" in run("inspect", damaged, ok=False).stdout
     assert "only the" in run("inspect", damaged, "--salvage", ok=True).stdout
 
 
@@ -279,7 +279,7 @@ def test_files_that_may_not_be_read_are_not_called_damaged(tmp_path, name):
 
 def test_inspect_refuses_what_is_no_recording(tmp_path):
     (tmp_path / "notes.txt").write_text("none")
-    assert "notes.txt' is no recording" in refusal("inspect", tmp_path / "notes.txt")
+    assert "notes.txt' is not a recording" in refusal("inspect", tmp_path / "notes.txt")
 
 
 def test_an_output_in_a_missing_folder_is_refused_before_the_work(tmp_path):
@@ -355,7 +355,7 @@ def test_a_goal_is_not_waited_for_without_end():
 def test_help_tells_the_defaults_that_are_values():
     text = " ".join(run("build_primitives", "--help-all").stdout.split())
     assert "degree of the polynomials (default: 15)" in text
-    assert "no motion is shorter [s] (default: 0.25)" in text
+    assert "shortest motion [s] (default: 0.25)" in text
     assert "None" not in text and "False" not in text
 
 
@@ -512,18 +512,28 @@ def test_plan_says_that_efforts_are_unknown_without_inertias(primitive, tmp_path
     assert "nan" not in text.split()
 
 
-def test_plan_reaches_a_pose_through_a_via_in_the_shortest_time(primitive):
+def test_plan_reaches_a_pose_in_the_shortest_time_and_through_a_via(primitive):
     options = ["--start", START, "--goal-pose", "0.35 -0.1 0.1", "--frame", "wrist"]
-    options += ["--via", "elbow=-0.8@0.5", "--objective", "effort=1,jerk=1e-5"]
-    usual, short = (
+    options += ["--objective", "effort=1,jerk=1e-5"]
+    usual, short, passing = (
         json.loads(run("plan", primitive, "--robot", URDF, *options, *more, "--json").stdout)
-        for more in ([], ["--duration", "shortest"])
+        for more in ([], ["--duration", "shortest"], ["--via", "elbow=-0.8"])
     )
-    for plan in (usual, short):
+    for plan in (usual, short, passing):
         assert plan["goal_error"] <= 1e-6 and plan["via_error"] <= 1e-6
-        assert plan["via_phases"] == [0.5] and plan["limit_violation"] <= 1e-6
+        assert plan["limit_violation"] <= 1e-6
     assert short["duration"] == short["shortest_duration"] < usual["duration"]
     assert usual["shortest_duration"] is None
+    assert passing["mode"] == "optimal" and len(passing["vias"]) == 1
+
+
+def test_plan_keeps_a_frame_upright(primitive):
+    options = ["--robot", URDF, "--start", START, "--goal", GOAL]
+    text = run("plan", primitive, *options, "--constraint", "upright=wrist,170", ok=True).stdout
+    assert "motion of least effort found" in text
+    refused = run("plan", primitive, *options, "--constraint", "upright=wrist,1")
+    assert refused.returncode == 2
+    assert "does not keep 'wrist' within 1° of upright" in refused.stderr
 
 
 def test_plan_draws_the_motion(primitive, tmp_path):
@@ -560,7 +570,11 @@ def test_plan_draws_the_motion(primitive, tmp_path):
         (["--start", START, "--goal-pose", "9 0 0"], "the nearest one found is"),
         (["--start", START, "--goal-pose", "0.3 0 0", "--frame", "hand"], "called 'hand'"),
         (["--start", START, "--goal-pose", "0.3 0 0", "--goal-velocity", "elbow=1"], "at rest"),
-        (["--start", START, "--goal", GOAL, "--via", "elbow=-1@1.5"], "between 0 and 1"),
+        (["--start", START, "--goal", GOAL, "--via", "elbow=-1@0.5"], "passes one at T s"),
+        (
+            ["--start", START, "--goal", GOAL, "--via", "elbow=-1", "--duration", "free"],
+            "--duration free can't be given with --via",
+        ),
         (["--start", START, "--goal", GOAL, "--via", "hand: 0.3 0 0"], "called 'hand'"),
         (["--start", START, "--goal", GOAL, "--duration", "soon"], "'shortest' or 'free'"),
         (["--start", START, "--goal", GOAL, "--duration", "1e-300"], "number from 0.001 to 600 s"),

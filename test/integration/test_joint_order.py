@@ -13,7 +13,7 @@ from arm import JOINTS, arm_demonstrations
 
 from mp_pca_planner.cli.goal_arguments import joint_values
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.planning.remarks import UNUSUAL_IN_SPAN_SCORE
+from mp_pca_planner.planning.report import UNUSUAL_IN_SPAN_SCORE
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
@@ -87,7 +87,7 @@ def test_vias_and_rates_are_printed_by_name(run: Run) -> None:
     via = "-0.6,0.1,0.5,-0.6"
     named = "shoulder1=-0.6, shoulder2=0.1, shoulder3=0.5, elbow=-0.6"
     rate = ("--start-velocity", "0.1,0,0,0.2")
-    text = run("plan", "--start", START, "--goal", GOAL, "--via", f"{via}@0.5", *rate)
+    text = run("plan", "--start", START, "--goal", GOAL, "--via", via, *rate)
     assert lines(text)["via 1"] == named
     assert "velocities shoulder1=0.1, shoulder2=0, shoulder3=0, elbow=0.2" in text
     text = run("sequence", "--start", START, "--via", via, "--goal", GOAL)

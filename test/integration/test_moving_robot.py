@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -38,8 +39,10 @@ def panda():
 class Robot:
     """A panda at the start of a demonstration, and its node."""
 
-    def __init__(self, seed=0, **options):
-        scene, self.model = panda()
+    def __init__(self, seed=0, *, stamp_trajectories=True, **options):
+        scene, model = panda()
+        settings = replace(model.settings, stamp_trajectories=stamp_trajectories)
+        self.model = replace(model, settings=settings)
         self.ends = np.array([m.positions[[0, -1]] for m in scene.demonstrations]).reshape(-1, 7)
         self.node = VirtualNode(self.model, self.ends[0], seed=seed, **options)
         self.faults = self.node.robot.faults
@@ -187,4 +190,39 @@ def test_goals_in_motion_are_served_without_a_jump_at_any_speed(scaling):
     assert [r.status for r in robot.node.plan_reports] == ["served"] * 4
     assert robot.verdict().largest_jump <= 2e-4
     robot.assert_rests_at(robot.ends[4])
+    robot.assert_clean()
+
+
+@pytest.mark.parametrize(
+    ("delay", "may_stamp"), [(0.1, True), (0.3, True), (0.1, False), (0.4, False), (0.8, False)]
+)
+def test_motion_from_rest_that_starts_late_is_not_said_to_have_never_started(delay, may_stamp):
+    robot = Robot(stamp_trajectories=may_stamp)
+    for k in range(3):
+        robot.faults.delay = delay
+        robot.send(robot.ends[3 + k])
+        robot.run(1.0)
+        robot.faults.delay = 0.0
+        robot.run(6.0)
+        robot.assert_rests_at(robot.ends[3 + k])
+    assert [report.outcome for _, report in robot.node.execution_reports] == ["arrived"] * 3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_drifting_goal_is_met_by_a_robot_whose_node_or_states_stall(seed):
+    random = np.random.default_rng(seed)
+    robot = Robot(seed)
+    robot.node.has_velocities, robot.node.is_split = False, seed % 2 == 1
+    robot.send(robot.ends[3])
+    robot.run(6.0)
+    displacement = robot.ends[4] - robot.ends[3]
+    displacement *= DRIFT / np.abs(displacement).max()
+    for k in range(1, 12):
+        if k % 4 == 0:
+            robot.node.stall(random.uniform(0.3, 1.0), of_states=bool(random.random() < 0.5))
+        goal = robot.ends[3] + displacement * k / 5.0
+        robot.send(goal)
+        robot.run(0.2)
+    robot.run(8.0)
+    robot.assert_rests_at(goal)
     robot.assert_clean()

@@ -140,7 +140,7 @@ def test_text_says_what_was_gained(primitive):
     lines = run("refine", primitive, *request, ok=True).stdout.splitlines()
     (cost,) = (line for line in lines if line.startswith("cost "))
     assert "% less" in cost
-    assert lines[-1].endswith("not kept (name --output to keep it)")
+    assert lines[-1].endswith("not kept (pass --output to keep it)")
 
 
 def joint_list(q):
@@ -247,7 +247,7 @@ def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--cost", "3"), "name --trials"),
+        (("--cost", "3"), "also pass --trials"),
         (("--min-gain", "2"), "--min-gain: '2' is not a number from 0"),
         (("--time-price", "-1"), "--time-price: '-1' is not a number from 0"),
         (("--tracking-price", "nan"), "--tracking-price: 'nan' is not a number from 0"),

@@ -59,7 +59,7 @@ def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     done = teach(tmp_path, "b\n", "--joints", "elbow,shoulder1")
     assert (done.returncode, done.stderr) == (0, "")
     # What is in the session already is not recorded again.
-    assert "of the messages to play already" in done.stdout
+    assert "of the messages to play" in done.stdout
     assert "motions     7 of 2 joints" in done.stdout
     # The primitive is not overwritten without a word.
     done = teach(tmp_path, "b\n")

@@ -80,6 +80,13 @@ def test_deactivated_node_stops_its_robot_and_still_answers_stop(
         assert hold is not None
 
 
+def test_transition_that_is_not_possible_is_answered_and_changes_nothing(manager: Node) -> None:
+    for number in range(256):
+        if number not in (CONFIGURE, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN):
+            assert not change(manager, number), number
+    assert state(manager) == "unconfigured"
+
+
 def test_managed_node_plans_when_it_is_active_only(manager: Node, tmp_path: Path) -> None:
     with NodeClient() as client:
         client.wait_for_node()

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -20,6 +21,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from arm import JOINTS, arm_primitive, arm_robot
+from diagnostic_msgs.msg import DiagnosticStatus
 from nodes import GOAL, START, NodeClient, call, goal_message, ros_node, running_node, set_domain
 from patience import HANG, NODE_EVER
 from rcl_interfaces.srv import SetParameters
@@ -45,7 +47,8 @@ VIA = arm_primitive().boundary_states[1][3].tolist()
 class Bench:
     """A user of the node and of the robot's faults, who sees where the robot is."""
 
-    def __init__(self, client: NodeClient, node: Node) -> None:
+    def __init__(self, client: NodeClient, node: Node, primitive: str) -> None:
+        self.primitive = primitive
         self.client, self._node, self._stamps = client, node, count(1)
         self.measured: list[JointState] = []
         # The client's executor takes what comes: one node is spun, the other called from.
@@ -154,7 +157,7 @@ def benched(
                 if prepare:
                     prepare(user)
                 client.wait_for_model()
-                bench = Bench(client, user)
+                bench = Bench(client, user, str(folder / "arm.npz"))
                 bench.wait(lambda: bool(bench.measured))
                 yield bench
         finally:
@@ -252,6 +255,24 @@ def distance_to_path(position: np.ndarray, trajectory: JointTrajectory) -> float
     fine = np.linspace(0, len(path) - 1, 20 * len(path))
     dense = np.column_stack([np.interp(fine, np.arange(len(path)), q) for q in path.T])
     return float(np.abs(dense - position).max(axis=1).min())
+
+
+def test_goal_near_the_running_one_is_served_after_its_primitive_was_renamed(
+    bench: Bench, tmp_path: Path
+) -> None:
+    save_primitive(replace(arm_primitive(), name="renamed"), tmp_path / "renamed.npz")
+    goal = START if np.abs(bench.position - VIA).max() < 0.1 else VIA
+    bench.begin_slowly(goal)
+    bench.set(primitives=[str(tmp_path / "renamed.npz")])
+    n = len(bench.client.trajectories)
+    answer = bench.send(np.array(goal) + 0.01)
+    assert answer.trajectory is not None
+    assert answer.report.level != DiagnosticStatus.ERROR, answer.report.message
+    assert answer.values["primitive"] == arm_primitive().name
+    assert len(bench.client.trajectories) == n + 1
+    bench.set(primitives=[bench.primitive])
+    bench.client.stop()
+    bench.execution(answer)
 
 
 def test_stop_in_motion_ends_at_rest_on_the_path(bench: Bench) -> None:

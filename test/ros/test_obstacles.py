@@ -20,6 +20,7 @@ from mesh_inputs import FILES
 from nodes import GOAL, START, NodeClient, column, running_node, set_domain, times
 from patience import HANG
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 from test_node_with_robot import Bench, benched
 from trajectory_msgs.msg import JointTrajectory
@@ -31,7 +32,9 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros.client import report_values
-from mp_pca_planner.ros.obstacle_markers import MarkerMessages, to_obstacle
+from mp_pca_planner.ros.marker_bytes import MarkerData, read_markers
+from mp_pca_planner.ros.obstacle_builder import to_obstacle
+from mp_pca_planner.ros.obstacle_markers import MarkerMessages
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -67,8 +70,8 @@ class MarkerUser:
             lambda values: all(text in values[key] for key, text in expected.items()), HANG
         )
 
-    def meet(self, n: int = 2) -> None:
-        """Wait until the node listens on so many of its subscriptions."""
+    def meet(self, n: int = 1) -> None:
+        """Wait until the node listens on so many subscriptions."""
         self._client.wait(
             lambda: self._publisher.get_subscription_count() >= n, HANG, "does not listen"
         )
@@ -183,9 +186,8 @@ def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerU
     user.wait(obstacles="1", obstacle_rejected="none")
     for reason, bad in (
         ("is nan", marker(1, np.array([np.nan, 0.0, 0.0]))),
-        ("no link is called 'moon'", marker(1, far, header=Header(frame_id="moon"))),
         ("type 9 is not supported", marker(1, far, type=Marker.TEXT_VIEW_FACING)),
-        ("action 8", marker(1, far, action=8)),
+        ("action is 8", marker(1, far, action=8)),
         ("not found", marker(1, far, type=Marker.MESH_RESOURCE, mesh_resource="package://x/y")),
     ):
         user.send(bad, marker(2, far))
@@ -197,11 +199,37 @@ def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerU
 
 
 def test_goals_warn_of_an_obstacle_that_is_not_avoided(bench: Bench, user: MarkerUser) -> None:
-    user.send(marker(1, np.zeros(3), header=Header(frame_id="map")))
-    user.wait(obstacle_rejected="no link is called 'map'")
+    user.send(marker(1, np.zeros(3), type=Marker.ARROW))
+    user.wait(obstacle_rejected="type 0 is not supported")
     report = bench.send(GOAL).report
     assert report.level == DiagnosticStatus.WARN
-    assert "an obstacle is not avoided: marker 'test/1': no link is called 'map'" in report.message
+    assert "an obstacle is not avoided: marker 'test/1': type 0" in report.message
+
+
+def test_obstacle_in_an_unknown_frame_rejects_goals_until_the_frame_is_known(
+    bench: Bench, user: MarkerUser
+) -> None:
+    in_map = marker(1, hand([GOAL])[0] + [0.0, 0.0, 1.0], header=Header(frame_id="/map"))
+    user.send(in_map)
+    user.wait(obstacles="0", obstacle_rejected="'test/1' is stated in the frame 'map'")
+    refused = bench.send(GOAL)
+    assert refused.trajectory is None
+    assert "the frame 'map', which is not a link of the robot" in refused.report.message
+    assert "set the parameter 'fixed_frames'" in refused.report.message
+    bench.set(unplaced_obstacles="warn")
+    warned = bench.send(GOAL)
+    assert warned.report.level == DiagnosticStatus.WARN
+    assert "an obstacle is not avoided: obstacle 'test/1'" in warned.report.message
+    assert bench.execution(warned)["outcome"] == "arrived"
+    assert bench.execution(bench.send(START))["outcome"] == "arrived"
+    bench.set(unplaced_obstacles="refuse", fixed_frames=["map: 0 0 -1"])
+    user.wait(obstacles="1", obstacle_rejected="none")
+    assert "'lower_arm' and 'test/1'" in bench.send(GOAL).report.message
+    bench.set(fixed_frames=["map: 0 0 3"])
+    # The obstacle follows its frame within a moment.
+    bench.wait(lambda: bench.send(GOAL).trajectory is not None)
+    bench.set(fixed_frames=[""])
+    user.wait(obstacles="0", obstacle_rejected="'map'")
 
 
 def test_latched_markers_are_heard_late_and_best_effort_ones_live(
@@ -215,7 +243,7 @@ def test_latched_markers_are_heard_late_and_best_effort_ones_live(
         late.send(deletion(2))
         with running_node(tmp_path / "log.txt"):
             late.wait(obstacles="1")
-            live.meet(1)
+            live.meet()
             live.send(marker(3, far))
             live.wait(obstacles="2")
 
@@ -223,12 +251,20 @@ def test_latched_markers_are_heard_late_and_best_effort_ones_live(
 # Markers
 
 
+def read(*markers: Marker) -> list[MarkerData]:
+    return read_markers(bytes(serialize_message(MarkerArray(markers=list(markers)))))
+
+
+def obstacle_of(one: Marker) -> Obstacle:
+    return to_obstacle(*read(one))
+
+
 def test_lists_become_one_shape_per_point_in_the_pose_of_the_marker() -> None:
     turned = Quaternion(z=np.sqrt(0.5), w=np.sqrt(0.5))
     one = marker(1, np.array([1.0, 0.0, 0.0]), type=Marker.CUBE_LIST)
     one.pose.orientation, one.header.frame_id = turned, "lower_arm"
     one.points = [Point(x=1.0), Point(x=2.0)]
-    obstacle = to_obstacle(one, [])
+    obstacle = obstacle_of(one)
     assert (obstacle.name, obstacle.frame) == ("test/1", "lower_arm")
     positions = [shape.position for shape in obstacle.shapes]
     np.testing.assert_allclose(positions, [[1.0, 1.0, 0.0], [1.0, 2.0, 0.0]], atol=1e-12)
@@ -238,12 +274,12 @@ def test_triangles_are_scaled_before_they_are_moved() -> None:
     one = marker(1, np.array([1.0, 0.0, 0.0]), type=Marker.TRIANGLE_LIST)
     one.scale.x, one.scale.y, one.scale.z = 2.0, 3.0, 4.0
     one.points = [Point(), Point(x=1.0), Point(y=1.0)]
-    (mesh,) = to_obstacle(one, []).shapes
+    (mesh,) = obstacle_of(one).shapes
     assert isinstance(mesh, Mesh)
     np.testing.assert_allclose(mesh.vertices, [[0, 0, 0], [2, 0, 0], [0, 3, 0]])
     one.points = one.points[:2]
     with pytest.raises(WorldError, match="3 points per triangle, got 2"):
-        to_obstacle(one, [])
+        obstacle_of(one)
 
 
 @pytest.mark.parametrize("scale", [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0)])
@@ -252,7 +288,7 @@ def test_a_scale_of_zero_is_refused(scale: tuple[float, ...]) -> None:
     one.scale.x, one.scale.y, one.scale.z = scale
     one.points = [Point(), Point(x=1.0), Point(y=1.0)]
     with pytest.raises(WorldError, match=r"marker 'test/1': scale of a mesh must not be 0, got"):
-        to_obstacle(one, [])
+        obstacle_of(one)
 
 
 @pytest.mark.parametrize("name", ["pipe.stl", "cycle.dae", "glb.stl", "small.irr"])
@@ -262,7 +298,7 @@ def test_a_mesh_of_a_hostile_file_is_refused(tmp_path: Path, name: str) -> None:
         1, np.zeros(3), type=Marker.MESH_RESOURCE, mesh_resource=f"file://{tmp_path}/{name}"
     )
     with pytest.raises(WorldError, match=rf"marker 'test/1': mesh '.*{name}' can't be read: "):
-        to_obstacle(one, [])
+        obstacle_of(one)
 
 
 def test_names_of_deleted_markers_are_forgotten_in_the_end() -> None:
@@ -271,16 +307,14 @@ def test_names_of_deleted_markers_are_forgotten_in_the_end() -> None:
     for k in range(3 * messages.most):
         added, gone = marker(k + 1, np.zeros(3)), deletion(k + 1)
         for stamp, sent in ((2 * k + 1, [kept, added]), (2 * k + 2, [gone])):
-            applied = messages.apply(
-                world, MarkerArray(markers=sent), stamp, is_late=False, links=None, folders=[]
-            )
+            applied = messages.apply(world, read(*sent), stamp, is_late=False, folders=[], now=0.0)
             assert applied is not None
             world = World(applied[0])
     assert world.names == ("test/0",)
     assert len(messages._changed) <= messages.most + 1
     # What was deleted last does not come back with an older latched message.
-    late = MarkerArray(markers=[marker(3 * messages.most, np.zeros(3))])
-    again = messages.apply(world, late, 1, is_late=True, links=None, folders=[])
+    late = read(marker(3 * messages.most, np.zeros(3)))
+    again = messages.apply(world, late, 1, is_late=True, folders=[], now=0.0)
     assert again is None or [one.name for one in again[0]] == ["test/0"]
 
 
@@ -288,9 +322,7 @@ def test_a_marker_with_a_huge_name_is_refused() -> None:
     one = marker(1, np.zeros(3))
     one.ns = "x" * 100_000
     messages = MarkerMessages()
-    applied = messages.apply(
-        World(), MarkerArray(markers=[one]), 1, is_late=False, links=None, folders=[]
-    )
+    applied = messages.apply(World(), read(one), 1, is_late=False, folders=[], now=0.0)
     assert applied == ([], ["a marker's name has 100002 characters, at most 500 are used"])
     assert max(map(len, messages.rejected)) <= 500
 
@@ -299,4 +331,4 @@ def test_an_ellipsoid_is_refused() -> None:
     one = marker(1, np.zeros(3))
     one.scale.x = 1.0
     with pytest.raises(WorldError, match=r"marker 'test/1': the diameters of a sphere must be"):
-        to_obstacle(one, [])
+        obstacle_of(one)

@@ -625,7 +625,7 @@ def test_reload_takes_new_files_and_keeps_the_old_ones_if_one_is_damaged(
         assert "expected a list" in client.call("reload_primitives").message
         damaged.unlink()
         os.mkfifo(damaged)
-        assert "no regular file" in client.call("reload_primitives").message
+        assert "not a regular file" in client.call("reload_primitives").message
         damaged.unlink()
         damaged.write_bytes(b"PK")
         answer = client.call("reload_primitives")

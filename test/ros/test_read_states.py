@@ -59,3 +59,16 @@ def test_damaged_states_are_ignored_or_refused(message, data):
 def test_states_that_are_far_too_large_are_ignored():
     state = JointState(name=[*WANTED, *map(str, range(100_000))], position=[0.0] * 100_002)
     assert read_states(bytes(serialize_message(state))).name == []
+
+
+def test_velocity_that_is_nan_was_not_measured():
+    """joint_state_broadcaster publishes NaN where the hardware has none."""
+    names = [*WANTED, "gripper"]
+    velocity = [np.nan, 0.3, np.nan]
+    message = JointState(name=names, position=[1.0, 2.0, np.nan], velocity=velocity)
+    state = to_state(message, WANTED)
+    assert state.positions.tolist() == [1.0, 2.0]
+    assert state.velocities.tolist() == [0.0, 0.3]
+    message.velocity = [np.nan, np.inf, np.nan]
+    with pytest.raises(GoalError, match="velocity of joint 'shoulder' is inf"):
+        to_state(message, WANTED)

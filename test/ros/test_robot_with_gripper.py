@@ -103,6 +103,37 @@ def test_goal_without_a_joint_of_the_primitive_is_refused(
     assert words in answer.report.message
 
 
+def test_finger_with_a_mass_is_locked_where_it_is_measured_or_goals_are_refused(
+    shared_client: NodeClient, folder: Path
+) -> None:
+    client = shared_client
+    massive = (
+        '<link name="finger_link"><inertial><mass value="0.3"/><inertia ixx="1e-4" iyy="1e-4" '
+        'izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    # Another name, whose position no message has had.
+    client.publish_description(
+        GRIPPER_URDF.replace('<link name="finger_link"/>', massive).replace('"finger"', '"thumb"')
+    )
+    client.publish_state(JOINTS, START)
+    client.wait_for_diagnostics(lambda values: "'thumb' are not known" in values["text"])
+    answer = client.send(goal_message(GOAL))
+    assert answer.trajectory is None
+    assert "joints 'thumb' are not known" in answer.report.message
+    for position in (0.01, 0.03):
+        client.publish_state(("thumb", *JOINTS), [position, *START])
+        answer = client.send(goal_message(GOAL))
+        assert answer.trajectory is not None, answer.report.message
+        assert client.wait_for_diagnostics()["locked_joints"] == f"thumb={position}"
+    # From another publisher, while the states of the arm come without it.
+    client.publish_state(("thumb",), [0.02])
+    client.publish_state(JOINTS, START)
+    answer = client.send(goal_message(GOAL))
+    assert answer.trajectory is not None, answer.report.message
+    assert client.wait_for_diagnostics()["locked_joints"] == "thumb=0.02"
+    client.publish_description(GRIPPER_URDF)
+
+
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
     """The status and the output of a command."""
     status = main([*arguments, *NODE_NAMES])

@@ -33,7 +33,7 @@ class World:
         return self.now
 
     def measure(self, q: float) -> None:
-        self.states.measured.receive(JOINTS, lambda: JointState(JOINTS, [q]))
+        self.states.measured.receive(JOINTS, lambda _: JointState(JOINTS, [q]))
 
 
 def minimum_jerk(start: float, goal: float, duration: float) -> Trajectory:

@@ -254,8 +254,8 @@ def _hint_at_salvage(salvage: bool) -> Iterator[None]:
         if salvage:
             raise
         hint = (
-            "recovering it (--recover; salvage=True in Python) takes what is before the damage, if "
-            "there is any"
+            "recovering it (--recover; salvage=True in Python) reads the part before the damage, "
+            "if there is any"
         )
         raise DamagedRecordingError(f"{error}; {hint}") from error.__cause__
 

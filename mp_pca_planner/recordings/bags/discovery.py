@@ -139,7 +139,7 @@ def bag_format(path: Path) -> BagFormat:
         suffixes = {_suffix(file) for file in bag_files(path)}
     if len(suffixes) != 1:
         raise RecordingError(
-            f"'{path}' is no recording: expected a regular .bag, .db3, .mcap or .csv file, a "
+            f"'{path}' is not a recording: expected a regular .bag, .db3, .mcap or .csv file, a "
             "rosbag2 folder, or a LeRobot dataset"
         )
     return FORMAT_OF_SUFFIX[suffixes.pop()]

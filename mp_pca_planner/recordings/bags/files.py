@@ -87,7 +87,7 @@ class RecordingFiles:
             logs = [log.name for file in files for log in _logs(file)]
             if logs:
                 left = quote_names(logs)
-                self.notes += (f"the recorder did not end: what it left in {left} is used, too",)
+                self.notes += (f"the recorder did not finish: the samples in {left} are also used",)
             self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
             for part in self._files:
                 # Channels without messages are included.

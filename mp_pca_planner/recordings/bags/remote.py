@@ -191,11 +191,11 @@ def check_url(url: str) -> str:
     shown = f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
     if "@" in parts.netloc:
         raise RecordingError(
-            f"the URL '{shown}' holds a user name or a password: leave them out, and set "
+            f"the URL '{shown}' holds a user name or a password: remove them, and set "
             "credentials in the environment"
         )
     if parts.scheme not in SCHEMES and not url.startswith(FILE_URL):
-        raise RecordingError(f"'{shown}' is no URL of {'://, '.join(SCHEMES)}:// or file://")
+        raise RecordingError(f"'{shown}' is not a URL of {'://, '.join(SCHEMES)}:// or file://")
     return shown
 
 

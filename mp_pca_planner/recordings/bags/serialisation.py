@@ -328,7 +328,7 @@ def _write(
     if target.exists() and not overwrite:
         raise exists_already(target)
     if target.is_dir() and any(target.iterdir()) and recordings_in(target) != [target]:
-        raise RecordingError(f"'{target}' is a folder, but no recording: it is not overwritten")
+        raise RecordingError(f"'{target}' is a folder, but not a recording: it is not overwritten")
     if bag_format == "sqlite3" and set(str(target.absolute())) & set("?#%"):
         raise RecordingError(
             f"'{target}' can't be written as sqlite3: choose a path without '?', '#' and '%'"

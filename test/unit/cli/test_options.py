@@ -21,8 +21,8 @@ from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
 from mp_pca_planner.evaluation.run import PEERS
 from mp_pca_planner.input_limits import INPUT_LIMITS
 from mp_pca_planner.planning.objectives import OBJECTIVES
+from mp_pca_planner.planning.options import MOST_STARTS
 from mp_pca_planner.planning.plan import BASES, MODES, PlannerOptions
-from mp_pca_planner.planning.starts import MOST_STARTS
 from mp_pca_planner.primitives.alignment import ALIGNMENTS
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.primitive import COUPLINGS

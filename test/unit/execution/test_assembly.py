@@ -7,13 +7,21 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive
+from arm import JOINTS, arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import LimitsError, PlannerError, RobotError
-from mp_pca_planner.execution.assembly import assemble_model
+from mp_pca_planner.execution.assembly import (
+    Model,
+    assemble_model,
+    collision_model,
+    is_outdated,
+    unknown_positions,
+)
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.resources import config_file
+from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MESHED = URDF.replace(
@@ -88,3 +96,60 @@ def test_what_does_not_fit_together_is_refused(
 ) -> None:
     with pytest.raises(error):
         assemble_model(urdf, PRIMITIVES, settings)
+
+
+FINGER = (
+    '<link name="finger"><inertial><mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" '
+    'ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry><sphere radius="0.02"/></geometry>'
+    '</collision></link><joint name="grip" type="prismatic"><parent link="wrist"/>'
+    '<child link="finger"/><origin xyz="0 0 -0.1"/><axis xyz="1 0 0"/>'
+    '<limit lower="0" upper="0.1" velocity="1" effort="10"/></joint>'
+)
+FINGERED = URDF.replace("</robot>", FINGER + "</robot>")
+
+
+def finger_clearance(model: Model, q: np.ndarray) -> float:
+    """Distance of the finger from a ball beside the arm."""
+    world = World([Obstacle("ball", [Sphere(0.1, [0.5, 0.5, 0.0])])])
+    pairs = collision_model(model.robot, model.settings).with_world(world)
+    found = pairs.near(q[None], np.inf)
+    return float(found.distances[[pairs.pairs[k][0] == "finger" for k in found.pairs]][0])
+
+
+def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measured() -> None:
+    q = arm_demonstrations()[0].positions[0]
+    settings = Settings(obstacle_margin=0.0)
+    before = assemble_model(FINGERED, PRIMITIVES, settings)
+    assert "'grip' are not known" in unknown_positions(before, World())
+    measured = {"grip": 0.08, JOINTS[0]: 0.3, "elsewhere": 1.0}
+    assert is_outdated(before, measured, World())
+    model = assemble_model(FINGERED, PRIMITIVES, settings, measured, before)
+    assert not unknown_positions(model, World())
+    assert dict(model.robot.locked_positions) == {"grip": 0.08}
+    assert abs(finger_clearance(model, q) - finger_clearance(before, q)) > 0.004
+    for noise in (-9e-4, 9e-4):
+        assert not is_outdated(model, {"grip": 0.08 + noise}, World())
+    assert is_outdated(model, {"grip": 0.0788}, World())
+    assert not is_outdated(model, {}, World())
+
+
+def test_joint_without_mass_and_shape_matters_only_where_an_obstacle_is_attached() -> None:
+    bare = re.sub("<inertial>.*?</inertial>|<collision>.*?</collision>", "", FINGER)
+    model = assemble_model(URDF.replace("</robot>", bare + "</robot>"), PRIMITIVES, Settings())
+    assert not unknown_positions(model, World())
+    assert not is_outdated(model, {"grip": 0.1}, World())
+    held = World([Obstacle("box", [Sphere(0.1)], "finger")])
+    assert "'grip'" in unknown_positions(model, held)
+    assert is_outdated(model, {"grip": 0.1}, held)
+
+
+def test_positions_of_the_parameter_count_until_others_are_measured() -> None:
+    settings = Settings(locked_joints="grip = 0.05")
+    model = assemble_model(FINGERED, PRIMITIVES, settings)
+    assert dict(model.robot.locked_positions) == {"grip": 0.05}
+    model = assemble_model(FINGERED, PRIMITIVES, settings, {"grip": 0.01})
+    assert dict(model.robot.locked_positions) == {"grip": 0.01}
+    with pytest.raises(PlannerError, match="did you mean 'grip'"):
+        assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints="gripp=0.05"))
+    with pytest.raises(PlannerError, match="no joint that the primitives do not move"):
+        assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints=f"{JOINTS[0]}=0.05"))

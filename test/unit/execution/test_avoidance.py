@@ -11,7 +11,7 @@ from test_motion_server import GOAL, HALF, START, Node, model
 from worlds import plain_distances
 
 from mp_pca_planner.exceptions import RobotError, WorldError
-from mp_pca_planner.execution.avoidance import avoid_obstacle
+from mp_pca_planner.execution.avoidance import avoid_obstacle, go_on
 from mp_pca_planner.execution.preemptive_worker import CancelledError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.validation import interpolate
@@ -83,6 +83,61 @@ def test_robot_stops_before_an_obstacle_that_covers_the_goal(node):
     assert "'lower_arm' would hit 'ball'" in node.execution_reports[0][1].message
     assert clearance(node, world, came) >= MARGIN
     assert not node.robot.record.v[-1].any()
+
+
+def test_robot_goes_on_to_its_goal_once_the_obstacle_that_stopped_it_is_gone(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    assert use(node, ball_at(GOAL))
+    assert node.server.resumption is None
+    avoid_obstacle(node.server, node._model, not_cancelled)
+    node.run(3.0)
+    text, served = go_on(node.server, node._model, not_cancelled)
+    assert served is None and text.startswith("the robot waits before an obstacle: ")
+    assert "the goal is in collision" in text
+    assert go_on(node.server, node._model, not_cancelled) == ("", None)  # not at once again
+    assert not use(node, World())
+    node.run(0.5)
+    text, served = go_on(node.server, node._model, not_cancelled)
+    assert served is not None and text == "the robot goes on to its goal"
+    node.run(8.0)
+    node.assert_smooth()
+    node.assert_rests_at(GOAL)
+    assert node.outcomes == ["stopped", "arrived"]
+    assert {report.goal for _, report in node.execution_reports} == {1}
+
+
+def test_robot_goes_on_after_a_stop_of_the_thread_that_watches_it(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.5)
+    assert use(node, ball_at(place_on_motion(node, 0.6)))
+    node.run(3.0)
+    assert node.outcomes == ["stopped"]
+    use(node, World())
+    node.run(1.0)
+    assert go_on(node.server, node._model, not_cancelled)[1] is not None
+    node.run(8.0)
+    node.assert_rests_at(GOAL)
+
+
+@pytest.mark.parametrize("end", ["a stop", "a newer goal", "a release", "time"])
+def test_robot_does_not_go_on_after(node, end):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    use(node, ball_at(GOAL))
+    avoid_obstacle(node.server, node._model, not_cancelled)
+    node.run(2.0)
+    if end == "a stop":
+        node.stop()
+    elif end == "a newer goal":
+        node.ask(START)
+    elif end == "a release":
+        node.server.release(node._model, "the node is not active")
+    else:
+        node.run(61.0)
+    use(node, World())
+    node.run(4.0)
+    assert go_on(node.server, node._model, not_cancelled) == ("", None)
 
 
 def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):

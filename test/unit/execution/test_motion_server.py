@@ -8,6 +8,7 @@ Time is virtual; planning takes as long as the tests say.
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.preemptive_worker import CancelledError
+from mp_pca_planner.execution.timed_lock import BusyError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.resources import config_file
@@ -153,6 +155,21 @@ def test_displaced_motion_names_the_primitives_of_the_one_before_or_none(node, g
     assert plan.primitives == (() if goal == "a stop" else (names[0],) * 2)
 
 
+def test_displaced_motion_keeps_its_primitives_when_the_library_is_replaced(node):
+    node.ask(GOAL)
+    old = list(MODEL.planner.primitives)
+    node.run(0.4)
+    renamed = replace(old[0], name="renamed")
+    newer = assemble_model(URDF, [renamed], MODEL.settings)
+    node._model = replace(newer, planner=node._slow(newer.planner, "plan"))
+    node.ask(GOAL + 0.01)
+    served = node.server.served
+    assert isinstance(served.plan, AdaptedPlan)
+    assert node.statuses == ["served"] * 2
+    assert list(served.primitives) == old
+    assert [one.name for one in served.primitives] == list(served.plan.primitives)
+
+
 @pytest.mark.parametrize("planning_time", [0.15, 0.6])
 def test_planning_that_is_slower_than_expected_still_serves_a_moving_robot(node, planning_time):
     node.ask(GOAL)
@@ -243,11 +260,15 @@ def test_motion_that_is_published_while_the_robot_is_watched_is_not_taken_for_an
     node.run(0.3)
     command, watchers = node.states.command, []
 
+    def watch():
+        with suppress(BusyError):  # it does not wait until the motion is published
+            node.server.watch(MODEL)
+
     def watched(*motion):
         command(*motion)
-        watchers.append(threading.Thread(target=node.server.watch, args=[MODEL]))
+        watchers.append(threading.Thread(target=watch))
         watchers[-1].start()
-        watchers[-1].join(0.2)  # it has to wait until the motion is published
+        watchers[-1].join(0.2)
 
     node.states.command = watched
     node.ask(START)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from mp_pca_planner.execution.parameter_texts import fixed_frames, locked_positions
 from mp_pca_planner.execution.parameters import (
     DECLARATIONS,
     ParameterError,
@@ -121,3 +122,30 @@ def test_limits_of_the_joints_are_declared_one_by_one() -> None:
 def test_missing_files_of_collisions_are_refused_whether_they_are_used_or_not(values, collision):
     with pytest.raises(ParameterError, match="there is no (file|folder) '/"):
         Settings(collision=collision, **values)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("locked_joints", "grip", "expected name=value"),
+        ("locked_joints", "grip=0.1,grip=0.2", "each joint once"),
+        ("locked_joints", "grip=nan", "finite"),
+        ("locked_joints", "=1", "expected name=value"),
+        ("fixed_frames", ("map",), "expected each frame once as FRAME: X Y Z"),
+        ("fixed_frames", ("map: 1 2",), "FRAME: X Y Z"),
+        ("fixed_frames", ("map: 1 2 inf",), "FRAME: X Y Z"),
+        ("fixed_frames", ("map: 1 2 3 0 0 0 0",), "quaternion of length 1"),
+        ("fixed_frames", ("map: 1 2 3", "map: 1 2 3"), "each frame once"),
+        ("fixed_frames", (": 1 2 3",), "FRAME: X Y Z"),
+    ],
+)
+def test_text_of_several_values_is_refused_with_the_form_that_is_accepted(name, value, words):
+    with pytest.raises(ParameterError, match=f"'{name}'.*{words}"):
+        Settings(**{name: value})
+
+
+def test_texts_of_several_values_are_read():
+    assert locked_positions(" a=1, b = -2e-1,") == {"a": 1.0, "b": -0.2}
+    found = fixed_frames(("", "map: 1 2 3", "camera: 0,0,1, 0 0 0.7071 0.7071"))
+    assert found["map"] == [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]
+    assert found["camera"] == pytest.approx([0, 0, 1, 0, 0, 0.5**0.5, 0.5**0.5])

@@ -30,7 +30,9 @@ class Kitchen:
         self._changed = threading.Condition()
         self._n_allowed = 0
         self.n_rests = 0
-        self.thread = PreemptiveWorker(self._serve, self._drop, self._rest)
+        self.failures: list[tuple[int | None, BaseException]] = []
+        self.breakage: BaseException | None = None
+        self.thread = PreemptiveWorker(self._serve, self._drop, self._rest, self._fail)
 
     def allow(self) -> None:
         """Let one more be served to its end."""
@@ -49,7 +51,24 @@ class Kitchen:
                 TIMEOUT,
             )
 
+    def _break(self) -> None:
+        breakage, self.breakage = self.breakage, None
+        if breakage is not None:
+            raise breakage
+
+    def _fail(self, goal: int | None, error: BaseException) -> None:
+        with self._changed:
+            self.failures.append((goal, error))
+            self._changed.notify_all()
+        if isinstance(error, KeyError):
+            raise error
+
+    def wait_for_failures(self, n: int) -> None:
+        with self._changed:
+            assert self._changed.wait_for(lambda: len(self.failures) >= n, TIMEOUT)
+
     def _serve(self, goal: int, is_cancelled: IsCancelled) -> None:
+        self._break()
         with self._changed:
             self.begun.append(goal)
             self._changed.notify_all()
@@ -61,11 +80,13 @@ class Kitchen:
             self._changed.notify_all()
 
     def _drop(self, goal: int) -> None:
+        self._break()
         with self._changed:
             self.dropped.append(goal)
             self._changed.notify_all()
 
     def _rest(self) -> None:
+        self._break()
         with self._changed:
             self.n_rests += 1
             self._changed.notify_all()
@@ -155,3 +176,37 @@ def test_thread_is_idle_but_while_a_goal_is_served_or_waits(kitchen: Kitchen) ->
     kitchen.allow()
     kitchen.wait_for_rest()
     assert kitchen.thread.is_idle
+
+
+@pytest.mark.parametrize("error", [ValueError(), MemoryError(), SystemExit(), RecursionError()])
+def test_exception_of_a_goal_is_reported_and_the_next_goal_is_served(
+    kitchen: Kitchen, error: BaseException
+) -> None:
+    kitchen.breakage = error
+    kitchen.thread.submit(1)
+    kitchen.wait_for_failures(1)
+    assert kitchen.failures == [(1, error)]
+    kitchen.allow()
+    kitchen.thread.submit(2)
+    kitchen.wait_for(served=1)
+    assert kitchen.served == [2]
+
+
+def test_exceptions_of_a_drop_a_rest_and_a_report_do_not_end_the_thread(kitchen: Kitchen) -> None:
+    kitchen.thread.submit(0)
+    kitchen.wait_for(begun=1)
+    kitchen.breakage = ValueError("drop")
+    kitchen.thread.cancel()
+    kitchen.wait_for_failures(1)
+    kitchen.thread.submit(1)
+    kitchen.wait_for(begun=2)
+    kitchen.breakage = ValueError("rest")
+    kitchen.allow()
+    kitchen.wait_for_failures(2)
+    assert [goal for goal, _ in kitchen.failures] == [0, None]
+    kitchen.breakage = KeyError("the report of this one raises it again")
+    kitchen.thread.submit(2)
+    kitchen.wait_for_failures(3)
+    kitchen.allow()
+    kitchen.thread.submit(4)
+    kitchen.wait_for(served=2)

@@ -6,11 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
 from mp_pca_planner.execution.published_motion import PublishedMotion
 from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.motion.validation import interpolate
 
 JOINTS = ("a", "b")
 # Two motions of degree 5: the quintic through any of their points is the polynomial itself.
@@ -68,11 +71,53 @@ def test_followed_motion_is_the_old_one_up_to_the_switch_and_then_the_rest(here,
         np.testing.assert_allclose(found, columns(here + since, d), atol=1e-5)
 
 
-def test_followed_motion_has_no_points_nearer_than_nanoseconds_allow():
-    switch = TIMES[2] + 0.001
-    rest = Trajectory(JOINTS, [0.0, 1.0], *(columns([switch, switch + 1.0], d) for d in range(3)))
-    times = motion().followed_by(rest, switch, TIMES[1] - 0.001).times
-    assert np.diff(times).min() > 4e-3
+def jerky(seed: int) -> PublishedMotion:
+    """A motion whose jerk, of at most 1, jumps at every point."""
+    jerks = np.random.default_rng(seed).uniform(-1.0, 1.0, (200, 2))
+    states = np.zeros((3, 201, 2))
+    for k, jerk in enumerate(jerks):
+        q, v, a = states[:, k]
+        states[:, k + 1] = (
+            q + 0.01 * v + 5e-5 * a + 1e-6 / 6 * jerk,
+            v + 0.01 * a + 5e-5 * jerk,
+            a + 0.01 * jerk,
+        )
+    return PublishedMotion(Trajectory(JOINTS, 0.01 * np.arange(201), *states), 0.0)
+
+
+@given(st.integers(0, 99), st.floats(0.0, 0.9), st.floats(0.01, 0.5), st.booleans())
+def test_joined_motion_keeps_the_limits_of_jerk_that_both_of_its_parts_keep(
+    seed, here, lead, to_rest
+):
+    old = jerky(seed)
+    here = old.near_point(here)
+    switch = old.near_point(here + lead)
+    rest = old.rest(switch)
+    if not to_rest:
+        state = old.state(switch).values
+        rest = Trajectory(JOINTS, [0.0, 10.0], *([x, y] for x, y in zip(state, state, strict=True)))
+    joined = old.followed_by(rest, switch, here)
+    seam = joined.times[: joined.n_steps - rest.n_steps + 1]
+    jerks = interpolate(Trajectory(JOINTS, seam, *(x[: seam.size] for x in joined.states))).jerk
+    assert np.abs(jerks).max() <= 1.0 + 5e-3
+    assert np.diff(seam).min() > 2.9e-4
+    np.testing.assert_allclose(seam[:-1], np.round(seam[:-1], 9), atol=1e-15)
+
+
+@pytest.mark.parametrize("before_end", [0.002, 0.004, 0.006, 0.3])
+def test_rest_before_the_next_motion_is_kept_where_a_message_begins_shortly_before_it(before_end):
+    s = np.linspace(0.0, 1.0, 101)
+    shape = Polynomial([0, 0, 0, 10, -15, 6])
+    states = [(0.5 * p(s))[:, None] for p in (shape, shape.deriv(), shape.deriv(2))]
+    for x in states[1:]:
+        x[-1] = 0.0
+    old = PublishedMotion(Trajectory(("a",), s, *states), 0.0)
+    rest = Trajectory(("a",), [0.0, 1.0], [[0.5]] * 2, [[0.0]] * 2, [[0.0]] * 2)
+    sent = PublishedMotion(old.followed_by(rest, 2.7, 1.0 - before_end), 0.0)
+    model = PublishedMotion(old.followed_by(rest, 2.7, 0.6), 0.0)
+    since = np.linspace(0.0, sent.duration, 1000)
+    found, expected = sent.sample(since)[0], model.sample(since + 0.4 - before_end)[0]
+    np.testing.assert_allclose(found, expected, atol=5e-6)
 
 
 def test_rest_is_left_as_it_is_where_the_switch_is_here():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.execution.served_goal import is_same_configuration, is_same_goal
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal, Via
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 
 STATE = JointState(("a", "b"), [0.1, 0.2])
 HALF = np.sqrt(0.5)
@@ -39,7 +39,6 @@ DIFFERENT = [
     (JointGoal(STATE), JointGoal(JointState(("a", "b"), [0.1, 0.2], None, [0.0, 0.1]))),
     (JointGoal(STATE), JointGoal(STATE, duration=2.0)),
     (JointGoal(STATE), JointGoal(STATE, primitive="reach")),
-    (JointGoal(STATE), JointGoal(STATE, vias=(Via(STATE),))),
     (JointGoal(STATE), PoseGoal(POSE)),
     (JointGoal(STATE), SequenceGoal((STATE,))),
     (PoseGoal(POSE), PoseGoal(Pose("hand", POSE.position))),

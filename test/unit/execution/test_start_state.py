@@ -208,15 +208,30 @@ def test_motion_from_rest_waits_as_long_as_a_message_may_take(world):
     assert not joined.trajectory.velocities[:2].any()
 
 
-@pytest.mark.parametrize(("may_stamp", "clock_ahead"), [(False, 0.0), (True, 5.0), (True, -5.0)])
-def test_motion_is_stamped_only_if_that_is_enabled_and_clocks_agree(may_stamp, clock_ahead):
+def test_motion_is_not_stamped_unless_that_is_enabled(world):
+    start = world.choose()
+    joined = world.join(standing(start), start, False)
+    assert not joined.is_timed
+    assert joined.trajectory.times.tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("clock_ahead", [5.0, -5.0, 0.02])
+def test_stamp_is_a_time_of_the_robots_clock(clock_ahead):
     world = World()
     world.clock_ahead = clock_ahead
     world.rest()
     start = world.choose()
-    joined = world.join(standing(start), start, may_stamp)
-    assert not joined.is_timed
-    assert joined.trajectory.times.tolist() == [0.0, 1.0]
+    joined = world.join(standing(start), start)
+    assert joined.stamp == pytest.approx(world.now + clock_ahead)
+
+
+def test_motion_is_not_stamped_if_the_stamps_of_states_are_no_times():
+    world, random = World(), np.random.default_rng(0)
+    for _ in range(100):
+        world.clock_ahead = random.uniform(-1000.0, 1000.0)
+        world.rest(0.004)
+    start = world.choose()
+    assert not world.join(standing(start), start).is_timed
 
 
 # In motion
@@ -265,8 +280,9 @@ def test_motion_leads_to_the_start_along_the_running_one(moving):
     start = moving.choose(latency=0.1)
     moving.follow(0.04)
     joined = moving.join(continuing(start), start)
-    assert (joined.is_timed, joined.time) == (True, moving.now)
-    lead = start.time - moving.now
+    # It begins at a point of the running motion that is nearer than 0.3 ms.
+    assert joined.is_timed and joined.time == pytest.approx(moving.now, abs=3e-4)
+    lead = start.time - joined.time
     assert joined.trajectory.duration == pytest.approx(1.0 + lead, abs=1e-6)
     old, new, rest = (
         spline(one) for one in (moving.motion.trajectory, joined.trajectory, continuing(start))

@@ -172,7 +172,7 @@ def test_cost_that_is_no_number_is_refused_and_nothing_is_learned(cost):
     [
         ("", "can't be read"),
         ("{}", "can't be read"),
-        ('{"format": "x", "version": 1}', "no file of trials"),
+        ('{"format": "x", "version": 1}', "not a file of trials"),
         (
             '{"format": "mp_pca_planner/trials", "version": 1, "motion": "x", "trials": []}',
             "of another motion",

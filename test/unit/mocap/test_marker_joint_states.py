@@ -273,7 +273,7 @@ def test_markers_before_the_damage_are_taken_on_request(
     status, _, err = build(capsys, file, *options, "--output", output)
     assert (
         status == 2
-        and "; recovering it (--recover; salvage=True in Python) takes what is before the damage"
+        and "; recovering it (--recover; salvage=True in Python) reads the part before the damage"
         in err
     )
     status, out, err = build(capsys, file, *options, "--output", output, "--salvage", "--json")

@@ -397,7 +397,7 @@ def test_collision_at_an_end_is_infeasible_at_once_and_says_where(model):
     for start, goal in ((free, folded), (folded, free)):
         plan = chain_planner(model).plan(JointGoal(goal, 1.0), start)
         assert plan.status == INFEASIBLE and not plan.is_executable
-        assert "no motion without self-collision was found: 'a' and 'c' collide" in plan.message
+        assert "is in collision: 'a' and 'c' collide" in plan.message
         assert "another duration" not in plan.message
 
 
@@ -423,7 +423,7 @@ def test_sequence_that_collides_is_infeasible(model):
     for mode in (OPTIMAL, REAL_TIME):
         plan = sequence_of_chain(model, *across, mode=mode)
         assert plan.status == INFEASIBLE
-        assert "no motion without self-collision was found: 'base' and 'c'" in plan.message
+        assert "the target 1 is in collision: 'base' and 'c'" in plan.message
     free = sequence_of_chain(model, [0.0, 0.5, 0.0], [0.1, 0.7, 0.5], [0.2, 0.9, 1.0])
     assert (free.status, free.mode) == (SOLVED, OPTIMAL)
     blind = CollisionModel(Robot(CHAIN.replace("collision>", "visual>"), NAMES))

@@ -68,7 +68,7 @@ def test_several_targets_are_a_sequence_that_ends_in_its_duration(value: object)
 def test_finished_goal_stays_as_it_is_and_takes_no_second_duration() -> None:
     goal = JointGoal(JointState(JOINTS, [0.1, 0.2]), duration=1.0)
     assert as_goal(goal, JOINTS) is goal
-    with pytest.raises(GoalError, match="holds its own duration"):
+    with pytest.raises(GoalError, match="has its own duration"):
         as_goal(goal, JOINTS, 2.0)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner can be asked: poses, vias, durations, objectives, and more than the span."""
+"""What the planner can be asked: poses, durations, objectives, and more than the span."""
 
 import runpy
 from dataclasses import replace
@@ -18,11 +18,11 @@ from scipy.optimize import linprog
 from test_planner import REQUESTS, planner, request
 
 from mp_pca_planner.exceptions import GoalError, RobotError
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Via
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning.configurations import configurations_at, starts_near
 from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
-from mp_pca_planner.planning.pose_search import configurations_at
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.resources import config_file
 
@@ -78,7 +78,9 @@ def test_a_free_elbow_is_placed_for_less_cost_than_inverse_kinematics_alone_give
         pose = pose_at(goal.state.positions, full=False)
         plan = subject.plan(PoseGoal(pose, duration=0.9), start)
         ends, robot = arm_primitive().boundary_states[:, 3], arm_robot()
-        found = configurations_at(robot, robot.limits(), pose, ends)
+        poses = subject.options.poses
+        begins = [*starts_near(robot, pose, ends, poses.n_known), start.positions]  # as the planner
+        found = configurations_at(robot, robot.limits(), pose, begins, poses)
         scores = [score(start.positions, q, 0.9).in_span_score for q in found]
         natural = found[int(np.argmin(scores))]
         fixed = subject.plan(JointGoal(JointState(JOINTS, natural), 0.9), start)
@@ -98,51 +100,6 @@ def test_an_unknown_frame_is_refused_with_the_valid_names():
     _, start = request()
     with pytest.raises(RobotError, match="no link is called 'hand'.*'wrist'"):
         planner().plan(PoseGoal(Pose("hand", [0.3, 0.0, 0.0])), start)
-
-
-def test_vias_at_fixed_and_free_phases_are_passed():
-    subject = planner()
-    for i in range(4):
-        goal, start = request(i)
-        usual = subject.plan(goal, start).motion
-        q, _, _ = usual.evaluate(usual.duration * np.array([0.3, 0.6]))
-        vias = (
-            Via(JointState(["elbow"], [q[0, 3] + 0.05]), 0.3),
-            Via(pose_at(q[1] + 0.02, full=False)),
-        )
-        plan = subject.plan(JointGoal(goal.state, vias=vias), start)
-        assert plan.is_executable, plan.message
-        assert plan.via_phases[0] == 0.3 < plan.via_phases[1] < 1.0
-        passed, _, _ = plan.motion.evaluate(plan.motion.duration * np.array(plan.via_phases))
-        assert passed[0, 3] == pytest.approx(q[0, 3] + 0.05, abs=1e-6)
-        assert np.abs(placement(passed[1])[0] - vias[1].target.position).max() <= 1e-6
-        assert plan.via_error <= 1e-6
-        assert kept(plan)
-
-
-def test_vias_that_components_cannot_pass_are_passed_with_splines_and_it_says_so():
-    goal, start = request(2)
-    usual = planner().plan(goal, start).motion
-    q, _, _ = usual.evaluate(usual.duration * np.array([0.3, 0.7]))
-    vias = tuple(
-        Via(JointState(JOINTS, x), phase)
-        for x, phase in zip(q + np.array([0.05, -0.05, 0.05, -0.05]), (0.3, 0.7), strict=True)
-    )
-    plan = planner().plan(JointGoal(goal.state, vias=vias), start)
-    assert plan.is_executable and "B-splines" in plan.message
-    assert plan.n_components_used == 4 and 0.0 < plan.correction < 0.1
-    assert plan.summary()["correction_used"] and plan.via_error <= 1e-6
-
-
-def test_a_via_of_an_unknown_joint_or_frame_is_refused():
-    goal, start = request()
-    for target, error in (
-        (JointState(["wrist_roll"], [0.0]), GoalError),
-        (Pose("hand", [0.3, 0.0, 0.0]), RobotError),
-        (JointState(["elbow"], [3.0]), GoalError),
-    ):
-        with pytest.raises(error, match="wrist_roll|hand|via position of joint 'elbow'"):
-            planner().plan(JointGoal(goal.state, vias=(Via(target, 0.5),)), start)
 
 
 def test_the_shortest_duration_is_feasible_and_clearly_shorter_ones_are_not():

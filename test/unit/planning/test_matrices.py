@@ -5,9 +5,9 @@
 import numpy as np
 import pytest
 
-from mp_pca_planner.planning.matrices import BlockMatrix, as_array, cholesky, mean_diagonal
-from mp_pca_planner.planning.quadratic import solve_quadratic
-from mp_pca_planner.planning.trust_region import trust_region_step
+from mp_pca_planner.planning.solver.matrices import BlockMatrix, as_array, cholesky, mean_diagonal
+from mp_pca_planner.planning.solver.quadratic import solve_quadratic
+from mp_pca_planner.planning.solver.trust_region import trust_region_step
 
 SLICES = (slice(0, 4), slice(2, 7), slice(5, 9))
 

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from arm import JOINTS, arm_robot
 from scipy.integrate import trapezoid
-from test_compiler import BASES
+from test_segment import BASES
 
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose
-from mp_pca_planner.planning.compiler import MotionProgram
-from mp_pca_planner.planning.conditions import Condition, JointTarget, PoseTarget
 from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.objectives import OBJECTIVES, objective_by_name
-from mp_pca_planner.planning.unknowns import QuadratureTables, Unknowns
+from mp_pca_planner.planning.objectives import OBJECTIVES, QUANTITIES, objective_by_name
+from mp_pca_planner.planning.program.segment import SegmentProgram
+from mp_pca_planner.planning.program.tables import Tables
+from mp_pca_planner.planning.program.targets import PoseTarget
+from mp_pca_planner.planning.program.unknowns import Unknowns
 
 START = JointState(JOINTS, [-0.2, 0.1, 0.2, -0.6], [0.2, 0.1, -0.3, 0.1], [1.0, -1.0, 0.5, 2.0])
 GOAL = JointState(JOINTS, [0.6, 0.4, -0.1, -1.4])
@@ -24,21 +25,20 @@ def compile_free(name="arm", seed=0, free_rows=(3,), **options):
     """A program of which everything is free, and unknowns at which nothing is 0."""
     basis = BASES[name]
     motion = Motion(START, GOAL, 0.9, basis, np.zeros(basis.n_weights))
-    program = MotionProgram(
+    program = SegmentProgram(
         arm_robot(),
-        QuadratureTables(basis),
+        Tables(basis),
         Unknowns(
             basis.scales,
             motion.boundary,
             0.9,
             free_rows=free_rows,
             duration_is_free=True,
-            n_places=sum(one.phase is None for one in options.get("conditions", ())),
         ),
         motion.weights,
         **options,
     )
-    x = 0.3 * np.random.default_rng(seed).normal(size=program.scales.size)
+    x = 0.3 * np.random.default_rng(seed).normal(size=program.unknowns.scales.size)
     return program, x
 
 
@@ -56,26 +56,26 @@ def motion_of(program, x, basis):
 
 @pytest.mark.parametrize("basis", ["arm", "bspline"])
 @pytest.mark.parametrize("name", OBJECTIVES)
-def test_the_jacobian_of_each_objective_equals_central_differences(name, basis):
+def test_the_gradient_of_each_objective_equals_central_differences(name, basis):
     objective = objective_by_name(name, arm_robot())
     program, x = compile_free(basis, objectives=[(0.7, objective)], free_rows=range(6))
-    found = program.linearise(x).jacobian
-    wanted = central_differences(lambda x: program.linearise(x).residual, x)
+    found = program.at(x)[1].gradient
+    wanted = central_differences(lambda x: np.array(program.at(x)[1].cost), x)
     np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
 
 
-def test_derivatives_of_states_and_efforts_by_every_unknown_equal_central_differences():
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_derivatives_of_states_and_efforts_by_every_unknown_equal_central_differences(quantity):
     program, x = compile_free(free_rows=range(6))
-    here = program.linearise(x)
-    for found, read in ((here.effort_jacobian.reshape(-1, x.size), lambda at: at.efforts.ravel()),):
-        wanted = central_differences(lambda x, read=read: read(program.linearise(x)), x)
-        np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
+    found = program.at(x)[0].slopes[quantity].reshape(-1, x.size)
+    wanted = central_differences(lambda x: getattr(program.at(x)[0].nodes, quantity).ravel(), x)
+    np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
 
 
 def test_states_of_a_free_duration_and_goal_are_those_of_the_motion():
     program, x = compile_free()
     motion = motion_of(program, x, BASES["arm"])
-    times = QuadratureTables(BASES["arm"]).phases * motion.duration
+    times = Tables(BASES["arm"]).phases * motion.duration
     np.testing.assert_allclose(program.states(x)[:3], motion.evaluate(times), atol=1e-10)
 
 
@@ -98,8 +98,7 @@ def test_each_objective_is_its_integral_along_the_motion(name):
         "time": np.ones(times.size),
         "straightness": 0.5 * np.sum((way - np.outer(way @ line, line)) ** 2, axis=1),
     }[name]
-    residual = program.linearise(x).residual
-    assert 0.5 * residual @ residual == pytest.approx(trapezoid(density, times), rel=2e-3)
+    assert program.at(x)[1].cost == pytest.approx(trapezoid(density, times), rel=2e-3)
 
 
 def test_a_sum_of_objectives_is_the_weighted_sum():
@@ -108,30 +107,23 @@ def test_a_sum_of_objectives_is_the_weighted_sum():
 
     def cost(objectives):
         program, x = compile_free(objectives=objectives)
-        residual = program.linearise(x).residual
-        return 0.5 * residual @ residual
+        return program.at(x)[1].cost
 
     parts = [(w, objective_by_name(name, robot)) for name, w in names.items()]
     alone = [w * cost([(1.0, objective)]) for w, objective in parts]
     assert cost(parts) == pytest.approx(sum(alone), rel=1e-12)
 
 
-def test_conditions_have_the_derivatives_of_central_differences():
+def test_equations_of_a_pose_have_the_derivatives_of_central_differences():
     robot = arm_robot()
-    hand = robot.frame_names[-1]
-    pose = Pose(hand, [0.3, 0.2, 0.1], np.array([0.1, 0.2, -0.4, 0.9]) / np.sqrt(1.02))
-    conditions = [
-        Condition(JointTarget(np.array([3, 0]), np.array([-1.0, 0.3]), 4), 0.4),
-        Condition(PoseTarget(robot, Pose(hand, [0.1, 0.2, 0.3])), None, (0.4, 0.8)),
-        Condition(PoseTarget(robot, pose), 1.0),
-    ]
-    program, x = compile_free(conditions=conditions)
-    errors, rows = program.equations.residuals(x)
-    assert errors.shape == (2 + 3 + 6,)
-    wanted = central_differences(lambda x: program.equations.residuals(x)[0], x)
-    np.testing.assert_allclose(rows, wanted, atol=1e-7)
-    phases = program.equations.phases(x)
-    assert phases[0] == 0.4 and 0.4 < phases[1] < 0.8 and phases[2] == 1.0
+    orientation = np.array([0.1, 0.2, -0.4, 0.9]) / np.sqrt(1.02)
+    pose = Pose(robot.frame_names[-1], [0.3, 0.2, 0.1], orientation)
+    program, x = compile_free()
+    target = PoseTarget(robot, program.tables, program.unknowns, pose)
+    errors, rows = target.equations(x)
+    assert errors.shape == (6,)
+    np.testing.assert_array_equal(errors, target.errors(x))
+    np.testing.assert_allclose(rows, central_differences(target.errors, x), atol=1e-7)
 
 
 def test_an_unknown_objective_or_frame_is_refused_with_the_valid_names():

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from mp_pca_planner.planning.matrices import cholesky
-from mp_pca_planner.planning.quadratic import solve_quadratic
+from mp_pca_planner.planning.solver.matrices import cholesky
+from mp_pca_planner.planning.solver.quadratic import solve_quadratic
 
 
 def random_program(seed):

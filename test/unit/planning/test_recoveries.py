@@ -2,74 +2,87 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each recovery alone: when it applies, and what it proposes."""
 
-from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import pytest
 
 from mp_pca_planner.motion.validation import LimitCheck, Violation
-from mp_pca_planner.planning.recoveries import MoreNatural, Setting, Slower, WiderBasis
+from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.options import PlannerOptions, SearchOptions, SolverOptions
+from mp_pca_planner.planning.program.setting import Setting
+from mp_pca_planner.planning.search.recoveries import (
+    Failure,
+    given_duration,
+    more_natural,
+    recovered,
+    slower,
+)
 
 FAST = LimitCheck((Violation("velocity", "elbow", 0.0, 1.5, 1.0, 0.5),))
 FAR = LimitCheck((Violation("position", "elbow", 0.0, 1.5, 1.0, 0.5),))
 KEPT = LimitCheck(())
 
 
-def basis(*, is_corrected=False, precision=1.0):
-    return SimpleNamespace(precision=precision, is_corrected=is_corrected)
-
-
-@dataclass
-class MadeUpFailure:
-    """A failure of which everything is known."""
-
-    setting: Setting
-    expected_check: LimitCheck
-    is_recoverable: bool = True
-    violation: float = 0.5
-
-    @property
-    def attempt(self):
-        return SimpleNamespace(violation=(self.violation, 0.0, 0.0))
-
-
-def failure(check, recoverable=True, naturalness=0.0, **options):
-    return MadeUpFailure(Setting(basis(**options), 2.0, naturalness), check, recoverable)
+def failure(
+    check,
+    *,
+    recoverable=True,
+    naturalness=0.0,
+    width=0,
+    precision=1.0,
+    longest=10.0,
+    violations=(0.5,),
+    is_timed=False,
+    has_clearances=False,
+    **search,
+):
+    """A failure of which everything is known, at a given duration of 2 s."""
+    tables = SimpleNamespace(basis=None)
+    basis = SimpleNamespace(tables=tables, expected=None, precision=precision)
+    motion = Motion(None, None, 2.0, None, None)
+    objectives, solver = ((1.0, None),), SolverOptions()
+    setting = Setting((basis,), (motion,), naturalness, objectives, solver, width, is_timed)
+    context = SimpleNamespace(
+        options=PlannerOptions(search=SearchOptions(**search)),
+        longest=600.0,
+        bases=SimpleNamespace(n_widths=1),
+    )
+    return Failure(
+        context,
+        SimpleNamespace(duration=longest, duration_is_free=False),
+        setting,
+        setting,
+        SimpleNamespace(duration=2.0, has_clearances=has_clearances),
+        tuple((violation, 0.0, 0.0) for violation in violations),
+        check,
+        recoverable,
+    )
 
 
 def test_more_time_is_proposed_where_the_expected_motion_is_too_fast():
-    setting = Slower(10.0).propose(failure(FAST))
-    assert setting.duration == pytest.approx(2.0 * 1.02 * 1.5)
-    assert not setting.is_first
-    assert Slower(2.5).propose(failure(FAST)).duration == 2.5
-    assert Slower(2.0).propose(failure(FAST)) is None
+    assert slower(failure(FAST)).duration == pytest.approx(2.0 * 1.02 * 1.5)
+    assert slower(failure(FAST, longest=2.5)).duration == 2.5
+    assert slower(failure(FAST, longest=2.0)) is None
 
 
 @pytest.mark.parametrize("check", [KEPT, FAR])
 def test_more_time_is_not_proposed_where_it_would_not_help(check):
-    assert Slower(10.0).propose(failure(check)) is None
-    assert Slower(10.0).propose(failure(FAST, recoverable=False)) is None
+    assert slower(failure(check)) is None
+    assert slower(failure(FAST, recoverable=False)) is None
 
 
 def test_more_time_is_given_up_after_several_worse_attempts_with_one_basis():
-    slower = Slower(10.0, max_worse=2)
-    first = replace(failure(FAST).setting, is_first=True)
-
-    def proposed(violation, setting=first):
-        return slower.propose(MadeUpFailure(setting, FAST, violation=violation))
-
-    later = proposed(0.5)
-    for violation in (0.6, 0.4, 0.5):
-        assert proposed(violation, later) is not None
-    assert proposed(0.45, later) is None
-    assert proposed(0.45) is not None
+    for violations in ((0.5,), (0.5, 0.6), (0.5, 0.6, 0.4), (0.5, 0.6, 0.4, 0.5)):
+        assert slower(failure(FAST, violations=violations, max_worse=2)) is not None
+    worse = (0.5, 0.6, 0.4, 0.5, 0.45)
+    assert slower(failure(FAST, violations=worse, max_worse=2)) is None
 
 
 def test_more_naturalness_is_proposed_where_the_expected_motion_keeps_the_limits():
-    natural = MoreNatural((0.1, 1.0))
-    assert natural.propose(failure(KEPT)).naturalness == 0.1
-    assert natural.propose(failure(KEPT, naturalness=0.1)).naturalness == 1.0
-    assert natural.propose(failure(KEPT, naturalness=1.0)) is None
+    steps = {"naturalness_steps": (0.1, 1.0)}
+    assert more_natural(failure(KEPT, **steps)).naturalness == 0.1
+    assert more_natural(failure(KEPT, naturalness=0.1, **steps)).naturalness == 1.0
+    assert more_natural(failure(KEPT, naturalness=1.0, **steps)) is None
 
 
 @pytest.mark.parametrize(
@@ -77,19 +90,23 @@ def test_more_naturalness_is_proposed_where_the_expected_motion_keeps_the_limits
     [
         failure(FAST),
         failure(KEPT, recoverable=False),
-        failure(KEPT, is_corrected=True),
+        failure(KEPT, width=1),
         failure(KEPT, precision=None),
     ],
 )
 def test_more_naturalness_is_not_proposed_where_it_would_not_help(failed):
-    assert MoreNatural((1.0,)).propose(failed) is None
+    assert more_natural(failed) is None
 
 
-def test_bases_are_proposed_one_after_the_other_with_the_first_duration():
-    bases = [basis(), basis(is_corrected=True)]
-    wider = WiderBasis(iter(bases), Setting(basis(), 3.0, 0.5, is_first=True))
-    for expected in bases:
-        setting = wider.propose(failure(KEPT))
-        assert setting.basis is expected
-        assert (setting.duration, setting.naturalness, setting.is_first) == (3.0, 0.5, True)
-    assert wider.propose(failure(KEPT)) is None
+def test_a_free_duration_is_given_next_unless_bodies_collide():
+    again = given_duration(failure(FAST, is_timed=True))
+    assert again.duration == 2.0 and not again.is_timed
+    assert given_duration(failure(FAST)) is None
+    assert given_duration(failure(FAST, is_timed=True, has_clearances=True)) is None
+
+
+def test_the_first_recovery_that_applies_is_taken():
+    assert recovered(failure(FAST, is_timed=True)).duration == 2.0
+    assert recovered(failure(FAST)).duration > 2.0
+    assert recovered(failure(KEPT)).naturalness > 0.0
+    assert recovered(failure(FAR)) is None

@@ -12,7 +12,8 @@ from patience import PATIENT
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.selection import Considered, Selection, Selector, effort_of
+from mp_pca_planner.planning.program.costs import effort_of
+from mp_pca_planner.planning.requests.selection import Considered, Selection, Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 

@@ -17,11 +17,15 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
-from mp_pca_planner.planning.chain import ChainProgram
+from mp_pca_planner.planning.options import SolverOptions
 from mp_pca_planner.planning.plan import MODES, OPTIMAL, REAL_TIME, Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.problem import ChainProblem
-from mp_pca_planner.planning.solver import SolverOptions, solve
+from mp_pca_planner.planning.program.compile import compile_problem
+from mp_pca_planner.planning.program.joining import expected_motion
+from mp_pca_planner.planning.program.problem import Problem
+from mp_pca_planner.planning.requests.resolve import resolve
+from mp_pca_planner.planning.search.settings import sequence_setting
+from mp_pca_planner.planning.solver.sqp import solve
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 
@@ -109,32 +113,30 @@ def test_optimal_takes_less_effort_in_the_same_time() -> None:
     assert best.effort_cost == pytest.approx(integral, rel=5e-3)
 
 
-def chain(posed: bool, *, with_limits: bool) -> ChainProblem:
+def chain(posed: bool, *, with_limits: bool) -> Problem:
     """The program of a sequence with tight limits, bounded by them or not."""
     goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
-    resolved = tight._sequences.resolve(goal, start)
-    bases = tight._several.bases(resolved)
-    joined = resolved.concatenate(bases, resolved.durations)
-    problem = ChainProblem(tight._setup, resolved, bases, joined)
-    problem.bound(fully=True)
-    if not with_limits:
-        for part in problem.parts:
-            part.bound(tight.limits, tight.robot, np.zeros((5, tight.robot.n_joints), dtype=bool))
-    return problem
+    context = tight._context
+    resolved = next(resolve(context, tight._selector, goal, start))
+    bases = tuple(context.bases.basis(one, is_paced=False) for one in resolved.segments)
+    joined = expected_motion(resolved, bases, [one.duration for one in resolved.segments])
+    problem = compile_problem(context, resolved, sequence_setting(context, bases, joined))
+    if with_limits:
+        return problem.constrained([[one.everywhere() for one in p] for p in problem.constraints])
+    return problem.constrained([[] for _ in problem.segments])
 
 
 @pytest.mark.parametrize("posed", [False, True])
 def test_derivatives_of_a_chain_agree_with_finite_differences(posed: bool) -> None:
-    program = chain(posed, with_limits=True).program()
-    assert isinstance(program, ChainProgram)
+    program = chain(posed, with_limits=True)
     rng, h = np.random.default_rng(0), 1e-5
-    x = program.start
-    x += 0.1 * rng.standard_normal(program.size)
+    x = program.starts[0].unknowns
+    x = x + 0.1 * rng.standard_normal(x.size)
     at = program.evaluate(x)
     every = np.arange(program.lower.size)
     for _ in range(5):
-        step = rng.standard_normal(program.size)
+        step = rng.standard_normal(x.size)
         ahead, behind = (program.evaluate(x + sign * h * step) for sign in (1.0, -1.0))
         slope = (ahead.cost - behind.cost) / (2.0 * h)
         assert slope == pytest.approx(at.gradient @ step, rel=1e-4)
@@ -142,27 +144,37 @@ def test_derivatives_of_a_chain_agree_with_finite_differences(posed: bool) -> No
         predicted = [at.inequalities_after(sign * h * step) for sign in (1.0, -1.0)]
         for found in (at.inequality_rows(every) @ step, (predicted[0] - predicted[1]) / (2.0 * h)):
             np.testing.assert_allclose(found, slopes, atol=1e-5 * np.abs(slopes).max())
+        if posed:
+            slopes = (ahead.equalities - behind.equalities) / (2.0 * h)
+            np.testing.assert_allclose(at.equality_rows @ step, slopes, atol=1e-6)
     multipliers = rng.uniform(size=10)
     sides = rng.choice(2 * every.size, 10, replace=False)
-    whole = np.zeros(program.size)
-    parts = at.lagrangian_gradients(sides, multipliers)
+    whole = np.zeros(x.size)
+    of_equalities = rng.uniform(size=at.equalities.size)
+    parts = at.block_gradients(sides, multipliers, of_equalities)
     for where, part in zip(program.slices, parts, strict=True):
         whole[where] += part
     signs = np.where(sides % 2, 1.0, -1.0)
     rows = at.inequality_rows(sides // 2)
-    np.testing.assert_allclose(whole, at.gradient + (signs * multipliers) @ rows, atol=1e-9)
+    expected = at.gradient + (signs * multipliers) @ rows + of_equalities @ at.equality_rows
+    np.testing.assert_allclose(whole, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("posed", [False, True])
 def test_nothing_near_the_optimum_of_a_chain_is_better(posed: bool) -> None:
-    program = chain(posed, with_limits=False).program()
-    x = program.start
+    program = chain(posed, with_limits=False)
+    x = program.starts[0].unknowns
     found = solve(program, x, SolverOptions(tolerance=1e-10, max_iterations=200))
     assert found.converged
+    rows = program.evaluate(found.unknowns).equality_rows
     rng = np.random.default_rng(1)
     for scale in (1e-3, 1e-2, 1e-1):
-        other = found.unknowns + scale * rng.standard_normal(program.size)
-        assert program.evaluate(other).cost > found.cost * (1.0 - 1e-9)
+        step = scale * rng.standard_normal(x.size)
+        for _ in range(20):  # back to the poses
+            errors = program.equalities_at(found.unknowns + step)
+            step = step - np.linalg.pinv(rows) @ errors if errors.size else step
+        assert np.abs(program.equalities_at(found.unknowns + step)).max(initial=0.0) < 1e-9
+        assert program.evaluate(found.unknowns + step).cost > found.cost * (1.0 - 1e-6)
 
 
 def test_fixed_times_are_kept() -> None:

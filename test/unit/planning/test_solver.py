@@ -6,24 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
+from arm import arm_primitive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
-from test_compiler import BASES, compile_motion
+from test_segment import BASES, compile_motion
 
-from mp_pca_planner.planning.constraints import LimitedProgram, LimitTables
-from mp_pca_planner.planning.solver import FEASIBLE, SolverOptions, solve
-from mp_pca_planner.planning.subproblem import Subproblem, _nearest
-from mp_pca_planner.planning.trust_region import trust_region_step
-from mp_pca_planner.planning.unknowns import QuadratureTables
-
-UNLIMITED = {
-    "min_position": -np.inf,
-    "max_position": np.inf,
-    "max_velocity": np.inf,
-    "max_effort": np.inf,
-}
+from mp_pca_planner.planning.options import SolverOptions
+from mp_pca_planner.planning.program.problem import Problem
+from mp_pca_planner.planning.program.terms import Naturalness
+from mp_pca_planner.planning.solver.sqp import FEASIBLE, solve
+from mp_pca_planner.planning.solver.subproblem import Subproblem, _nearest
+from mp_pca_planner.planning.solver.trust_region import trust_region_step
 
 
 @dataclass
@@ -174,8 +168,8 @@ def test_where_no_quadratic_program_is_solved_the_step_nearly_keeps_its_bounds(s
 
 
 def test_going_on_from_where_it_stopped_takes_fewer_evaluations():
-    program, motion = limited(BASES["joint"])
-    x = motion.weights / program.program.scales
+    program, motion = unlimited(BASES["joint"])
+    x = motion.weights / program.segments[0].unknowns.scales
     whole = solve(program, x)
     part = solve(program, x, SolverOptions(max_iterations=whole.iterations - 2))
     rest = solve(program, part.unknowns, memory=part.memory)
@@ -183,27 +177,24 @@ def test_going_on_from_where_it_stopped_takes_fewer_evaluations():
     assert rest.cost == pytest.approx(whole.cost, rel=1e-4)
 
 
-def limited(basis, seed=0, rho=0.0):
-    """A motion program whose limits are far away."""
-    program, motion = compile_motion(basis, seed)
-    program.precision = rho * np.eye(program.expected.size)
-    tables = LimitTables(QuadratureTables(basis))
-    unlimited = dict.fromkeys(JOINTS, UNLIMITED)
-    ends = np.zeros((2, 4, 4))
-    return LimitedProgram(program, tables, arm_robot().limits(unlimited), ends), motion
+def unlimited(basis, seed=0, rho=0.0):
+    """The problem of a motion without limits, and the motion."""
+    segment, motion = compile_motion(basis, seed)
+    natural = Naturalness(segment.expected, rho * np.eye(segment.expected.size))
+    return Problem([segment], [[natural]], [[]], [None], None, []), motion
 
 
 @pytest.mark.parametrize("name", BASES)
 @pytest.mark.parametrize("rho", [0.0, 0.01])
 def test_scipy_finds_nothing_better_nearby(name, rho):
     for seed in range(3):
-        program, motion = limited(BASES[name], seed, rho)
+        program, motion = unlimited(BASES[name], seed, rho)
 
         def objective(x, program=program):
             at = program.evaluate(x)
             return at.cost, at.gradient
 
-        solution = solve(program, 0.5 * motion.weights / program.program.scales)
+        solution = solve(program, 0.5 * motion.weights / program.segments[0].unknowns.scales)
         assert solution.converged
         assert solution.cost <= solution.start_cost
         better = minimize(objective, solution.unknowns, jac=True, method="BFGS")
@@ -211,11 +202,11 @@ def test_scipy_finds_nothing_better_nearby(name, rho):
 
 
 @pytest.mark.parametrize(
-    "options", [SolverOptions(max_iterations=2), SolverOptions(should_stop=lambda: True)]
+    "how", [{"options": SolverOptions(max_iterations=2)}, {"should_stop": lambda: True}]
 )
-def test_running_out_of_iterations_or_time_is_said_and_never_worse_than_the_start(options):
-    program, motion = limited(BASES["joint"])
-    solution = solve(program, motion.weights / program.program.scales, options)
+def test_running_out_of_iterations_or_time_is_said_and_never_worse_than_the_start(how):
+    program, motion = unlimited(BASES["joint"])
+    solution = solve(program, motion.weights / program.segments[0].unknowns.scales, **how)
     assert not solution.converged
     assert solution.cost <= solution.start_cost
 
@@ -249,7 +240,7 @@ def test_a_family_without_weights_is_solved_as_it_is():
     basis = type(primitive.basis)(
         primitive.mean_coefficients, primitive.component_coefficients[:0], np.zeros(0)
     )
-    program, motion = limited(basis)
+    program, motion = unlimited(basis)
     solution = solve(program, motion.weights)
     assert solution.converged and solution.unknowns.size == 0
     assert solution.cost > 0.0

@@ -15,11 +15,11 @@ from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import LimitCheck, Violation, check_limits
-from mp_pca_planner.planning.stop_and_go import FixedShape, StopAndGo, stop_and_go
+from mp_pca_planner.planning.program.limits import limit_shares
+from mp_pca_planner.planning.search.stop_and_go import FixedShape, StopAndGo, stop_and_go
 from mp_pca_planner.planning.time_scaling import (
     least_duration,
     least_stretch,
-    limit_shares,
     slowdown,
 )
 from mp_pca_planner.robot.limits import JointLimits
@@ -216,8 +216,9 @@ def through(*, moving: bool) -> StopAndGo:
 @pytest.mark.parametrize("moving", [False, True])
 def test_motion_rests_at_each_place_and_its_segments_are_the_same(moving):
     route = through(moving=moving)
-    durations = tuple(1.1 * route.durations)
-    whole, segments = route.motion(durations), route.segments(durations)
+    durations = 1.1 * route.durations
+    (whole,) = route.motions(durations, [len(durations)])
+    segments = route.motions(durations, [1] * len(durations))
     ends = np.cumsum(durations)
     q, v, a = whole.evaluate(ends[:-1])
     np.testing.assert_allclose(q, route.places[1:-1], atol=1e-9)
@@ -246,7 +247,7 @@ def test_launch_is_a_brake_backwards_in_time():
 
 def test_shape_is_that_of_the_quintics_through_the_knots():
     route = through(moving=True)
-    motion = route.motion(tuple(route.durations))
+    (motion,) = route.motions(route.durations, [len(route.durations)])
     random = np.random.default_rng(0)
     times = np.array([0.0, 0.2, 0.5, 1.3])
     states = random.standard_normal((3, 4, 4))
@@ -271,16 +272,17 @@ def test_slowdown_follows_the_law_of_time_scaling(quantity, factor):
     assert slowdown(check) == pytest.approx(1.0 if factor is None else 1.02 * factor)
 
 
-def test_motion_whose_points_break_a_limit_is_slowed_until_they_do_not():
+def test_motion_that_breaks_a_limit_is_slowed_until_it_does_not():
     route = through(moving=False)
-    hasty = replace(route, legs=0.7 * route.legs)
     limits = limits_of(max_velocity=2.0, max_acceleration=4.0, max_jerk=80.0)
-
-    def sampled(durations):
-        motion = hasty.motion(durations)
+    hasty, lasted = replace(route, legs=0.7 * route.legs), []
+    for _ in range(10):
+        (motion,) = hasty.motions(hasty.durations, [len(hasty.durations)])
         times, states = motion.sample(STEP)
-        return Trajectory(JOINTS, times, *states)
-
-    durations = hasty.slowed(arm_robot(), limits, lambda slower: tuple(slower.durations), sampled)
-    assert not check_limits(sampled(durations), arm_robot(), limits).violations
-    assert sum(durations) > sum(hasty.durations)
+        check = check_limits(Trajectory(JOINTS, times, *states), arm_robot(), limits)
+        lasted.append(motion.duration)
+        if not check.violations:
+            break
+        hasty = hasty.slowed(slowdown(check))
+    assert not check.violations
+    assert len(lasted) > 1 and np.all(np.diff(lasted) > 0.0)

@@ -15,7 +15,7 @@ import pytest
 from arm import arm_primitive, arm_robot
 
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.motion.goal import JointGoal, JointState, Via
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
@@ -410,30 +410,32 @@ def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
 # Figures of plans
 
 
-def plan_between(start: int, goal: int, vias: tuple[float, ...] = (), scale: float = 1.0) -> Plan:
+def plan_between(start: int, goal: int, shares: tuple[float, ...] = (), scale: float = 1.0) -> Plan:
     """A plan of the arm between ends of demonstrations, stretched about their mean."""
     robot, shown = arm_robot(), arm_primitive()
     ends = shown.boundary_states[[start, goal], [0, 3]]
     q0, q1 = ends.mean(axis=0) + scale * (ends - ends.mean(axis=0))
-    via = [Via(JointState(robot.joint_names, q0 + 0.5 * (q1 - q0)), phase) for phase in vias]
     wide = {n: {"max_position": 9.0, "min_position": -9.0} for n in robot.joint_names}
     planner = Planner(robot, [shown], robot.limits(wide))
-    goal_state = JointGoal(JointState(robot.joint_names, q1), vias=tuple(via))
+    places = [JointState(robot.joint_names, q0 + x * (q1 - q0)) for x in (*shares, 1.0)]
+    goal_state = places if shares else places[0]
     return planner.plan(goal_state, JointState(robot.joint_names, q0))
 
 
 def test_plan_shows_its_vias_where_it_passes_them() -> None:
-    found = plan_between(0, 0, vias=(0.4,))
+    found = plan_between(0, 0, shares=(0.4,))
     with styled_figure() as figure:
         panels = plan_figure(figure, found)
         assert all_legends_inside(figure)
     motion = found.trajectory
     for joint, (above, *_) in enumerate(panels):
         (via,) = (x for x in above.lines if x.get_marker() == "D")
-        expected = np.interp(0.4 * motion.duration, motion.times, motion.positions[:, joint])
-        np.testing.assert_allclose(via.get_xdata(), 0.4 * motion.duration)
+        passed = found.via_phases[0] * motion.duration
+        expected = np.interp(passed, motion.times, motion.positions[:, joint])
+        np.testing.assert_allclose(via.get_xdata(), passed)
         np.testing.assert_allclose(via.get_ydata(), np.rad2deg(expected))
     shown = [x.get_text() for x in figure.legends[0].get_texts()]
+    shown = [text for text in shown if not text.startswith("unlike the demonstrations")]
     assert shown == ["planned", "nearest demonstrations, re-timed", "via"]
 
 

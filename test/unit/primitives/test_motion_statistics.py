@@ -115,7 +115,7 @@ def test_primitive_has_the_covariances_of_the_samples(method):
     np.testing.assert_allclose(primitive.explained_variance, values[::-1][:5], rtol=1e-9)
     found = primitive.basis.functions(PHASES).reshape(-1, 5)
     overlap = np.abs(np.sum(found * components[:, ::-1][:, :5], axis=0))
-    np.testing.assert_allclose(overlap, 1.0, atol=0.02)  # they are smoothed
+    np.testing.assert_allclose(overlap, 1.0, atol=0.01)  # they are smoothed
     exact = components[:, ::-1][:, :5] * np.sign(np.sum(found * components[:, ::-1][:, :5], axis=0))
     weights = (vectors - vectors.mean(axis=0)) @ exact
     np.testing.assert_allclose(primitive.weights, weights, atol=1e-9)

@@ -52,12 +52,15 @@ def test_the_most_uneven_pace_still_increases():
     assert np.all(np.diff(phases) > 0.0)
 
 
-@pytest.mark.parametrize("power", [0.7, 1.0, 1.3])
-def test_a_fitted_pace_comes_near_to_the_warp(power):
+# Paces have calm ends: the inverse of a power above 1 has an infinite slope at 0.
+@pytest.mark.parametrize(
+    ("power", "tolerance"), [(0.7, 0.05), (1.0, 0.0), (1.3, 0.06), (1.6, 0.12)]
+)
+def test_a_fitted_pace_comes_near_to_the_warp(power, tolerance):
     warp = KNOTS**power
     (pace,) = fit_paces(warp[None])
     found = PacedBasis(nothing(), np.zeros(1), pace).aligned_phases(PHASES)
-    assert np.abs(found - aligned_phases(warp, PHASES)).max() < 0.06
+    assert np.abs(found - aligned_phases(warp, PHASES)).max() <= tolerance + 1e-12
     assert np.any(pace) == (power != 1.0)
 
 

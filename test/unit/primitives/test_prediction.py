@@ -65,7 +65,8 @@ def test_draws_scatter_about_the_expected_motion_as_the_covariance_states():
     model = arm_primitive().model.predict(start, goal)
     basis = arm_primitive().paced_basis(start, goal, model.pace)
     functions = basis.functions(expected.times / expected.duration)
-    variance = np.einsum("sjk,kl,sjl->sj", functions, model.covariance, functions)
+    covariance = model.variance * model.covariance
+    variance = np.einsum("sjk,kl,sjl->sj", functions, covariance, functions)
     np.testing.assert_allclose(spread[20:-20], np.sqrt(variance[20:-20]), rtol=0.2)
 
 

@@ -152,7 +152,7 @@ def test_errors_and_lost_schedulers_are_told(start: Callable[..., Cluster]) -> N
     one = start([OURS])
     with pytest.raises(ArithmeticError, match="no 1"):
         on(one, fail, [1])
-    with pytest.raises(RecordingError, match="does not see '/nowhere/bags'.*same path"):
+    with pytest.raises(RecordingError, match="can't read '/nowhere/bags'.*same path"):
         on(one, abs, [1], Path("/nowhere/bags"))
     with pytest.raises(RecordingError, match="cluster at 'tcp://127.*' was lost"):
         on(one, kill, [one.scheduler])
@@ -202,7 +202,7 @@ def test_scheduler_that_does_not_answer_is_refused_in_one_line(
         line = refusal(bags, "--output", tmp_path / "p.npz", "--dask", address)
     assert f"no Dask scheduler answers at '{address}'" in line
     line = refusal(bags, "--output", tmp_path / "p.npz", "--dask", "my cluster")
-    assert "'my cluster' is no address of a Dask scheduler such as tcp://" in line
+    assert "'my cluster' is not the address of a Dask scheduler such as tcp://" in line
     assert "not allowed with" in refusal(bags, "--output", "p.npz", "--dask", "a:1", "--jobs", "2")
     assert not (tmp_path / "p.npz").exists()
 

@@ -153,7 +153,7 @@ def test_metadata_that_is_a_pipe_is_refused_without_waiting(tmp_path: Path) -> N
     path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0, 1])))
     (path / "metadata.yaml").unlink()
     os.mkfifo(path / "metadata.yaml")
-    assert "no regular file" in refusal(path)
+    assert "not a regular file" in refusal(path)
 
 
 def test_metadata_that_multiplies_by_aliases_is_refused(tmp_path: Path) -> None:

@@ -347,7 +347,7 @@ def test_more_segments_than_can_be_learned_from_are_refused(tmp_path: Path) -> N
 
 def test_segments_in_a_pipe_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(RecordingError, match="pipe' can't be read: it is no regular file"):
+    with pytest.raises(RecordingError, match="pipe' can't be read: it is not a regular file"):
         load_recordings([reaches(tmp_path / "x")], segments_csv=tmp_path / "pipe")
 
 
@@ -484,7 +484,7 @@ def test_inspection_of_a_useless_recording_shows_its_defects(tmp_path: Path) -> 
 
 def test_field_of_messages_needs_their_topic(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0.1, 1.1])))
-    with pytest.raises(RecordingError, match="'states' needs the topic"):
+    with pytest.raises(RecordingError, match="'states' needs a topic"):
         load_recordings([path], state_field="states")
     (refusal,) = load_recordings([path], topic="/joint_states", state_field="states").refused
     assert "no field of 'states' is called 'states'" in refusal.reason

@@ -206,8 +206,8 @@ def test_a_recording_without_space_for_its_copy_is_refused(
         ("s3://bucket/runs/*.csv", "there is nothing"),
         (f"s3://user:{SECRET}@bucket/x.bag", "URL 's3://bucket/x.bag' holds a user name"),
         (f"https://{SECRET}@host/x.bag", "URL 'https://host/x.bag' holds a user name"),
-        (f"ftp://host/x.bag?key={SECRET}", "'ftp://host/x.bag' is no URL of s3://, gs://"),
-        (f"simplecache::s3://bucket/?{SECRET}", "is no URL of"),
+        (f"ftp://host/x.bag?key={SECRET}", "'ftp://host/x.bag' is not a URL of s3://, gs://"),
+        (f"simplecache::s3://bucket/?{SECRET}", "is not a URL of"),
     ],
 )
 def test_urls_that_cannot_be_used_are_refused_in_one_sentence(

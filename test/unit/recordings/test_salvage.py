@@ -74,7 +74,7 @@ def test_messages_in_the_log_of_a_recorder_that_was_killed_are_read(
     late = raw.receive_stamps[500:]
     assert (late == 7).all() if mode == "WAL" else (late > 7).all()
     assert raw.notes[-1] == (
-        f"the recorder did not end: what it left in 'killed_0.db3{end}' is used, too"
+        f"the recorder did not finish: the samples in 'killed_0.db3{end}' are also used"
     )
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
 

@@ -290,7 +290,7 @@ def test_a_process_that_ends_is_replaced():
     ("changed", "error", "reason"),
     [
         ({"mesh_wall_seconds": 0.0}, TimeoutError, "was not parsed within 0 s"),
-        ({"mesh_wall_seconds": 60.0}, ValueError, "is no STL file"),
+        ({"mesh_wall_seconds": 60.0}, ValueError, "is not an STL file"),
     ],
 )
 def test_a_process_that_takes_too_long_is_ended(monkeypatch, changed, error, reason):

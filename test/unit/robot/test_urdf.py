@@ -191,5 +191,5 @@ def test_largest_descriptions_are_read() -> None:
 
 def test_urdf_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "robot.urdf")
-    with pytest.raises(RobotError, match="no regular file"):
+    with pytest.raises(RobotError, match="not a regular file"):
         Robot.from_file(tmp_path / "robot.urdf")

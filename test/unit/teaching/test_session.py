@@ -204,7 +204,7 @@ def test_a_key_without_a_meaning_is_named(tmp_path: Path) -> None:
     lines = dialogue(tmp_path, Silent(0), "ybq")
     assert lines[1:] == [
         f"'y' does nothing: {KEYS}",
-        "there is no motion to build a primitive of",
+        "there is no motion to build a primitive from",
     ]
 
 

@@ -1,0 +1,63 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What all steps of planning share: robot, limits, world and options."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..exceptions import GoalError
+from ..input_limits import INPUT_LIMITS
+from ..motion.collision import CollisionModel
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+from .options import PlannerOptions
+from .program.store import BasisStore
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """Everything about a planner but its primitives.
+
+    Attributes
+    ----------
+    robot : Robot
+        The model.
+    limits : JointLimits
+        Limits of its joints.
+    options : PlannerOptions
+        Options of planning.
+    collision : CollisionModel or None
+        The model of its collisions, if they are checked.
+    bases : BasisStore
+        The bases of motions, with tables that are kept.
+    """
+
+    robot: Robot
+    limits: JointLimits
+    options: PlannerOptions
+    collision: CollisionModel | None
+    bases: BasisStore
+
+    @property
+    def longest(self) -> float:
+        """The longest duration of a motion that is accepted [s]."""
+        return INPUT_LIMITS.longest_motion(self.options.sample_period)
+
+    def check_duration(self, what: str, seconds: float) -> None:
+        """Reject a motion whose points would take too much time and memory, or overflow.
+
+        Raises
+        ------
+        GoalError
+            If the duration is longer than `longest`, or shorter than a microsecond.
+        """
+        if not seconds <= self.longest:
+            raise GoalError(
+                f"{what} {seconds:.4g} s, at most {self.longest:g} s are accepted with a sample "
+                f"period of {self.options.sample_period:g} s"
+            )
+        if not seconds >= INPUT_LIMITS.shortest:
+            raise GoalError(
+                f"{what} {seconds:.4g} s, at least {INPUT_LIMITS.shortest:g} s are accepted"
+            )

@@ -1,0 +1,246 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""All options of the planner, in one tree with :class:`PlannerOptions` at its root.
+
+Each number has a range, which is checked when an object is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, field, fields
+
+from ..arrays import check_choice, check_number, check_type
+from ..exceptions import GoalError, shown
+from .objectives import Effort, Objective
+from .part_options import BrakingOptions as BrakingOptions
+from .part_options import Checked as Checked
+from .part_options import ClearanceOptions as ClearanceOptions
+from .part_options import DetourOptions as DetourOptions
+from .part_options import PathOptions as PathOptions
+from .part_options import PoseSearchOptions as PoseSearchOptions
+from .part_options import SelectionOptions as SelectionOptions
+from .part_options import SolverOptions as SolverOptions
+from .part_options import within
+from .path_constraints import PathConstraint
+
+BASES = ("pca", "bspline")
+DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
+TIMINGS = (DEMONSTRATED, SHORTEST, FREE)
+REAL_TIME, OPTIMAL = "real_time", "optimal"
+MODES = (REAL_TIME, OPTIMAL)
+MOST_STARTS = 5
+"""Largest number of starts: expected weights, mean shape, and those of three similar motions."""
+
+
+@dataclass(frozen=True)
+class SearchOptions(Checked):
+    """Options of the planner's search; the defaults suit arms of 4 to 14 joints.
+
+    Attributes
+    ----------
+    near_expected : float
+        From this naturalness on, motions stay near the expected one: one start is enough, warm
+        starts do not help, and the first attempt has only those limits in the program that the
+        expected motion comes near, none if it keeps them.
+    near_limit : float
+        Share of a limit from which on the expected motion is near it.
+    effort_weight : float
+        The unit of naturalness is the cost of the expected motion, or this multiple of the decrease
+        of the objective along one standard deviation of the weights, if that is larger. At ρ = 1
+        and to first order, motions are displaced by at most 1 / effort_weight standard deviations
+        (benchmarks/naturalness.py).
+    max_refinements : int
+        Largest number of times that constraints are refined after a check on the dense grid.
+    share_of_fixed : float
+        Share of the time for planning with a requested duration, 0 to 1. The rest is for finding a
+        feasible duration.
+    time_for_checks : float
+        Time that is kept for the last checks and for a slow motion where no other was found, for
+        each segment; at most 0.4 of all [s].
+    share_in_shortest : float
+        Cost of the planner's objectives as a share of that of time, in the search for the shortest
+        duration.
+    scaling_margin : float
+        Factor on the duration at which the expected motion just keeps the limits at the nodes, for
+        the peaks between them.
+    share_of_descent : float
+        Share of the time for descent from the expected motion among obstacles, 0 to 1, before
+        detours are tried.
+    duration_margin : float
+        Factor on the reported shortest duration, so that a motion with that duration is found
+        again.
+    max_stretch : float
+        Largest factor of a free duration where an attempt does not meet the limits.
+    max_worse : int
+        Number of attempts with one basis, after the least violation, that end the recovery by
+        longer durations.
+    naturalness_steps : tuple of float
+        Values to which naturalness is raised if the reduction of effort caused a limit violation.
+        At the last value, effort hardly counts.
+    n_configurations : int
+        Number of configurations that reach a pose to which motions are planned, the most natural
+        first.
+    n_route_configurations : int
+        Number of configurations that reach a pose of a sequence that are compared.
+    here : float
+        Initial targets within this distance of the robot count as passed [rad or m].
+    max_stretches : int
+        Largest number of times that durations of joined segments are stretched, for each share.
+    passing_shares : tuple of float
+        Shares to which passing velocities are reduced in turn if joined segments exceed a position
+        limit.
+    duration_spread : float
+        Change of the logarithm of a segment's duration with the same cost as one standard deviation
+        of the weights.
+    n_path_phases : int
+        Number of phases of a segment at which path constraints are kept at first.
+    bend_spread : float
+        Passing a target at speed bends segments more than in demonstrations from rest to rest.
+        Therefore this number of their standard deviations counts as one (benchmarks/sequences.py).
+    min_spread : float
+        Least standard deviation of a joint in that cost [rad or m].
+    usual_correction : float
+        Usual magnitude of the correction by B-splines [rad or m]; larger if the primitive fits
+        worse.
+    n_warm_starts : int
+        Number of demonstrations of a primitive between whose ends motions are precomputed.
+    n_kept_tables : int
+        Number of primitives whose precomputed tables stay in memory, those used last.
+    warm_start_score : float
+        Largest in-span score of a request that uses warm starts. Requests like the demonstrations
+        have at most 2. Those between arbitrary configurations have 6 and more, and may end in poor
+        optima.
+    """
+
+    near_expected: float = within(0.1, 0.0, 1e12)
+    near_limit: float = within(0.7, 0.0, 100.0)
+    effort_weight: float = within(8.0, 0.0, 1e6)
+    max_refinements: int = within(8, 1, 1000, is_whole=True)
+    share_of_fixed: float = within(0.6, 0.0, 1.0)
+    time_for_checks: float = within(0.015, 0.0, 1e6)
+    share_in_shortest: float = within(1e-3, 0.0, 1.0)
+    scaling_margin: float = within(1.02, 1.0, 10.0)
+    share_of_descent: float = within(0.15, 0.0, 1.0)
+    duration_margin: float = within(1.002, 1.0, 10.0)
+    max_stretch: float = within(10.0, 1.0, 1e6)
+    max_worse: int = within(3, 1, 1000, is_whole=True)
+    naturalness_steps: tuple[float, ...] = within((1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0), 0.0, 1e12)
+    n_configurations: int = within(3, 1, 100, is_whole=True)
+    n_route_configurations: int = within(6, 1, 100, is_whole=True)
+    here: float = within(0.01, 0.0, 1.0)
+    max_stretches: int = within(12, 1, 1000, is_whole=True)
+    passing_shares: tuple[float, ...] = within((1.0, 0.5, 0.25, 0.0), 0.0, 1.0)
+    duration_spread: float = within(0.3, 1e-6, 100.0)
+    n_path_phases: int = within(40, 2, 10_000, is_whole=True)
+    bend_spread: float = within(18.0, 1e-6, 1e6)
+    min_spread: float = within(0.01, 1e-9, 10.0)
+    usual_correction: float = within(0.02, 1e-6, 10.0)
+    n_warm_starts: int = within(20, 0, 10_000, is_whole=True)
+    n_kept_tables: int = within(500, 1, 1_000_000, is_whole=True)
+    warm_start_score: float = within(3.0, 0.0, 1e6)
+
+
+@dataclass(frozen=True)
+class PlannerOptions(Checked):
+    """Options of planning.
+
+    Attributes
+    ----------
+    basis : {'pca', 'bspline'}
+        Components of the primitive, or B-splines with 6 control points per joint ([P]). If
+        components have no motion within the limits, B-splines are added, and the plan reports it.
+    objectives : tuple of (float, Objective)
+        Objectives: running costs and their weights, see :mod:`.objectives`. Effort alone unless
+        given.
+    constraints : tuple of PathConstraint
+        Constraints on every configuration of a motion, see :mod:`.path_constraints`.
+    timing : {'demonstrated', 'shortest', 'free'}
+        Duration of goals that don't specify one: as predicted from the demonstrations; the shortest
+        within all limits; or the one with the least objective.
+    naturalness : float
+        ρ: cost of a motion one standard deviation away from the expected one, as a share of the
+        cost of the expected motion (or more, see `SearchOptions.effort_weight`). 0: least effort
+        alone, whose motions may be far from the demonstrations. It is raised if a motion violates
+        limits otherwise.
+    sample_period : float
+        Time between the points of a trajectory [s].
+    max_solve_time : float
+        Longest time for planning [s]; some of it is kept for the last checks.
+    n_starts : int
+        Number of starts of the solver, at most 5, for a small naturalness (ρ < 0.1), where there
+        may be several optima. The best solution found in the available time is used. Five starts
+        instead of one find a motion better by over 0.5 % for 3 % of the problems of four robots, at
+        most 12 % better, in about four times the time (benchmarks/starts.py).
+    n_nodes : int
+        Quadrature nodes.
+    allow_nonzero_end_velocity : bool
+        Whether the controller accepts motions that don't end at rest.
+    solver : SolverOptions
+        Stopping criteria of the solver. Its `should_stop` cancels planning: the best motion found
+        until then is returned.
+    search, selection, poses, clearance, paths, detours, braking
+        Options of the parts of the planner.
+
+    Raises
+    ------
+    GoalError
+        If an option is out of its range.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> options = mp.PlannerOptions(naturalness=0.1, timing="shortest")
+    >>> options.basis
+    'pca'
+    """
+
+    basis: str = "pca"
+    objectives: tuple[tuple[float, Objective], ...] = ((1.0, Effort()),)
+    constraints: tuple[PathConstraint, ...] = ()
+    timing: str = DEMONSTRATED
+    naturalness: float = within(1.0, 0.0, 1e12)
+    sample_period: float = 0.01
+    max_solve_time: float = 1.0
+    n_starts: int = within(1, 1, MOST_STARTS, is_whole=True)
+    n_nodes: int = within(28, 4, 1000, is_whole=True)
+    allow_nonzero_end_velocity: bool = False
+    solver: SolverOptions = field(default_factory=SolverOptions)
+    search: SearchOptions = field(default_factory=SearchOptions)
+    selection: SelectionOptions = field(default_factory=SelectionOptions)
+    poses: PoseSearchOptions = field(default_factory=PoseSearchOptions)
+    clearance: ClearanceOptions = field(default_factory=ClearanceOptions)
+    paths: PathOptions = field(default_factory=PathOptions)
+    detours: DetourOptions = field(default_factory=DetourOptions)
+    braking: BrakingOptions = field(default_factory=BrakingOptions)
+
+    def __post_init__(self) -> None:
+        check_choice(self.basis, "basis", GoalError, BASES)
+        check_choice(self.timing, "timing", GoalError, TIMINGS)
+        moving = self.allow_nonzero_end_velocity
+        check_type(moving, "allow_nonzero_end_velocity", GoalError, bool)
+        check_type(self.objectives, "objectives", GoalError, Sequence)
+        if not len(self.objectives):
+            raise GoalError("at least one objective with a weight is needed, got none")
+        for pair in self.objectives:
+            is_pair = isinstance(pair, Sequence) and len(pair) == 2
+            if not (is_pair and hasattr(pair[1], "residuals")):
+                raise GoalError(
+                    "objectives must be pairs of a weight and an objective, such as "
+                    f"(1.0, Effort()), got {shown(pair)}"
+                )
+            check_number(pair[0], "the weight of an objective", GoalError, 1e-12, 1e12)
+        check_type(self.constraints, "constraints", GoalError, Sequence)
+        for one in self.constraints:
+            if not hasattr(one, "values"):
+                raise GoalError(
+                    "constraints must be path constraints, such as Upright('gripper', 0.3), "
+                    f"got {shown(one)}"
+                )
+        check_number(self.sample_period, "sample_period [s]", GoalError, 1e-4, 1.0)
+        check_number(self.max_solve_time, "max_solve_time [s]", GoalError, 1e-9)
+        for part in fields(self):
+            if part.default_factory is not MISSING:
+                made = type(part.default_factory())
+                check_type(getattr(self, part.name), part.name, GoalError, made)
+        super().__post_init__()

@@ -1,0 +1,208 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Distances of pairs of bodies as constraints of a segment.
+
+Most motions collide with nothing. After one that does, all pairs are constrained: first at evenly
+spread phases, later also at the phases of further collisions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...motion.collision import Collision, CollisionModel
+from ...primitives.basis import Basis
+from ..options import ClearanceOptions
+from .constraints import Findings
+from .segment import Course
+from .unknowns import StateMap, Unknowns, state_map
+
+
+@dataclass(frozen=True, eq=False)
+class Clearances:
+    """Phases and least distances of clearance constraints.
+
+    Attributes
+    ----------
+    phases : array, shape (n_phases,)
+        Phases of the constraints, increasing.
+    least : array, shape (n_pairs,)
+        Least distance of each pair beside its margin [m].
+    options : ClearanceOptions
+        Options.
+    """
+
+    phases: FloatArray
+    least: FloatArray
+    options: ClearanceOptions = ClearanceOptions()
+
+    @classmethod
+    def between(
+        cls,
+        ends: Sequence[FloatArray | None],
+        model: CollisionModel,
+        n_joints: int,
+        options: ClearanceOptions = ClearanceOptions(),
+    ) -> Clearances:
+        """Constraints at evenly spread phases.
+
+        Parameters
+        ----------
+        ends : sequence of (array, shape (n_joints,), or None)
+            Positions at the start and at the goal of the motion, None where they are free.
+        model : CollisionModel
+            The robot's.
+        n_joints : int
+            Number of its joints.
+        options : ClearanceOptions
+            Options.
+        """
+        phases = np.linspace(0.0, 1.0, options.n_phases + 1)
+        phases = phases[ends[0] is not None : None if ends[1] is None else -1]
+        fixed = np.array([end for end in ends if end is not None]).reshape(-1, n_joints)
+        return cls(phases, least_distances(fixed, model, options), options)
+
+    def during(self, collisions: Sequence[Collision], duration: float) -> Clearances:
+        """The same with further phases, those of the collisions of a motion."""
+        more = [
+            np.linspace(one.first_time, one.last_time, self.options.n_more) / duration
+            for one in collisions
+        ]
+        phases = np.unique(np.concatenate([self.phases, *more]))
+        return Clearances(phases, self.least, self.options)
+
+
+def least_distances(
+    ends: FloatArray, model: CollisionModel, options: ClearanceOptions = ClearanceOptions()
+) -> FloatArray:
+    """Least distance of each pair beside its margin, smaller where the ends are nearer.
+
+    Parameters
+    ----------
+    ends : array, shape (n_ends, n_joints)
+        Fixed ends of the motion.
+    model : CollisionModel
+        The robot's.
+    options : ClearanceOptions
+        Options.
+    """
+    least = np.full(len(model.pairs), options.distance)
+    near = model.near(ends, options.distance / options.share_of_ends)
+    np.minimum.at(least, near.pairs, options.share_of_ends * near.distances)
+    return least
+
+
+class Clearance:
+    """Distances of all pairs of bodies during a segment.
+
+    Parameters
+    ----------
+    model : CollisionModel
+        Computes the distances.
+    unknowns : Unknowns
+        The unknowns of the segment.
+    basis : Basis
+        Its basis.
+    ends : sequence of (array, shape (n_joints,), or None)
+        Positions at its start and goal, None where they are free.
+    options : ClearanceOptions
+        Options.
+    clearances : Clearances, optional
+        Phases and least distances; no constraints unless given.
+
+    Attributes
+    ----------
+    lower, upper : array, shape (n_pairs * n_phases,)
+        Bounds of the distances [m], pair by pair.
+    """
+
+    def __init__(
+        self,
+        model: CollisionModel,
+        unknowns: Unknowns,
+        basis: Basis,
+        ends: Sequence[FloatArray | None],
+        options: ClearanceOptions,
+        clearances: Clearances | None = None,
+    ) -> None:
+        self._for = model, unknowns, basis, ends, options
+        self._clearances = clearances
+        self.lower = self.upper = np.zeros(0)
+        if clearances is not None:
+            self._states = state_map(unknowns, basis, clearances.phases, 0)
+            self.lower = np.repeat(clearances.least, clearances.phases.size)
+            self.upper = np.full(self.lower.size, np.inf)
+
+    def everywhere(self) -> Clearance:
+        """All pairs at evenly spread phases."""
+        model, unknowns, _, ends, options = self._for
+        return self._with(Clearances.between(ends, model, unknowns.n_joints, options))
+
+    def refined(self, found: Findings) -> Clearance:
+        """Constraints after a first collision; more phases after a further one."""
+        if not found.collisions:
+            return self
+        if self._clearances is None:
+            return self.everywhere()
+        return self._with(self._clearances.during(found.collisions, found.duration))
+
+    def _with(self, clearances: Clearances) -> Clearance:
+        return Clearance(*self._for, clearances)
+
+    def at(self, course: Course) -> Distances:
+        """The distances of a motion."""
+        return Distances(self._states, self._for[0], course.x, self._for[4].reach)
+
+
+class Distances:
+    """Distances of all pairs at the phases of constraints (see :class:`.constraints.Linear`).
+
+    Parameters
+    ----------
+    states : StateMap
+        The positions at the phases.
+    model : CollisionModel
+        Computes the distances.
+    x : array, shape (n,)
+        The unknowns.
+    reach : float
+        Distance from which on changes are not predicted [m].
+
+    Attributes
+    ----------
+    values : array, shape (n_pairs * n_phases,)
+        The distances [m]; lower bounds beyond the reach of predictions.
+    """
+
+    def __init__(
+        self, states: StateMap, model: CollisionModel, x: FloatArray, reach: float
+    ) -> None:
+        q = states.values(x)
+        self._jacobian = states.jacobian(x, q).reshape(*q.shape, x.size)
+        self._near = near = model.near(q.T, reach)
+        self.values = near.bounds.T.ravel()
+        self._places = near.pairs * q.shape[1] + near.configurations
+        # Number of the near entry of each distance, −1 if it is far.
+        self._entries = np.full(self.values.size, -1)
+        self._entries[self._places] = np.arange(self._places.size)
+
+    def rows(self, chosen: NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
+        """Derivatives of the chosen distances by the unknowns, 0 for far ones."""
+        entries, near = self._entries[chosen], self._near
+        rows, is_near = np.zeros((chosen.size, self._jacobian.shape[2])), entries >= 0
+        entries = entries[is_near]
+        by_unknown = self._jacobian[:, near.configurations[entries]].transpose(1, 0, 2)
+        rows[is_near] = (near.rows[entries][:, None] @ by_unknown)[:, 0]
+        return rows
+
+    def after(self, step: FloatArray) -> FloatArray:
+        """The linear prediction after a step of the unknowns."""
+        values, near = self.values.copy(), self._near
+        changes = (self._jacobian @ step)[:, near.configurations]
+        values[self._places] += np.einsum("ej,je->e", near.rows, changes)
+        return values

@@ -1,0 +1,288 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joint limits as constraints of a segment, on a dense grid.
+
+Positions and their derivatives are linear in the weights, so their constraints are exact and
+cost a product of matrices. Efforts are computed at the quadrature nodes anyway; between them
+they are smooth, so the polynomial through the nodes of each piece interpolates them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from copy import copy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...motion.goal import JointState
+from ...motion.interpolation import hermite_functions
+from ...motion.validation import Violation
+from ...robot.limits import JointLimits
+from ...robot.model import Robot
+from .constraints import Findings
+from .segment import Course
+from .tables import N_LIMIT_POINTS, Tables, limit_phases
+from .unknowns import N_RATES, Rows, StateMap, Unknowns
+
+# Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
+# peaks between points of the grid miss, which the check on the denser grid finds.
+MARGIN = 2e-4
+# A bound is tightened by this multiple of the violation between points, because the peak moves with
+# the bound, and by this additional share.
+_TIMES, _EXTRA = 2.0, 1e-4
+
+QUANTITIES = ("position", "velocity", "acceleration", "jerk", "effort")
+"""Limited quantities, in the order of the constraints; the last is not linear in the weights."""
+
+
+class Limits:
+    """Bounds on positions, their derivatives and efforts of a segment.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    tables : Tables
+        The basis of the segment.
+    unknowns : Unknowns
+        Its unknowns.
+    limits : JointLimits
+        Limits of its joints. Infinite ones make no constraints.
+    ends : sequence of JointState
+        The fixed ends: the margin is reduced where an end is closer to the limit.
+    chosen : array of bool, shape (5, n_joints), optional
+        Limits that become constraints, by quantity and joint; all unless given.
+
+    Attributes
+    ----------
+    lower, upper : array, shape (n_inequalities,)
+        The bounds, as shares of the limit (or of half the range of positions).
+    groups : array of int, shape (n_inequalities,)
+        Constraints of one quantity of one joint, in the order of the phases, are of one group,
+        which is n_joints · (index in `QUANTITIES`) + joint.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        tables: Tables,
+        unknowns: Unknowns,
+        limits: JointLimits,
+        ends: Sequence[JointState],
+        chosen: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self._for = robot, tables, unknowns, limits, ends
+        self._tables, self._joint_names = tables, limits.joint_names
+        self._states: StateMap | None = None
+        if chosen is not None and not chosen.any():
+            self.lower = self.upper = self._effort_units = np.zeros(0)
+            self._group_of_row = self._effort_joints = np.zeros(0, dtype=np.intp)
+            return
+        end_states = _end_states(robot, ends)
+        lower, upper, scale, room = _bounds(limits, end_states)
+        self._end_room = room.ravel()
+        limited = np.isfinite(lower) | np.isfinite(upper)
+        quantities, joints = np.nonzero(limited if chosen is None else limited & chosen)
+        self._group_of_row = quantities * len(limits.joint_names) + joints
+        self.lower, self.upper = (
+            np.repeat(x[quantities, joints], N_LIMIT_POINTS) for x in (lower, upper)
+        )
+        outside = end_states[:, 0] - np.clip(end_states[:, 0], limits.lower, limits.upper)
+        if outside.any():
+            self._widen(outside / scale[0], joints[quantities == 0])
+        n_state_rows = int(np.count_nonzero(quantities < N_RATES))
+        of_states, of_efforts = slice(n_state_rows), slice(n_state_rows, None)
+        units = scale[quantities, joints]
+        if n_state_rows:
+            rows = Rows(quantities[of_states], joints[of_states], units[of_states])
+            self._states = tables.on_grid(unknowns, rows)
+        self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
+
+    def _widen(self, outside: FloatArray, joints: NDArray[np.intp]) -> None:
+        """Add to the bounds of positions what ends outside add to motions from the limit.
+
+        Parameters
+        ----------
+        outside : array, shape (n_ends, n_joints)
+            Distances of the ends beyond the limits, as shares.
+        joints : array of int
+            The joints whose positions are bounded, in the order of the constraints.
+        """
+        course = hermite_functions(limit_phases(), 0)[:, 0]
+        below, above = np.minimum(outside, 0.0).min(axis=0), np.maximum(outside, 0.0).max(axis=0)
+        for bound, most in ((self.lower, below), (self.upper, above)):
+            added = np.outer(most[joints], course).ravel()
+            bound[: added.size] += added
+
+    @property
+    def groups(self) -> NDArray[np.intp]:
+        """See the class."""
+        return np.repeat(self._group_of_row, N_LIMIT_POINTS)
+
+    def _group(self, violation: Violation) -> int:
+        quantity = QUANTITIES.index(violation.quantity)
+        return quantity * len(self._joint_names) + self._joint_names.index(violation.joint)
+
+    def everywhere(self) -> Limits:
+        """All limits."""
+        return Limits(*self._for)
+
+    def refined(self, found: Findings) -> Limits:
+        """All limits if one is violated that is no constraint; or else tighter bounds."""
+        violated, touched = (
+            [self._group(one) for one in part] for part in (found.violations, found.touched)
+        )
+        if not np.isin(violated, self._group_of_row).all():
+            return self.everywhere()
+        if violated or (touched and np.isin(touched, self._group_of_row).all()):
+            return self.tightened(found.touched)
+        return self
+
+    def tightened(self, violations: Iterable[Violation]) -> Limits:
+        """The same with bounds tightened for violations between points of the grid.
+
+        Parameters
+        ----------
+        violations : iterable of Violation
+            Limits that a motion within the present bounds violates or touches. A bound moves by at
+            most half of the distance between the fixed ends and the limit.
+        """
+        amount = np.zeros(self._end_room.size)
+        for violation in violations:
+            group = self._group(violation)
+            # Bounds of positions are shares of half the range, violations are shares of the whole
+            # range.
+            excess = violation.excess * (2.0 if violation.quantity == "position" else 1.0)
+            amount[group] = min(_TIMES * max(excess, 0.0) + _EXTRA, 0.5 * self._end_room[group])
+        tighter = copy(self)
+        by_constraint = amount[self.groups]
+        tighter.lower, tighter.upper = self.lower + by_constraint, self.upper - by_constraint
+        tighter._end_room = self._end_room - amount
+        return tighter
+
+    def at(self, course: Course) -> LimitsAt:
+        """The bounded quantities of a motion."""
+        return LimitsAt(self, course)
+
+    def states(self) -> StateMap | None:
+        """Bounded positions and their derivatives as functions of the unknowns."""
+        return self._states
+
+    def efforts(self, node_efforts: FloatArray) -> FloatArray:
+        """Bounded efforts from those at the nodes, shape (n_effort_joints * n_points,)."""
+        if not self._effort_joints.size:
+            return np.zeros(0)
+        shares = node_efforts[:, self._effort_joints] / self._effort_units
+        return np.asarray(shares.T @ self._tables.from_nodes().T).ravel()
+
+    def effort_rows(self, course: Course, chosen: NDArray[np.intp]) -> FloatArray:
+        """Derivatives of the chosen bounded efforts."""
+        row, point = np.divmod(chosen, N_LIMIT_POINTS)
+        from_nodes = self._tables.from_nodes()[point] / self._effort_units[row, None]
+        by_joint = course.slopes["efforts"].transpose(1, 0, 2)[self._effort_joints[row]]
+        return np.asarray((from_nodes[:, None] @ by_joint)[:, 0])
+
+
+class LimitsAt:
+    """The bounded quantities of a motion (see :class:`.constraints.Linear`).
+
+    Attributes
+    ----------
+    values : array, shape (n_inequalities,)
+        The quantities as shares of their limits.
+    """
+
+    def __init__(self, limits: Limits, course: Course) -> None:
+        self._limits, self._course = limits, course
+        states, map_ = np.zeros((0, 0)), limits.states()
+        self._slopes = None
+        if map_ is not None:
+            states = map_.values(course.x)
+            self._slopes = map_.slopes(course.x, states)
+        self._n_states = states.size
+        self.values = np.concatenate([states.ravel(), limits.efforts(course.nodes.efforts)])
+
+    def rows(self, chosen: NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
+        """Derivatives of the chosen ones, see :meth:`.Slopes.rows`."""
+        of_states = chosen < self._n_states
+        rows = np.empty((chosen.size, self._course.x.size))
+        if self._slopes is not None:
+            room = 0.0 if bounds is None else (bounds - self.values[chosen])[of_states]
+            rows[of_states] = self._slopes.rows(chosen[of_states], room)
+        if not of_states.all():
+            efforts = chosen[~of_states] - self._n_states
+            rows[~of_states] = self._limits.effort_rows(self._course, efforts)
+        return rows
+
+    def after(self, step: FloatArray) -> FloatArray:
+        """Their prediction, exact at a fixed duration but for the efforts."""
+        values, n = self.values.copy(), self._n_states
+        if self._slopes is not None:
+            values[:n] = self._slopes.after(values[:n], step)
+        if n < values.size:
+            change = self._course.slopes["efforts"] @ step
+            values[n:] += self._limits.efforts(change)
+        return values
+
+
+def near_limits(
+    limits: JointLimits, expected: Course, share: float, is_timed: bool
+) -> NDArray[np.bool_]:
+    """Limits that a motion near the expected one may reach, shape (5, n_joints).
+
+    None of them if the expected motion keeps the limits at the nodes, and its duration is known;
+    otherwise those of which it takes more than a share.
+    """
+    shares = limit_shares(limits, expected.states, expected.nodes.efforts)
+    return ~(shares <= (1.0 if is_timed and np.all(shares <= 1.0) else share))
+
+
+def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> FloatArray:
+    """Largest values of a motion as shares of the limits, shape (5, n_joints).
+
+    Those of positions are 0 in the middle of a range and 1 at its ends.
+
+    Parameters
+    ----------
+    limits : JointLimits
+        Limits of the joints.
+    states : array, shape (4, n_steps, n_joints)
+        Positions, velocities, accelerations and jerks.
+    efforts : array, shape (n_steps, n_joints)
+        Efforts; NaN counts as beyond a limit.
+    """
+    half = (limits.upper - limits.lower) / 2.0
+    beyond = np.maximum(limits.lower - states[0], states[0] - limits.upper).max(axis=0)
+    bounds = np.array([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
+    magnitudes = np.abs([*states[1:], efforts]).max(axis=1)
+    return np.vstack([1.0 + beyond / np.where(np.isfinite(half), half, 1.0), magnitudes / bounds])
+
+
+def _end_states(robot: Robot, ends: Sequence[JointState]) -> FloatArray:
+    """Positions, velocities, accelerations and efforts of states, shape (n_ends, 4, n_joints)."""
+    if not ends:
+        return np.zeros((0, 4, robot.n_joints))
+    q, v, a = np.array([end.values for end in ends]).transpose(1, 0, 2)
+    return np.stack([q, v, a, robot.inverse_dynamics(q, v, a)], axis=1)
+
+
+def _bounds(
+    limits: JointLimits, end_states: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Lower and upper bounds, their scales, and the room at the ends, shape (5, n_joints)."""
+    half = (limits.upper - limits.lower) / 2.0
+    upper = np.array([getattr(limits, name) for name in ("upper", *QUANTITIES[1:])])
+    lower = -upper
+    lower[0] = limits.lower
+    scale = np.where(np.isfinite(upper), upper, 1.0)
+    scale[0] = np.where(np.isfinite(half), half, 1.0)
+    # Jerks at the ends are not fixed: they depend on the weights.
+    room, ends = np.full(upper.shape, np.inf), end_states.copy()
+    ends[:, 0] = np.clip(ends[:, 0], limits.lower, limits.upper)
+    given = [QUANTITIES.index(name) for name in ("position", "velocity", "acceleration", "effort")]
+    room[given] = np.minimum(upper[given] - ends, ends - lower[given]).min(axis=0, initial=np.inf)
+    room /= scale
+    margin = np.clip(0.5 * room, 0.0, MARGIN)
+    return lower / scale + margin, upper / scale - margin, scale, room - margin

@@ -1,0 +1,305 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Resolution of goals: open quantities are filled in, unusable goals are rejected.
+
+For each pose of a sequence, the initial configuration is the one that makes the sequence most
+similar to the demonstrations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...exceptions import GoalError
+from ...input_limits import INPUT_LIMITS
+from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ...primitives.conditional_model import ConditionalDistribution
+from ..configurations import configurations_at, starts_near
+from ..context import Context
+from ..options import SHORTEST
+from ..program.targets import pose_error
+from ..request import Request, Segment, duration_groups, fit_durations
+from .selection import Selector
+from .states import check_start, check_within_limits, completed, in_order, unwrapped
+
+# Targets within this distance of each other count as the same [rad or m].
+_SAME = 1e-6
+
+
+def resolve(
+    context: Context, selector: Selector, goal: Goal, start: JointState
+) -> Iterator[Request]:
+    """Fill in the open quantities of a goal; reject a goal that can't be served.
+
+    A pose can be reached in several configurations: several requests, the most natural first.
+    A configuration can be reached with several primitives, the one expected to be cheapest
+    first. Requests are made one by one: the first usually suffices, and choosing primitives for
+    all would take 3 % of the planning time for a pose with one primitive, more with many.
+
+    Parameters
+    ----------
+    context : Context
+        Robot, limits and options.
+    selector : Selector
+        Chooses among the primitives.
+    goal : Goal
+        The goal.
+    start : JointState
+        Present state.
+
+    Raises
+    ------
+    GoalError, RobotError
+        See :meth:`.Planner.plan`.
+    """
+    here = in_order(start, context.robot.joint_names)
+    check_start(here, context.limits)
+    _check_path(context, "start", here)
+    if isinstance(goal, SequenceGoal):
+        yield _sequence(context, selector.among(goal.primitive), goal, here)
+        return
+    if goal.duration is not None:
+        context.check_duration("the duration is", goal.duration)
+    selector = selector.among(goal.primitive)
+    if isinstance(goal, JointGoal):
+        goals, pose = [target(context, goal, here)], None
+    else:
+        goals, pose = _configurations(context, selector, goal, here), goal.pose
+    # Several primitives are tried for one configuration, but not in the search for the shortest
+    # duration, nor for each of several configurations.
+    one_each = pose is not None or (goal.duration is None and context.options.timing == SHORTEST)
+    groups = (((0,), goal.duration is not None),)
+    for there in goals:
+        selection = selector.choose(here.positions, there.positions, goal.duration)
+        for one in [selection.first] if one_each else selection.contenders:
+            duration = one.expected.duration
+            segment = Segment(
+                here, there, pose, True, selection, one.primitive, one.expected, duration
+            )
+            yield Request.of([segment], groups, is_single=True)
+
+
+def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
+    """Reject a goal that can't be served from any start, see :meth:`.Planner.check`."""
+    robot, limits = context.robot, context.limits
+    if goal.duration is not None:
+        context.check_duration("the duration is", goal.duration)
+    selector.check_name(goal.primitive)
+    zero = np.zeros(robot.n_joints)
+    here = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
+    there = completed(goal.state, here, robot, "goal")
+    # The number of turns of a continuous joint depends on the start.
+    q = np.where(robot.continuous, here.positions, there.positions)
+    end = JointState(here.joint_names, q, there.velocities, there.accelerations)
+    _check_end(context, end)
+
+
+def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
+    """The configuration of all joints that a goal specifies; see :func:`resolve`."""
+    there = completed(goal.state, here, context.robot, "goal")
+    _check_end(context, there)
+    _check_path(context, "goal", there)
+    return there
+
+
+def _check_end(context: Context, there: JointState) -> None:
+    check_within_limits("goal", there, context.limits)
+    if not context.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
+        moving = there.joint_names[int(np.abs(there.velocities).argmax())]
+        raise GoalError(
+            f"the goal velocity of joint '{moving}' is not 0, which the controller rejects "
+            "unless it and this planner are set to allow a nonzero velocity at the end"
+        )
+
+
+def _check_path(context: Context, what: str, state: JointState) -> None:
+    """Reject a fixed end that violates a path constraint."""
+    for constraint in context.options.constraints:
+        values, _ = constraint.values(context.robot, state.positions[None])
+        if values.min() < 0.0:
+            raise GoalError(f"the {what} does not keep {constraint}, as is asked of the motion")
+
+
+def _configurations(
+    context: Context, selector: Selector, goal: PoseGoal, here: JointState
+) -> list[JointState]:
+    """Configurations that reach a pose, from ends of demonstrations and the start.
+
+    If there are several, the most natural ones.
+    """
+    robot, poses = context.robot, context.options.poses
+    known = selector.primitives.ends[:, 1]
+    starts = [*starts_near(robot, goal.pose, known, poses.n_known), here.positions]
+    found = configurations_at(robot, context.limits, goal.pose, starts, poses)
+    goals = [JointState(here.joint_names, unwrapped(q, here, robot)) for q in found]
+    if len(goals) > 1:
+        scores = [
+            selector.least_score(here.positions, there.positions, goal.duration) for there in goals
+        ]
+        order = np.argsort(scores, kind="stable")[: context.options.search.n_configurations]
+        goals = [goals[i] for i in order]
+    return goals
+
+
+def predict(
+    context: Context, segment: Segment, goal: JointState, duration: float | None
+) -> ConditionalDistribution:
+    """The prediction for a motion to a goal, with continuous joints shifted by full turns."""
+    return segment.primitive.model.predict(*_shifted(context, segment, goal), duration)
+
+
+def in_span_score(
+    context: Context, segment: Segment, start: JointState, goal: JointState, duration: float | None
+) -> float:
+    """The in-span score of that prediction."""
+    moved = replace(segment, start=start)
+    return segment.primitive.model.in_span_score(*_shifted(context, moved, goal), duration)
+
+
+def _shifted(context: Context, segment: Segment, goal: JointState) -> tuple[FloatArray, FloatArray]:
+    # The demonstrations of a continuous joint may be full turns away.
+    primitive, start = segment.primitive, segment.start
+    mean = primitive.model.mean[: primitive.n_joints]
+    turns = np.round((mean - start.positions) / (2.0 * np.pi))
+    shift = np.where(context.robot.continuous, 2.0 * np.pi * turns, 0.0)
+    return start.positions + shift, goal.positions + shift
+
+
+def _sequence(
+    context: Context, selector: Selector, goal: SequenceGoal, here: JointState
+) -> Request:
+    """Choose configurations, primitives and usual durations of a sequence."""
+    _check_size(context, goal)
+    n_passed = _n_passed(context, goal, here)
+    targets, times = goal.targets[n_passed:], goal.times[n_passed:]
+    stops = (*goal.stops[n_passed:-1], True)
+    states = _route(context, selector, targets, here, n_passed + 1)
+    chosen = [selector.choose(a.positions, b.positions) for a, b in pairwise(states)]
+    usual = [selection.first.expected.duration for selection in chosen]
+    durations = fit_durations(usual, times)
+    context.check_duration("the sequence would take", sum(durations))
+    context.check_duration("a segment of the sequence would take", min(durations))
+    segments = []
+    for i, selection in enumerate(chosen):
+        pose, first = targets[i], selection.first
+        segments.append(
+            Segment(
+                states[i],
+                states[i + 1],
+                pose if isinstance(pose, Pose) else None,
+                stops[i],
+                selection,
+                first.primitive,
+                first.expected,
+                durations[i],
+            )
+        )
+    return Request.of(segments, duration_groups(times), is_single=False)
+
+
+def _check_size(context: Context, goal: SequenceGoal) -> None:
+    """Reject sequences that would exceed time or memory."""
+    most = INPUT_LIMITS.targets
+    if len(goal.targets) > most:
+        raise GoalError(
+            f"the sequence has {len(goal.targets)} targets, at most {most} are accepted"
+        )
+    last = max((when for when in goal.times if when is not None), default=1.0)
+    context.check_duration("the sequence asks for a time of", last)
+
+
+def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
+    """The number of initial targets at the robot's position."""
+    for n_passed, (aim, when) in enumerate(zip(goal.targets[:-1], goal.times[:-1], strict=True)):
+        if isinstance(aim, JointState):
+            there = completed(aim, here, context.robot, f"target {n_passed + 1}")
+            missed = there.positions - here.positions
+        else:
+            missed, _ = pose_error(context.robot, aim, here.positions)
+        if np.abs(missed).max() > context.options.search.here:
+            return n_passed
+        if when is not None:
+            raise GoalError(
+                f"target {n_passed + 1} of the sequence is where the robot is, and is to be "
+                f"passed at {when:g} s: to wait there, send the sequence later"
+            )
+    return len(goal.targets) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Route:
+    """States up to a target, and the sum of squared in-span scores between them."""
+
+    cost: float
+    states: tuple[JointState, ...]
+
+    def to(self, there: JointState, selector: Selector) -> _Route:
+        """The route continued to a state."""
+        score = selector.least_score(self.states[-1].positions, there.positions)
+        return _Route(self.cost + score**2, (*self.states, there))
+
+
+def _route(
+    context: Context,
+    selector: Selector,
+    targets: Sequence[JointState | Pose],
+    here: JointState,
+    first_number: int,
+) -> tuple[JointState, ...]:
+    """The states at the start and the targets that are most similar to the demonstrations.
+
+    For poses, the configurations with the least sum of squared in-span scores are chosen, by
+    dynamic programming.
+    """
+    robot, limits = context.robot, context.limits
+    routes = [_Route(0.0, (here,))]
+    for number, aim in enumerate(targets, first_number):
+        if isinstance(aim, Pose):
+            routes = _through(context, selector, aim, number, routes)
+            continue
+        longer = []
+        for route in routes:
+            what = f"target {number}"
+            positions = completed(aim, route.states[-1], robot, what).positions
+            there = JointState(here.joint_names, positions)
+            check_within_limits(what, there, limits)
+            _check_path(context, what, there)
+            longer.append(route.to(there, selector))
+        named_all = len(aim.joint_names) == robot.n_joints
+        routes = [min(longer, key=lambda route: route.cost)] if named_all else longer
+    states = min(routes, key=lambda route: route.cost).states
+    for number, (a, b) in enumerate(pairwise(states[1:]), first_number):
+        if np.abs(a.positions - b.positions).max() <= _SAME:
+            # A segment without displacement would get an arbitrary swing from the optimiser.
+            raise GoalError(
+                f"targets {number} and {number + 1} of the sequence are the same: give it once"
+            )
+    return states
+
+
+def _through(
+    context: Context, selector: Selector, pose: Pose, number: int, routes: Sequence[_Route]
+) -> list[_Route]:
+    """The best route to each of the configurations that reach a pose."""
+    robot, poses = context.robot, context.options.poses
+    known = selector.primitives.ends.reshape(-1, robot.n_joints)
+    starts = [route.states[-1].positions for route in routes]
+    starts += starts_near(robot, pose, known, poses.n_known)
+    try:
+        found = configurations_at(robot, context.limits, pose, starts, poses)
+    except GoalError as error:
+        raise GoalError(f"target {number}: {error}") from None
+    longer = []
+    for q in found[: context.options.search.n_route_configurations]:
+        longer_routes = []
+        for route in routes:
+            before = route.states[-1]
+            there = JointState(before.joint_names, unwrapped(q, before, robot))
+            longer_routes.append(route.to(there, selector))
+        longer.append(min(longer_routes, key=lambda route: route.cost))
+    return longer

@@ -1,0 +1,246 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Selection of the best primitive for a request, without solving for all of them.
+
+The in-span score is a first filter: only primitives whose demonstrations are about as near to the
+request as those of the nearest primitive remain. An index finds them among many
+(:mod:`.request_index`). The remaining ones are ranked by the cost of their expected motion,
+compiled but not optimised. The reduction of the cost by optimisation differs by a few percent
+between primitives. Therefore the planner solves for all primitives whose expected costs differ from
+the least one by less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...exceptions import quote_names
+from ...motion.goal import JointState
+from ...primitives.conditional_model import ConditionalDistribution
+from ...primitives.primitive import MovementPrimitive
+from ...primitives.primitive_library import PrimitiveLibrary
+from ...primitives.request_index import RequestIndex
+from ...robot.model import Robot
+from ..motion import Motion
+from ..objectives import Effort, Objective
+from ..options import SelectionOptions
+from ..program.costs import cost_of, rank_of
+from ..program.tables import Tables
+
+
+@dataclass(frozen=True, eq=False)
+class Considered:
+    """A primitive that passed the filter.
+
+    Attributes
+    ----------
+    primitive : MovementPrimitive
+        The primitive.
+    expected : ConditionalDistribution
+        Its prediction for the request.
+    cost : float
+        Objective of its expected motion; NaN if it is the only one considered.
+    """
+
+    primitive: MovementPrimitive
+    expected: ConditionalDistribution
+    cost: float
+
+    @property
+    def name(self) -> str:
+        """Name of the primitive."""
+        return self.primitive.name
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The primitives that were compiled.
+
+    Attributes
+    ----------
+    considered : tuple of Considered
+        Those that passed the filter, the one with the least expected cost first.
+    n_primitives : int
+        Number of available primitives.
+    options : SelectionOptions
+        Options.
+    """
+
+    considered: tuple[Considered, ...]
+    n_primitives: int
+    options: SelectionOptions = SelectionOptions()
+
+    @property
+    def first(self) -> Considered:
+        """The one with the least expected cost."""
+        return self.considered[0]
+
+    @property
+    def contenders(self) -> tuple[Considered, ...]:
+        """Those whose expected costs are too close to the least one to be ranked."""
+        near = (1.0 + self.options.usual_error) * self.first.cost
+        others = [c for c in self.considered[1:] if c.cost <= near]
+        return (self.first, *others)[: self.options.max_contenders]
+
+    def reason(self, winner: str, solved: Mapping[str, float | None]) -> str:
+        """The reason for the choice of a primitive, one sentence.
+
+        Parameters
+        ----------
+        winner : str
+            Its name.
+        solved : mapping of str to float or None
+            Costs of the motions that were planned, by primitive; None: not within the limits.
+        """
+        if self.n_primitives == 1:
+            return f"'{winner}' is the only primitive"
+        if len(self.considered) == 1:
+            return (
+                f"of {self.n_primitives} primitives only '{winner}' has demonstrations near "
+                f"the request (in-span score {self.first.expected.in_span_score:.2f})"
+            )
+        names = quote_names([c.name for c in self.considered[: self.options.max_named]])
+        more = len(self.considered) - self.options.max_named
+        were = (
+            f"of {self.n_primitives} primitives {len(self.considered)} were near the request: "
+            f"{names}{f' and {more} more' if more > 0 else ''}; "
+        )
+        if len(solved) == 1:
+            second = self.considered[1]
+            return were + (
+                f"'{winner}' was expected to cost least, {self.first.cost:.4g}, before "
+                f"'{second.name}' with {second.cost:.4g}"
+            )
+        costs = (
+            f"'{name}' {'outside of the limits' if cost is None else f'{cost:.4g}'}"
+            for name, cost in solved.items()
+        )
+        return were + f"'{winner}' won of the {len(solved)} planned: {', '.join(costs)}"
+
+
+class Selector:
+    """Chooses among primitives of the same joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    primitives : PrimitiveLibrary or sequence of MovementPrimitive
+        At least one.
+    objectives : sequence of (float, Objective)
+        Running costs and their weights, as in :class:`.PlannerOptions`.
+    options : SelectionOptions
+        Options.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        primitives: Sequence[MovementPrimitive],
+        objectives: Sequence[tuple[float, Objective]] = ((1.0, Effort()),),
+        options: SelectionOptions = SelectionOptions(),
+    ) -> None:
+        self._robot, self._options = robot, options
+        self.primitives = library = PrimitiveLibrary.of(primitives)
+        self._objectives = tuple(objectives)
+        self._index = RequestIndex(library.means, library.precisions, robot.continuous)
+        self._tables = lru_cache(options.n_kept_tables)(lambda i: Tables(library[i].basis))
+
+    def among(self, name: str | None) -> Selector:
+        """The selector for the primitive of that name; the selector for all if no name is given.
+
+        Raises
+        ------
+        GoalError
+            If no primitive has that name.
+        """
+        if name is None:
+            return self
+        return Selector(self._robot, [self.primitives.named(name)], self._objectives, self._options)
+
+    def check_name(self, name: str | None) -> None:
+        """Reject a name that no primitive has, see :meth:`among`."""
+        if name is not None:
+            self.primitives.check_name(name)
+
+    def scores(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> FloatArray:
+        """In-span scores of all primitives, shape (n_primitives,).
+
+        Parameters
+        ----------
+        start, goal : array, shape (n_joints,)
+            End points [rad or m].
+        duration : float, optional
+            Duration [s], if it is requested.
+        """
+        return self._index.scores(_request(start, goal, duration))
+
+    def least_score(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> float:
+        """The least in-span score of all primitives, see :meth:`scores`."""
+        _, scores = self._index.nearest(_request(start, goal, duration), 1)
+        return float(scores[0])
+
+    def choose(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> Selection:
+        """Rank the primitives for a motion from rest to rest.
+
+        Parameters
+        ----------
+        start, goal : array, shape (n_joints,)
+            End points [rad or m].
+        duration : float, optional
+            Duration [s]; the one that each primitive predicts unless given.
+        """
+        chosen = np.zeros(1, dtype=np.intp)
+        if len(self.primitives) > 1:
+            request = _request(start, goal, duration)
+            nearest, scores = self._index.nearest(request, self._options.max_considered)
+            chosen = nearest[is_near(scores, self._options)]
+        found = []
+        for i, turn in zip(chosen.tolist(), self._index.turns(start, chosen), strict=True):
+            primitive = self.primitives[i]
+            expected = primitive.model.predict(start + turn, goal + turn, duration)
+            cost = float("nan") if len(chosen) == 1 else self._cost(i, start, goal, expected)
+            found.append(Considered(primitive, expected, cost))
+        found.sort(key=lambda one: rank_of(one.cost))
+        return Selection(tuple(found), len(self.primitives), self._options)
+
+    def _cost(
+        self, i: int, start: FloatArray, goal: FloatArray, expected: ConditionalDistribution
+    ) -> float:
+        tables = self._tables(i)
+        here, there = (JointState(self._robot.joint_names, q) for q in (start, goal))
+        # Without time scaling, because tables for each request would dominate the computing time.
+        motion = Motion(here, there, expected.duration, tables.basis, expected.weights)
+        return cost_of(self._robot, motion, tables, self._objectives)
+
+
+def _request(start: FloatArray, goal: FloatArray, duration: float | None) -> FloatArray:
+    """A request of the index."""
+    return np.concatenate([start, goal, [] if duration is None else [np.log(duration)]])
+
+
+def is_near(
+    scores: FloatArray, options: SelectionOptions = SelectionOptions()
+) -> NDArray[np.bool_]:
+    """Whether primitives with these in-span scores pass the filter, shape (n_primitives,).
+
+    Parameters
+    ----------
+    scores : array, shape (n_primitives,)
+        In-span scores of all primitives.
+    options : SelectionOptions
+        Options.
+    """
+    return scores <= max(options.relative_score * float(scores.min()), options.near_score)

@@ -1,0 +1,325 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions within the limits without optimisation: braking, then motions from rest to rest.
+
+From rest to rest the motion is the minimum-jerk one, slowed by the laws of time scaling (see
+:mod:`.time_scaling`). A robot that moves is braked first, each joint by the deceleration of least
+time within its limits of acceleration and jerk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...exceptions import TrajectoryError
+from ...input_limits import INPUT_LIMITS
+from ...motion.goal import JointState
+from ...motion.interpolation import hermite_functions, segment_ends
+from ...motion.trajectory import Trajectory
+from ...motion.validation import LimitCheck, check_limits
+from ...robot.limits import JointLimits
+from ...robot.model import Robot
+from ..motion import Motion
+from ..options import BrakingOptions
+from ..time_scaling import least_duration
+
+
+class FixedShape:
+    """A basis without weights, whose mean shape passes given states by quintics.
+
+    Parameters
+    ----------
+    times : array, shape (n_knots,)
+        Increasing times from 0 [s].
+    states : array, shape (3, n_knots, n_joints)
+        Positions, velocities and accelerations at these times.
+    """
+
+    def __init__(self, times: FloatArray, states: FloatArray) -> None:
+        duration = float(times[-1])
+        self._phases = times / duration
+        q, v, a = states
+        self._ends = segment_ends(self._phases, q, duration * v, duration**2 * a)
+        rates = duration ** np.arange(3.0)[:, None]
+        self._boundary = np.concatenate([rates * states[:, 0], rates * states[:, -1]])
+        self.n_joints, self.n_weights, self.scales = q.shape[1], 0, np.zeros(0)
+        # Knots of braking are dense: every tenth is enough for integration.
+        self.breakpoints = np.union1d(self._phases[::10], [1.0])
+
+    def functions(self, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """No functions, shape (n_steps, n_joints, 0)."""
+        return np.zeros((len(phases), self.n_joints, 0))
+
+    def shape(self, weights: FloatArray, phases: FloatArray, derivative: int = 0) -> FloatArray:
+        """Values of the mean shape, shape (n_steps, n_joints)."""
+        k = np.searchsorted(self._phases, phases, side="right") - 1
+        k = np.clip(k, 0, len(self._ends) - 1)
+        widths = np.diff(self._phases)[k]
+        tables = hermite_functions((phases - self._phases[k]) / widths, derivative)
+        values = np.einsum("ki,kij->kj", tables, self._ends[k]) / widths[:, None] ** derivative
+        return np.asarray(values - hermite_functions(phases, derivative) @ self._boundary)
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        return np.array([self.shape(weights, phases, d) for d in range(highest + 1)])
+
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1)."""
+        return self.shapes(self.scales, phases, highest)[..., None]
+
+
+@dataclass(frozen=True, eq=False)
+class StopAndGo:
+    """A motion between two states with rests between them.
+
+    Attributes
+    ----------
+    start, goal : JointState
+        States at the ends.
+    brake, launch : array, shape (3, n_knots, n_joints)
+        Positions, velocities and accelerations at knots `step` apart, from the start to rest and
+        from rest to the goal; a single knot where that end is at rest.
+    places : array, shape (n_places, n_joints)
+        Positions of the rests: at the end of braking, between, at the start of the launch.
+    legs : array, shape (n_places - 1,)
+        The least durations of the minimum-jerk motions between [s].
+    step : float
+        Time between the knots of a brake [s].
+    """
+
+    start: JointState
+    goal: JointState
+    brake: FloatArray
+    launch: FloatArray
+    places: FloatArray
+    legs: FloatArray
+    step: float
+
+    @property
+    def moves_at_ends(self) -> bool:
+        """Whether an end is not at rest."""
+        return bool(self.brake.shape[1] + self.launch.shape[1] > 2)
+
+    @property
+    def durations(self) -> FloatArray:
+        """The least durations of the legs, with braking and launching, shape (n_legs,) [s]."""
+        durations = self.legs.copy()
+        durations[0] += self._time(self.brake)
+        durations[-1] += self._time(self.launch)
+        return durations
+
+    def _time(self, knots: FloatArray) -> float:
+        return float(self.step * (knots.shape[1] - 1))
+
+    def slowed(self, factor: float) -> StopAndGo:
+        """The same with longer legs."""
+        return replace(self, legs=factor * self.legs)
+
+    def motions(self, durations: FloatArray, counts: Sequence[int]) -> tuple[Motion, ...]:
+        """The motion in segments of several legs, each ending at rest.
+
+        Parameters
+        ----------
+        durations : array, shape (n_legs,)
+            Durations of the legs [s].
+        counts : sequence of int
+            Number of legs of each segment.
+        """
+        rest = [JointState(self.start.joint_names, q) for q in self.places[1:-1]]
+        states = [self.start, *rest, self.goal]
+        lasts = np.cumsum(counts).tolist()
+        return tuple(
+            _through(*self._joined(durations, first, last), states[first], states[last])
+            for first, last in pairwise([0, *lasts])
+        )
+
+    def _joined(
+        self, durations: FloatArray, first: int, last: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Times [s] and states at the knots of several legs."""
+        times, states = self._knots(first, durations[first])
+        for i in range(first + 1, last):
+            later, more = self._knots(i, durations[i])
+            times = np.concatenate([times, times[-1] + later[1:]])
+            states = np.concatenate([states, more[:, 1:]], axis=1)
+        return times, states
+
+    def _knots(self, i: int, duration: float) -> tuple[FloatArray, FloatArray]:
+        """Times [s] and states at the knots of a leg."""
+        rest = np.zeros((3, len(self.places), self.places.shape[1]))
+        rest[0] = self.places
+        before = self.brake if i == 0 else rest[:, i : i + 1]
+        after = self.launch if i == len(self.legs) - 1 else rest[:, i + 1 : i + 2]
+        braking = self.step * np.arange(before.shape[1])
+        launching = duration - self.step * np.arange(after.shape[1])[::-1]
+        return np.concatenate([braking, launching]), np.concatenate([before, after], axis=1)
+
+
+def _through(times: FloatArray, states: FloatArray, start: JointState, goal: JointState) -> Motion:
+    basis = FixedShape(times, states)
+    return Motion(start, goal, float(times[-1]), basis, basis.scales)
+
+
+def stop_and_go(
+    robot: Robot,
+    limits: JointLimits,
+    states: Sequence[JointState],
+    step: float,
+    options: BrakingOptions = BrakingOptions(),
+) -> StopAndGo:
+    """The fastest motion with rests through some states.
+
+    Parameters
+    ----------
+    robot, limits
+        The robot and the limits of its joints.
+    states : sequence of JointState
+        At least two, of all joints, within the limits of position; the motion rests at those
+        between the first and the last.
+    step : float
+        Time between the points of the trajectory [s].
+    options : BrakingOptions
+        Options.
+
+    Raises
+    ------
+    TrajectoryError
+        If an end can't be left or reached within the limits, or gravity alone exceeds the limits
+        of effort between.
+    """
+    start, goal = states[0], states[-1]
+    brake = _brake(robot, limits, start, step, options)
+    # In reversed time, velocities change their sign; accelerations and efforts do not.
+    backwards = JointState(goal.joint_names, goal.positions, -goal.velocities, goal.accelerations)
+    launch = _brake(robot, limits, backwards, step, options)[:, ::-1] * [[[1.0]], [[-1.0]], [[1.0]]]
+    between = [state.positions for state in states[1:-1]]
+    places = np.array([brake[0, -1], *between, launch[0, 0]])
+    least = [least_duration(robot, limits, a, b) for a, b in pairwise(places)]
+    legs = [max(options.clearance * duration, step) for duration in least]
+    return StopAndGo(start, goal, brake, launch, places, np.array(legs), step)
+
+
+def brakes(
+    robot: Robot,
+    limits: JointLimits,
+    state: JointState,
+    step: float,
+    options: BrakingOptions = BrakingOptions(),
+) -> Iterator[tuple[Trajectory, LimitCheck]]:
+    """Motions from a moving state to rest, each joint by itself, and their comparison with limits.
+
+    Parameters
+    ----------
+    robot, limits
+        The robot and the limits of its joints.
+    state : JointState
+        The state.
+    step : float
+        Time between the points [s].
+    options : BrakingOptions
+        Options.
+
+    Yields
+    ------
+    brake : Trajectory
+        The motion; the fastest first.
+    check : LimitCheck
+        Its comparison with the limits.
+    """
+    for share in options.shares:
+        try:
+            knots = _decelerate(state, limits, share, step, options)
+        except TrajectoryError:  # a softer brake takes even longer
+            return
+        times = step * np.arange(knots.shape[1])
+        brake = Trajectory(state.joint_names, times, *knots)
+        yield brake, check_limits(brake, robot, limits)
+
+
+def _brake(
+    robot: Robot, limits: JointLimits, state: JointState, step: float, options: BrakingOptions
+) -> FloatArray:
+    """Knots from a state to rest, the fastest within the limits, shape (3, n_knots, n_joints)."""
+    if not np.any([state.velocities, state.accelerations]):
+        return np.array(state.values)[:, None]
+    worst = None
+    for brake, check in brakes(robot, limits, state, step, options):
+        if not check.violations:
+            return np.array(brake.states)
+        worst = worst or check.violations[0]
+    why = worst or f"the fastest one takes over {INPUT_LIMITS.longest_motion(step):g} s"
+    raise TrajectoryError(f"no brake within the limits was found: {why}")
+
+
+def _decelerate(
+    state: JointState, limits: JointLimits, share: float, step: float, options: BrakingOptions
+) -> FloatArray:
+    """Knots from a state to rest with a share of the limits of acceleration and jerk."""
+    v, a = state.velocities, state.accelerations
+    usual = np.maximum(np.abs(v).max() / options.stopping_time, np.abs(a).max())
+    most = np.maximum(share * np.minimum(limits.acceleration, usual), np.abs(a))
+    jerks = np.minimum(share * limits.jerk, most / options.ramp_time)
+    columns = [
+        _jerks(*joint, step, options.jerk_shares) for joint in zip(v, a, most, jerks, strict=True)
+    ]
+    n_steps = max(map(len, columns))
+    jerk = np.array([np.pad(x, (0, n_steps - len(x))) for x in columns]).T
+    states = np.zeros((3, n_steps + 1, len(v)))
+    states[:, 0] = state.positions, v, a
+    for order, slope in ((2, jerk), (1, jerk / 2.0), (0, jerk / 6.0)):  # Taylor's series, exact
+        for higher in range(2, order, -1):
+            slope = slope * step + states[higher, :-1] / (higher - order)
+        states[order, 1:] = states[order, 0] + step * np.cumsum(slope, axis=0)
+    for j, column in enumerate(columns):  # exactly at rest
+        states[1:, len(column) :, j] = 0.0
+    return states
+
+
+def _jerks(
+    v: float, a: float, most: float, jerk: float, step: float, shares: Sequence[float]
+) -> FloatArray:
+    """Jerks of one joint in steps that end its velocity and acceleration in the least time.
+
+    Parameters
+    ----------
+    v, a : float
+        Velocity and acceleration [/s, /s²].
+    most, jerk : float
+        Largest acceleration and jerk [/s², /s³].
+    step : float
+        Length of a step [s].
+    shares : sequence of float
+        Shares of the jerk, tried in turn.
+    """
+    if v == 0.0 and a == 0.0:
+        return np.zeros(0)
+    for share in shares:
+        found = _trapezoid(v, a, most, share * jerk, step)
+        if np.abs(found).max() <= jerk:
+            break
+    return found
+
+
+def _trapezoid(v: float, a: float, most: float, jerk: float, step: float) -> FloatArray:
+    """Jerks by which the acceleration changes from a to −p, stays there, and changes to 0.
+
+    With whole numbers of steps, the jerk may exceed the given one.
+    """
+    # Sign of the velocity that remains if the acceleration is reduced to 0 at once.
+    sign = 1.0 if v + a * abs(a) / (2.0 * jerk) >= 0.0 else -1.0
+    v, a = sign * v, sign * a
+    peak = min(float(np.sqrt(max(jerk * v + a * a / 2.0, 0.0))), most)
+    hold = (v + a * a / (2.0 * jerk)) / peak - peak / jerk if peak > 0.0 else 0.0
+    times = np.array([(a + peak) / jerk, hold, peak / jerk])
+    n = np.maximum(np.ceil(times / step - 1e-9), (1.0, 0.0, 1.0))
+    if not n.sum() * step <= INPUT_LIMITS.longest_motion(step):
+        raise TrajectoryError("the brake takes too long")
+    # With whole steps, the peak is adapted so that the final velocity is 0.
+    peak = (v + a * n[0] * step / 2.0) / (step * (n[0] / 2.0 + n[1] + n[2] / 2.0))
+    pieces = [-(a + peak) / (n[0] * step), 0.0, peak / (n[2] * step)]
+    return np.repeat(sign * np.array(pieces), n.astype(int))

@@ -1,0 +1,33 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""A lock that another thread holds is not waited for without a limit."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from patience import HANG
+
+from mp_pca_planner.execution.timed_lock import BusyError, TimedLock
+
+
+def test_lock_that_another_thread_holds_is_given_up() -> None:
+    lock, is_held, may_end = TimedLock(), threading.Event(), threading.Event()
+
+    def hold() -> None:
+        with lock:
+            is_held.set()
+            may_end.wait(HANG)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    assert is_held.wait(HANG)
+    with pytest.raises(BusyError, match=r"longer than 0.005 s; send the goal again"), lock.within():
+        pass
+    with pytest.raises(BusyError, match="longer than 2 s"), lock:
+        pass
+    may_end.set()
+    thread.join()
+    with lock, lock.within(), lock:  # it is free, and reentrant
+        pass

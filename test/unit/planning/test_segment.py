@@ -1,0 +1,109 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The motion program: its integral and its gradient."""
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot
+from scipy.integrate import quad_vec
+
+from mp_pca_planner.motion.goal import JointState
+from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.program.segment import SegmentProgram
+from mp_pca_planner.planning.program.tables import N_NODES, Tables
+from mp_pca_planner.planning.program.terms import Naturalness
+from mp_pca_planner.planning.program.unknowns import Unknowns
+from mp_pca_planner.primitives.basis import BSplineBasis
+from mp_pca_planner.recordings.synthetic import generate_motions
+
+BASES = {
+    "arm": arm_primitive("arm").basis,
+    "joint": arm_primitive("joint").basis,
+    "bspline": BSplineBasis(4),
+}
+
+
+def compile_motion(basis, seed=0, n_nodes=N_NODES):
+    """A program between the ends of a made-up motion, from a moving start, and its motion."""
+    rng = np.random.default_rng(seed)
+    ends = generate_motions(seed + 1, 77)[seed].positions
+    start = JointState(JOINTS, ends[0], 0.5 * rng.normal(size=4), 2.0 * rng.normal(size=4))
+    goal = JointState(JOINTS, ends[-1])
+    weights = basis.scales * rng.normal(size=basis.n_weights) * 0.3
+    motion = Motion(start, goal, 0.9, basis, weights)
+    unknowns = Unknowns(basis.scales, motion.boundary, 0.9)
+    program = SegmentProgram(arm_robot(), Tables(basis, n_nodes), unknowns, 0.5 * weights)
+    return program, motion
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_the_chosen_nodes_integrate_the_effort_as_adaptive_quadrature_does(name):
+    robot = arm_robot()
+    for seed in range(5):
+        program, motion = compile_motion(BASES[name], seed)
+
+        def power(t, motion=motion):
+            tau = robot.inverse_dynamics(*motion.evaluate(np.array([t])))
+            return 0.5 * np.sum(tau**2)
+
+        exact, _ = quad_vec(power, 0.0, 0.9, epsrel=1e-9, points=motion.basis.breakpoints * 0.9)
+        found = program.costs(motion.weights[None] / program.unknowns.scales)[0]
+        assert found == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_the_chosen_nodes_agree_with_200(name):
+    for seed in range(10):
+        few, motion = compile_motion(BASES[name], seed)
+        many, _ = compile_motion(BASES[name], seed, n_nodes=200)
+        z = motion.weights[None] / few.unknowns.scales
+        assert few.costs(z)[0] == pytest.approx(many.costs(z)[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_the_gradient_equals_central_differences_to_1e_6(name):
+    program, motion = compile_motion(BASES[name])
+    rng = np.random.default_rng(9)
+    root = rng.normal(size=(program.expected.size, program.expected.size))
+    natural = Naturalness(program.expected, root @ root.T)
+    z = motion.weights / program.unknowns.scales
+
+    def cost(z):
+        return program.costs(z[None])[0] + natural.at(program.at(z)[0]).cost
+
+    course, here = program.at(z)
+    gradient = here.gradient + natural.at(course).gradient
+    step = 1e-4
+    difference = np.array(
+        [(cost(z + step * e) - cost(z - step * e)) / (2.0 * step) for e in np.eye(z.size)]
+    )
+    assert np.linalg.norm(gradient - difference) <= 1e-6 * np.linalg.norm(gradient)
+
+
+def test_the_cost_with_derivatives_is_that_of_the_effort():
+    program, motion = compile_motion(BASES["joint"])
+    z = motion.weights / program.unknowns.scales
+    assert program.at(z)[1].cost == pytest.approx(program.costs(z[None])[0], rel=1e-12)
+    assert program.effort(z) == pytest.approx(program.costs(z[None])[0], rel=1e-12)
+
+
+def test_costs_of_several_candidates_are_those_of_each():
+    program, _ = compile_motion(BASES["arm"])
+    candidates = np.random.default_rng(1).normal(size=(5, 4))
+    together = program.costs(candidates)
+    alone = [program.costs(c[None])[0] for c in candidates]
+    np.testing.assert_allclose(together, alone, rtol=1e-13)
+
+
+def test_naturalness_is_zero_at_the_expected_weights():
+    program, _ = compile_motion(BASES["arm"])
+    natural = Naturalness(program.expected, np.eye(4))
+    assert natural.at(program.at(program.expected)[0]).cost == 0.0
+    assert natural.at(program.at(program.expected + 2.0)[0]).cost == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_quadrature_weights_add_up_to_the_whole_motion(name):
+    tables = Tables(BASES[name])
+    assert tables.quadrature.sum() == pytest.approx(1.0, rel=1e-13)
+    assert 16 <= tables.n_nodes <= 42

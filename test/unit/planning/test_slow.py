@@ -1,0 +1,313 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Time is a budget, never a verdict: goals are served by slow motions where nothing else is found.
+
+The deadline of these planners has always passed, or never passes: a busy machine changes nothing.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from arm import JOINTS, arm_primitive, arm_robot, sequence_planner
+from hypothesis import given
+from hypothesis import strategies as st
+from patience import EVER
+from scipy.integrate import trapezoid
+from test_collision import ACROSS_BASE, chain, chain_planner
+from test_planner import planner, request
+
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_around
+from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.motion.validation import check_executable, check_limits
+from mp_pca_planner.planning.options import SearchOptions
+from mp_pca_planner.planning.plan import INFEASIBLE, MODES, STOPPED_EARLY, PlannerOptions
+from mp_pca_planner.planning.planner import Planner
+
+NO_TIME = 1e-9
+# Hardly any jerk: no motion that is optimised without time keeps these limits.
+TIGHT = {"max_velocity": 1.0, "max_acceleration": 2.0, "max_jerk": 8.0}
+OVERRIDES = dict.fromkeys(JOINTS, TIGHT)
+LIMITS = arm_robot().limits(OVERRIDES)
+shares = st.lists(st.floats(0.02, 0.98), min_size=4, max_size=4).map(np.array)
+
+
+def configuration(share: np.ndarray) -> np.ndarray:
+    return LIMITS.lower + share * (LIMITS.upper - LIMITS.lower)
+
+
+def fastest(way: np.ndarray) -> float:
+    """Least duration of a minimum-jerk motion within the limits but for those of effort."""
+    way = np.abs(way).max()
+    return max(
+        15 / 8 * way / TIGHT["max_velocity"],
+        (10 / 3**0.5 * way / TIGHT["max_acceleration"]) ** 0.5,
+        (60 * way / TIGHT["max_jerk"]) ** (1 / 3),
+    )
+
+
+def under_way(first: np.ndarray, second: np.ndarray, phase: float) -> JointState:
+    """A state of a motion within the limits: minimum-jerk, a tenth slower than it must be."""
+    way, s = second - first, phase
+    duration = max(1.1 * fastest(way), 1e-3)
+    return JointState(
+        JOINTS,
+        first + way * (10 * s**3 - 15 * s**4 + 6 * s**5),
+        way * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration,
+        way * (60 * s - 180 * s**2 + 120 * s**3) / duration**2,
+    )
+
+
+def assert_serves(plan, start: JointState, overrides=OVERRIDES) -> None:
+    """It may be executed, and the motion itself keeps the limits, too."""
+    assert plan.is_executable, plan.message
+    limits = arm_robot().limits(overrides)
+    check = check_limits(plan.trajectory, arm_robot(), limits)
+    check_executable(plan.trajectory, check, start)
+    for field in ("positions", "velocities", "accelerations"):
+        np.testing.assert_array_equal(getattr(plan.trajectory, field)[0], getattr(start, field))
+    if len(plan.motions) == 1:
+        q, _, _ = plan.motion.evaluate(plan.trajectory.times)
+        np.testing.assert_allclose(q, plan.trajectory.positions, atol=1e-12)
+
+
+@given(shares, shares, shares, st.floats(0.0, 1.0), st.sampled_from(["demonstrated", "shortest"]))
+def test_every_goal_is_served_from_rest_and_in_motion_without_any_time(
+    first, second, third, phase, timing
+):
+    start = under_way(configuration(first), configuration(second), phase)
+    goal = JointGoal(JointState(JOINTS, configuration(third)))
+    overrides = dict.fromkeys(JOINTS, TIGHT | {"max_effort": np.inf})
+    plan = planner(overrides=overrides, max_solve_time=NO_TIME, timing=timing).plan(goal, start)
+    assert_serves(plan, start, overrides)
+    np.testing.assert_array_equal(plan.trajectory.positions[-1], goal.state.positions)
+
+
+def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
+    goal, start = request(1)
+    unscaled = SearchOptions(max_stretch=1.0)
+    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, search=unscaled)
+    plan = subject.plan(goal, start)
+    assert_serves(plan, start)
+    assert plan.status == STOPPED_EARLY
+    assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before")
+    assert (
+        "this one follows a minimum-jerk path, keeps the limits and may be executed" in plan.message
+    )
+    assert f"lengthened from {arm_duration(goal, start):.3g} to" in plan.message
+    summary = plan.summary()
+    assert summary["n_components_used"] == 0 and summary["correction_used"] == 0
+    assert summary["limit_violation"] == 0.0 and summary["goal_error"] == 0.0
+
+
+def arm_duration(goal: JointGoal, start: JointState) -> float:
+    return arm_primitive().model.predict(start.positions, goal.state.positions).duration
+
+
+def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow():
+    goal, start = request(1)
+    unscaled = SearchOptions(max_stretch=1.0)
+    subject = planner(
+        overrides=OVERRIDES, max_solve_time=NO_TIME, timing="shortest", search=unscaled
+    )
+    plan = subject.plan(goal, start)
+    way = goal.state.positions - start.positions
+    s = plan.trajectory.times[:, None] / plan.motion.duration
+    straight = start.positions + way * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    np.testing.assert_allclose(plan.trajectory.positions, straight, atol=1e-12)
+    assert fastest(way) <= plan.motion.duration <= 1.01 * fastest(way)
+    assert plan.shortest_duration == plan.motion.duration
+
+
+def test_effort_of_the_motion_is_that_of_its_trajectory():
+    goal, start = request(1)
+    moving = replace_rates(start, 0.1)
+    for one in (start, moving):
+        plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, one)
+        tau = np.sum(plan.trajectory.efforts**2, axis=1)
+        integral = 0.5 * trapezoid(tau, plan.trajectory.times)
+        assert plan.solution.effort_cost == pytest.approx(integral, rel=1e-2)
+
+
+def replace_rates(state: JointState, rate: float) -> JointState:
+    return JointState(JOINTS, state.positions, np.full(4, rate), np.full(4, -rate))
+
+
+def test_search_that_ends_without_a_motion_does_not_blame_the_time():
+    # Ten times the usual duration is the longest that is searched; these limits take more.
+    overrides = {name: {"max_jerk": 1e-3} for name in JOINTS}
+    goal, start = request(1)
+    plan = planner(overrides=overrides, max_solve_time=EVER).plan(goal, start)
+    assert_serves(plan, start, overrides)
+    assert plan.status == STOPPED_EARLY
+    assert plan.message.startswith("no motion optimised within the limits was found; this one")
+
+
+@given(st.floats(0.2, 3.0), st.booleans())
+def test_fixed_duration_is_kept_or_a_feasible_one_is_said(duration, moving):
+    goal, start = request(1, duration=duration)
+    start = replace_rates(start, 0.1) if moving else start
+    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME)
+    plan = subject.plan(goal, start)
+    if plan.is_executable:
+        assert_serves(plan, start)
+        assert plan.trajectory.duration == duration
+        return
+    feasible = plan.shortest_duration
+    assert feasible > duration
+    assert f"a feasible duration is {feasible:.4g} s" in plan.message
+    served = subject.plan(replace(goal, duration=feasible), start)
+    assert_serves(served, start)
+    assert served.trajectory.duration == feasible
+
+
+def test_pose_is_reached():
+    for i in range(5):
+        goal, start = request(i)
+        frame = arm_robot().frame_names[-1]
+        place = arm_robot().frame_positions(goal.state.positions[None], [frame])[0, 0]
+        subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME)
+        plan = subject.plan(PoseGoal(Pose(frame, place)), start)
+        assert_serves(plan, start)
+        hand = arm_robot().frame_positions(plan.trajectory.positions[-1:], [frame])[0, 0]
+        np.testing.assert_allclose(hand, place, atol=1e-6)
+
+
+def test_goal_velocity_is_reached_from_rest_before_it():
+    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, allow_nonzero_end_velocity=True)
+    goal, start = request(1)
+    state = JointState(JOINTS, goal.state.positions, np.full(4, 0.2), np.full(4, 0.1))
+    plan = subject.plan(JointGoal(state), start)
+    assert plan.is_executable, plan.message
+    assert not check_limits(plan.trajectory, arm_robot(), LIMITS).violations
+    np.testing.assert_array_equal(plan.trajectory.velocities[-1], state.velocities)
+
+
+def test_robot_that_is_there_already_stays():
+    _, start = request(1)
+    plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(JointGoal(start), start)
+    assert_serves(plan, start)
+
+
+def test_gravity_beyond_the_limits_of_effort_is_said():
+    goal, start = request(1)
+    rest = np.zeros((1, 4))
+    tau = [
+        np.abs(arm_robot().inverse_dynamics(q[None], rest, rest)).max(axis=0)
+        for q in np.linspace(start.positions, goal.state.positions, 11)
+    ]
+    j = int(np.argmax(np.max(tau, axis=0)))
+    overrides = {JOINTS[j]: {"max_effort": 0.5 * float(np.max(tau, axis=0)[j])}}
+    for limit in (NO_TIME, 30.0):
+        plan = planner(overrides=overrides, max_solve_time=limit).plan(goal, start)
+        assert plan.status == INFEASIBLE
+        assert "nor was a slow one found: on the straight path gravity alone" in plan.message
+        assert f"of joint '{JOINTS[j]}'" in plan.message
+
+
+def test_slow_motion_in_collision_is_not_returned():
+    start, goal = ACROSS_BASE
+    model = CollisionModel(chain())
+    plan = chain_planner(model, max_solve_time=NO_TIME).plan(JointGoal(goal), start)
+    # The straight way leads through the base.
+    assert not plan.is_executable or not model.collisions(plan.trajectory)
+    straight = chain_planner(None, max_solve_time=NO_TIME).plan(JointGoal(goal), start)
+    assert straight.is_executable and model.collisions(straight.trajectory)
+
+
+def test_slow_motion_can_be_kept_as_a_primitive():
+    goal, start = request(1)
+    plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, start)
+    family = primitive_around(arm_primitive(), RefinedMotion([plan.motion]), "kept", {})
+    again = Planner(
+        arm_robot(), [family], LIMITS, PlannerOptions(naturalness=100.0, max_solve_time=EVER)
+    ).plan(replace(goal, duration=plan.motion.duration), start)
+    q = again.motion.evaluate(plan.trajectory.times)[0]
+    np.testing.assert_allclose(q, plan.trajectory.positions, atol=2e-3)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("times", [(), (None, 9.0, None), (5.0, 9.5, 14.0)])
+@pytest.mark.parametrize("moving", [False, True])
+def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
+    requests = [request(i) for i in range(3)]
+    targets = tuple(goal.state for goal, _ in requests)
+    start = requests[0][1]
+    start = replace_rates(start, 0.1) if moving else start
+    subject = sequence_planner(arm_robot(), [arm_primitive()], LIMITS, max_solve_time=NO_TIME)
+    plan = subject.plan(SequenceGoal(targets, times), start, mode)
+    assert_serves(plan, start)
+    # Passing all targets without a rest keeps the limits only in the last of these times.
+    rests = "rests at each target, keeps the limits and may be executed" in plan.message
+    assert rests == (None in (*times, None)[:2])
+    if rests:
+        assert plan.status == STOPPED_EARLY
+        assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before a motion")
+    ends = np.cumsum([motion.duration for motion in plan.motions])
+    for end, time, target in zip(ends, times or [None] * 3, targets, strict=True):
+        assert time is None or end == pytest.approx(time, abs=1e-9)
+        row = int(np.abs(plan.trajectory.times - end).argmin())
+        np.testing.assert_array_equal(plan.trajectory.positions[row], target.positions)
+        assert not (rests and plan.trajectory.velocities[row].any())
+
+
+def test_sequence_whose_times_are_too_short_is_told_how_long_it_takes():
+    targets = tuple(request(i)[0].state for i in range(2))
+    subject = sequence_planner(arm_robot(), [arm_primitive()], LIMITS, max_solve_time=NO_TIME)
+    plan = subject.plan(SequenceGoal(targets, (0.3, 0.6)), request(0)[1])
+    assert plan.status == INFEASIBLE
+    assert "found: to target 1 a motion with rests takes" in plan.message
+    assert "0.3 s are given" in plan.message
+
+
+def test_duration_beyond_all_measure_is_refused():
+    overrides = {name: {"max_velocity": 1e-4} for name in JOINTS}
+    goal, start = request(1)
+    plan = planner(overrides=overrides, max_solve_time=NO_TIME).plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert "at most 600 s are accepted" in plan.message
+    with pytest.raises(GoalError, match="at most 600 s are accepted"):
+        planner().plan(replace(goal, duration=601.0), start)
+
+
+@given(shares, shares, shares, shares)
+def test_knots_of_a_brake_are_points_of_the_trajectory_in_any_predicted_duration(
+    first, second, v, a
+):
+    # Between other points, quintics exceed the jerk of the brake, which no slowing changes.
+    bounds = {"max_velocity": 4.0, "max_acceleration": 8.0, "max_jerk": 160.0}
+    start = JointState(JOINTS, configuration(0.4 + 0.2 * first), 3.0 * (v - 0.5), 15.0 * (a - 0.5))
+    # So near, the slow motion needs far less than the predicted duration.
+    goal = JointGoal(JointState(JOINTS, start.positions + 0.1 * (second - 0.5)))
+    bounds["max_effort"] = np.inf
+    subject = planner(overrides=dict.fromkeys(JOINTS, bounds), max_solve_time=NO_TIME)
+    plan = subject.plan(goal, start)
+    assert plan.is_executable, plan.message
+    if "this one brakes" in plan.message:
+        steps = plan.trajectory.times / subject.options.sample_period
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+@pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_jerk"])
+@pytest.mark.parametrize("kind", ["optimal", "real_time", "single"])
+def test_motions_that_would_take_too_long_are_rejected_before_they_are_sampled(quantity, kind):
+    goal, start = request(1)
+    via = JointState(JOINTS, start.positions + 0.1)
+    target = goal if kind == "single" else SequenceGoal((via, goal.state))
+    subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
+    plan = subject.plan(target, start, kind if kind in MODES else "optimal")
+    assert plan.status == INFEASIBLE
+    assert plan.trajectory.n_steps < 10_000
+    assert "s, at most 600 s are accepted" in plan.message
+
+
+@pytest.mark.parametrize("quantity", ["max_acceleration", "max_jerk"])
+def test_brakes_that_would_take_too_long_are_rejected_before_they_are_sampled(quantity):
+    goal, start = request(1)
+    start = JointState(JOINTS, start.positions, np.full(4, 0.1))
+    subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
+    plan = subject.plan(goal, start)
+    assert plan.status == INFEASIBLE
+    assert "no brake within the limits was found: the fastest one takes over 600 s" in plan.message

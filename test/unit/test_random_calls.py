@@ -1,0 +1,71 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Calls of the Python API with wrong types, shapes and values raise only documented errors."""
+
+import numpy as np
+import pytest
+from fuzz_calls import ARRAYS, NUMBERS, OTHERS, calls, planned, try_call
+
+import mp_pca_planner as mp
+from mp_pca_planner.arrays import as_list, check_number, float_array, unique_names
+from mp_pca_planner.exceptions import GoalError, shown
+
+EVERY = (*NUMBERS, *OTHERS, *ARRAYS)
+
+
+def test_random_calls_raise_only_errors_of_the_front_door(tmp_path, monkeypatch):
+    # benchmarks/fuzz_calls.py makes thousands of them.
+    monkeypatch.chdir(tmp_path)
+    problems = [try_call(number, 7, tmp_path) for number in range(300)]
+    assert [one for one in problems if one[1]] == []
+
+
+def test_valid_calls_are_valid(tmp_path, monkeypatch):
+    # Otherwise odd arguments would test nothing.
+    monkeypatch.chdir(tmp_path)
+    expected_to_fail = {"MovementPrimitive.load", "load_demonstrations", "Mesh.from_file"}
+    expected_to_fail |= {"World.from_file", "World.with_obstacles", "Robot.limits"}
+    for call in calls(tmp_path):
+        if call.free and call.name not in expected_to_fail:
+            call.function(**call.arguments)
+
+
+@pytest.mark.parametrize("make", EVERY)
+def test_every_value_has_a_text_for_messages(make):
+    assert len(shown(make())) <= 80 + len("a value of type ")
+
+
+@pytest.mark.parametrize("make", EVERY)
+def test_checks_raise_the_error_that_they_are_given(make):
+    for check in (
+        lambda x: float_array(x, "x", GoalError, (4,)),
+        lambda x: check_number(x, "x", GoalError, 0.0),
+        lambda x: unique_names(x, "x", GoalError),
+        lambda x: as_list(x, "x", GoalError),
+    ):
+        problem = ""
+        try:
+            check(make())
+        except GoalError as error:
+            problem = str(error)
+        assert problem == "" or problem.startswith("x")
+
+
+@pytest.mark.parametrize(
+    "values",
+    [["0.1"] * 4, [True] * 4, np.full(4, 1j), np.zeros(4, "M8[s]"), np.ma.masked_array([0.0] * 4)],
+)
+def test_what_is_no_number_is_not_converted_silently(values):
+    with pytest.raises(GoalError, match="x must be numbers"):
+        float_array(values, "x", GoalError, (4,))
+
+
+def test_shape_is_checked_before_memory_is_taken():
+    with pytest.raises(GoalError, match=r"shape \(4\), got \(1000000000000,\)"):
+        float_array(np.broadcast_to(0.0, 10**12), "x", GoalError, (4,))
+
+
+def test_every_error_derives_from_the_one_of_the_front_door():
+    errors = [getattr(mp, name) for name in mp.__all__ if name.endswith("Error")]
+    assert all(issubclass(one, mp.PlannerError) for one in errors)
+    assert planned()[0].primitives
