@@ -35,7 +35,16 @@ from typing import Any
 import numpy as np
 
 import mp_pca_planner as mp
-from mp_pca_planner.planning.options import SearchOptions, SolverOptions
+from mp_pca_planner.planning.options import SearchOptions
+from mp_pca_planner.planning.part_options import (
+    BrakingOptions,
+    ClearanceOptions,
+    DetourOptions,
+    PathOptions,
+    PoseSearchOptions,
+    SelectionOptions,
+    SolverOptions,
+)
 
 CPU_SECONDS = 5.0
 ROBOT = mp.config_file("human_arm.urdf")
@@ -207,6 +216,16 @@ def calls(folder: Path) -> list[Call]:
         ),
         Call("JointLimits", mp.JointLimits, {"joint_names": names, "limits": limits}),
         Call("PlannerOptions", mp.PlannerOptions, options),
+        Call("Upright", mp.Upright, {"frame": "wrist", "angle": 0.3, "axis": (0.0, 1.0, 0.0)}),
+        Call("PlannerOptions", mp.PlannerOptions, {"constraints": (mp.Upright("wrist", 0.3),)}),
+        Call("SolverOptions", SolverOptions, vars(SolverOptions())),
+        Call("SearchOptions", SearchOptions, vars(SearchOptions())),
+        Call("SelectionOptions", SelectionOptions, vars(SelectionOptions())),
+        Call("PoseSearchOptions", PoseSearchOptions, vars(PoseSearchOptions())),
+        Call("ClearanceOptions", ClearanceOptions, vars(ClearanceOptions())),
+        Call("PathOptions", PathOptions, vars(PathOptions())),
+        Call("DetourOptions", DetourOptions, vars(DetourOptions())),
+        Call("BrakingOptions", BrakingOptions, vars(BrakingOptions())),
         Call("Planner", mp.Planner, {"robot": robot, "primitives": [primitive], "world": world}),
         Call("Planner.plan", planner.plan, {"goal": there, "start": q, "mode": "optimal"}),
         Call("Planner.plan", planner.plan, {"goal": [there, q], "start": q, "duration": 3.0}),
@@ -214,6 +233,7 @@ def calls(folder: Path) -> list[Call]:
         Call("Planner.check", planner.check, {"goal": goal}),
         Call("Planner.target", planner.target, {"goal": goal, "start": state}),
         Call("Planner.precompute", planner.precompute, {"max_time": 0.0}),
+        Call("Planner.start_like", planner.start_like, {"other": planner}),
         Call("Planner.use_collision", planner.use_collision, {"collision": None}, free=False),
         Call("show", mp.show, {"planner": None, "plan": plan, "port": "x"}, free=False),
         Call("Plan.show", plan.show, {"port": "x"}, free=False),

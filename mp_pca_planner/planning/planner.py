@@ -231,7 +231,14 @@ class Planner:
         return report(self._context, outcome, goal, began, self)
 
     def start_like(self, other: Planner) -> None:
-        """Use the warm starts of another planner with the same primitives."""
+        """Use the warm starts of another planner with the same primitives.
+
+        Raises
+        ------
+        PrimitiveError
+            If it is not a planner.
+        """
+        check_type(other, "the other planner", PrimitiveError, Planner)
         self._context.bases.warm_starts.update(other._context.bases.warm_starts)
 
     @one_blas_thread()
@@ -252,10 +259,10 @@ class Planner:
         GoalError
             If the time is no number of at least 0.
         """
+        check_number(max_time, "max_time [s]", GoalError, 0.0)
         near = self.options.naturalness >= self.options.search.near_expected
         if self.options.basis != "pca" or near:
             return
-        check_number(max_time, "max_time [s]", GoalError, 0.0)
         deadline = time.perf_counter() + max_time
         for primitive in self.primitives:
             if Budget(deadline).is_over():

@@ -228,7 +228,8 @@ def _refused(context: Context, outcome: Outcome, kind: str, why: str) -> str:
         return SENTENCES[name].format(message=message, seconds=outcome.stated)
     if outcome.slow.reason:
         message = SENTENCES["no_slow"].format(message=message, reason=outcome.slow.reason)
-    if best.collisions and not best.is_hopeless and (missing := missing_planner()):
+    is_blocked = bool(best.collisions) or "collide" in outcome.slow.reason
+    if is_blocked and not best.is_hopeless and (missing := missing_planner()):
         message = SENTENCES["no_planner"].format(message=message, missing=missing)
     return message
 

@@ -254,7 +254,7 @@ class Robot(Dynamics, Kinematics):
         carrier = model.frames[frame_id]
         joint = joint_of(carrier)
         if joint > 0 and mass != 0.0:
-            point = pin.Inertia(mass, carrier.placement.translation, np.zeros((3, 3)))
+            point = pin.Inertia(float(mass), carrier.placement.translation, np.zeros((3, 3)))
             model.inertias[joint] = model.inertias[joint] + point
         return self._with_model(model)
 
