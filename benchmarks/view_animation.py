@@ -37,6 +37,7 @@ SIZE = (640, 480)
 SCALE = 2  # of screenshots, which are made smaller for smooth edges
 RATE = 12.0  # frames per second [Hz]
 N_COLOURS = 96
+N_GRABS = 5
 PATIENCE = 60.0  # longest time for a plan [s]
 
 CAMERA, AIM, VIEW = (2.6, -0.45, 1.6), (0.25, 0.03, 0.17), 0.51
@@ -44,7 +45,7 @@ GOAL_SHIFT = (-0.1, 0.25, 0.0)
 BOX = Box((0.2, 0.1, 0.42), (0.88, 0.05, 0.21))
 BOX_PLACE = (0.57, 0.05, 0.21)
 # Where handles are gripped, as shares of their size: the square between x and y, the arrow of x.
-SQUARE, ARROW = np.array([0.255, 0.255, 0.0]), np.array([0.85, 0.0, 0.0])
+SQUARE, ARROW = np.array([0.255, 0.255, 0.0]), np.array([0.9, 0.0, 0.0])
 # From the right of the robot over the middle to its left, the hand downwards [rad].
 WAY = np.array(
     [
@@ -121,13 +122,29 @@ class Camera:
         turn = viser.transforms.SO3(np.array(handle.wxyz)).as_matrix()
         place = np.array(handle.position) + turn @ grip
         self.point(place)
-        self.tab.mouse.down()
+        self._grab(handle, place, shift)
         for share in eased(n):
             before = np.array(handle.position)
             self._move(self._pixel(place + share * shift))
             wait_until(lambda before=before: np.any(handle.position != before), 1.0)
             self.take()
         self.tab.mouse.up()
+
+    def _grab(self, handle: Any, place: np.ndarray, shift: np.ndarray) -> None:
+        """Press the button on a handle; on a slow machine, the mouse may miss it."""
+        (client,) = self.page.server.get_clients().values()
+        before = np.array(handle.position)
+        for _ in range(N_GRABS):
+            self._move(self._pixel(place))
+            time.sleep(0.5)
+            self.tab.mouse.down()
+            self._move(self._pixel(place + 0.03 * shift))
+            if wait_until(lambda: np.any(handle.position != before), 5.0):
+                return
+            self.tab.mouse.up()
+            client.camera.position, client.camera.look_at = CAMERA, AIM  # it was turned instead
+            time.sleep(1.0)
+        raise TimeoutError("the mouse missed the handle")
 
     def click(self) -> None:
         """Press and release the button of the mouse."""

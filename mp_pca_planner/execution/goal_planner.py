@@ -25,7 +25,7 @@ from .assembly import Model
 from .measured import Clock
 from .options import ServingOptions
 from .preemptive_worker import CancelledError, IsCancelled
-from .published_motion import PublishedMotion
+from .published_motion import MIN_STEP, PublishedMotion
 from .start_state import MotionStart, StartStates
 
 if TYPE_CHECKING:
@@ -136,7 +136,11 @@ def _displaced_in(
     duration: float, motion: PublishedMotion, place: float, goal: JointState, period: float
 ) -> Trajectory:
     """The motion from a place on, plus the polynomial to the change of its end."""
-    times = np.linspace(0.0, duration, max(int(np.ceil(duration / period)), 5) + 1)
+    # At the points of the motion: between others, a quintic over a jump of the jerk exceeds it.
+    own = motion.rest(place).times if place < motion.duration else np.zeros(1)
+    own = own[own < max(duration - MIN_STEP, MIN_STEP)]
+    n_more = max(int(np.ceil((duration - own[-1]) / period - 1e-6)), 6 - len(own), 1)
+    times = np.concatenate([own, np.linspace(own[-1], duration, n_more + 1)[1:]])
     last = motion.state(motion.duration)
     ends = zip(last.values, goal.values, strict=True)
     change = [(new - old) * duration**d for d, (old, new) in enumerate(ends)]

@@ -27,9 +27,9 @@ TRANSPORT = 0.02
 USUAL_TRANSPORT = 0.001
 """Usual time of a message to the next cycle of a controller on the same machine [s]."""
 
-# Shortest time between points that are joined [s]. In a shorter one, the rounding of positions
-# would be a noticeable jerk.
-_MIN_STEP = 3e-4
+MIN_STEP = 3e-4
+"""Shortest time between points that are joined [s]. In a shorter one, the rounding of positions
+would be a noticeable jerk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class PublishedMotion:
         Of points less than 0.3 ms away, none but the last remains: see :meth:`near_point`.
         """
         points = self.trajectory
-        later = points.times > min(place + _MIN_STEP, points.times[-2])
+        later = points.times > min(place + MIN_STEP, points.times[-2])
         places = np.concatenate([[place], points.times[later]])
         return Trajectory(points.joint_names, places - place, *self.sample(places))
 
@@ -100,7 +100,7 @@ class PublishedMotion:
         """
         times = self.trajectory.times
         nearest = float(times[np.abs(times - place).argmin()])
-        return nearest if abs(nearest - place) < _MIN_STEP else place
+        return nearest if abs(nearest - place) < MIN_STEP else place
 
     def followed_by(self, rest: Trajectory, switch: float, here: float) -> Trajectory:
         """The motion from one place up to another one, and then another trajectory.
@@ -117,10 +117,10 @@ class PublishedMotion:
         # Messages state times in nanoseconds. The motion is sampled at such times, because their
         # rounding would be a noticeable jerk between near points.
         lead = round(switch - here, 9)
-        if lead < _MIN_STEP:
+        if lead < MIN_STEP:
             return rest
-        old, begin = self._with_hold(switch - _MIN_STEP), switch - lead
-        inside = (old.times > begin + _MIN_STEP) & (old.times < switch - _MIN_STEP)
+        old, begin = self._with_hold(switch - MIN_STEP), switch - lead
+        inside = (old.times > begin + MIN_STEP) & (old.times < switch - MIN_STEP)
         since = np.concatenate([[0.0], np.round(old.times[inside] - begin, 9)])
         times = np.concatenate([since, rest.times + lead])
         columns = zip(self.sample(begin + since), rest.states, strict=True)

@@ -247,8 +247,7 @@ class SequenceGoal:
 
     def __post_init__(self) -> None:
         targets = as_list(self.targets, "the targets of a sequence must be a list", GoalError)
-        if not targets:
-            raise GoalError("a sequence needs at least one target, got none")
+        _check_count(len(targets))
         named = (_named(x, "a target", JointState, Pose) for x in targets)
         set_frozen(self, targets=tuple(named))
         n = len(self.targets)
@@ -376,9 +375,7 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
             )
         return value
     if _is_several(value):
-        most = INPUT_LIMITS.targets
-        if len(value) > most:
-            raise GoalError(f"the sequence has {len(value)} targets, at most {most} are accepted")
+        _check_count(len(value))
         targets = [_as_target(v, joint_names, f"target {i}") for i, v in enumerate(value, 1)]
         times = (*(None for _ in targets[1:]), duration)
         return SequenceGoal(tuple(targets), times)
@@ -386,6 +383,15 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     if isinstance(target, Pose):
         return PoseGoal(target, duration)
     return JointGoal(target, duration)
+
+
+def _check_count(n_targets: int) -> None:
+    """Reject sequences without a target, and those that would exceed time or memory."""
+    most = INPUT_LIMITS.targets
+    if not n_targets:
+        raise GoalError("a sequence needs at least one target, got none")
+    if n_targets > most:
+        raise GoalError(f"the sequence has {n_targets} targets, at most {most} are accepted")
 
 
 def _is_several(value: object) -> TypeGuard[Sequence[TargetLike]]:

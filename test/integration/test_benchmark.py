@@ -126,7 +126,7 @@ def test_missing_peer_is_named_and_the_others_are_run(scene, monkeypatch):
 
 def test_example_robot_without_its_package_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "example_robot_data.robots_loader", None)
-    with pytest.raises(MissingDependencyError, match=r"robot 'panda' .*\[peers\]"):
+    with pytest.raises(MissingDependencyError, match=r"robot 'panda' .*\[example\]"):
         robot_file("panda")
 
 

@@ -257,7 +257,7 @@ def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
         (("--trials", "t.json", "--executed", "gone.mcap"), "can't be read: No such file"),
         (("--limits", "{tight}"), "no motion to refine"),
         (("--via", GOAL, "--duration", "3"), "--duration can't be given with --via"),
-        (("--via", f"{GOAL}@0.5"), "times (@) can't be given"),
+        (("--via", f"{GOAL}@0.5"), "times (@) are not accepted"),
     ],
 )
 def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, options, words):

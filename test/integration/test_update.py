@@ -102,6 +102,6 @@ def test_updates_that_make_no_sense_are_refused_in_one_line(bags, tmp_path):
     assert "valid names: 'a', 'b', 'c'" in refusal("--update", file, "--remove", "d")
     assert "nothing would be left" in refusal("--update", file, "--remove", "a,b,c")
     assert "was built with degree 15" in refusal(bags[0], "--update", file, "--degree", "20")
-    assert "give --update" in refusal(bags[0], "--output", tmp_path / "x.npz", "--remove", "a")
+    assert "also pass --update" in refusal(bags[0], "--output", tmp_path / "x.npz", "--remove", "a")
     assert "at least one recording" in refusal("--output", tmp_path / "x.npz")
     assert file.read_bytes() == before

@@ -157,7 +157,7 @@ def test_state_holds_the_wanted_joints_in_their_order() -> None:
         (message(["a", "b"], [1.0]), "2 joints and has 1 positions"),
         (message(["a", "b"], [1.0, 2.0], velocity=[1.0]), "2 joints and has 1 velocities"),
         (message(["a", "b"], [1.0, INF]), "present position of joint 'b' is inf"),
-        (message(["a", "b"], [1.0, 2.0], velocity=[NAN, 0.0]), "velocity of joint 'a' is nan"),
+        (message(["a", "b"], [1.0, 2.0], velocity=[INF, 0.0]), "velocity of joint 'a' is inf"),
     ],
 )
 def test_malformed_states_are_refused_by_name(wrong: JointStateMessage, words: str) -> None:

@@ -16,7 +16,6 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...exceptions import GoalError
-from ...input_limits import INPUT_LIMITS
 from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ...primitives.conditional_model import ConditionalDistribution
 from ..configurations import configurations_at, starts_near
@@ -174,7 +173,8 @@ def _sequence(
     context: Context, selector: Selector, goal: SequenceGoal, here: JointState
 ) -> Request:
     """Choose configurations, primitives and usual durations of a sequence."""
-    _check_size(context, goal)
+    last = max((when for when in goal.times if when is not None), default=1.0)
+    context.check_duration("the sequence asks for a time of", last)
     n_passed = _n_passed(context, goal, here)
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
@@ -200,17 +200,6 @@ def _sequence(
             )
         )
     return Request.of(segments, duration_groups(times), is_single=False)
-
-
-def _check_size(context: Context, goal: SequenceGoal) -> None:
-    """Reject sequences that would exceed time or memory."""
-    most = INPUT_LIMITS.targets
-    if len(goal.targets) > most:
-        raise GoalError(
-            f"the sequence has {len(goal.targets)} targets, at most {most} are accepted"
-        )
-    last = max((when for when in goal.times if when is not None), default=1.0)
-    context.check_duration("the sequence asks for a time of", last)
 
 
 def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:

@@ -98,7 +98,9 @@ def test_limits_are_judged_as_on_the_whole_grid(
     assert len(found) == (4 if excess > -LIMIT_NEAR else 0)
     for violation in found:
         assert violation.quantity == quantity
-        assert abs(violation.value) == abs(peaks[JOINTS.index(violation.joint)])
+        # The grid of the check may be evaluated in another order: one rounding error apart.
+        peak = abs(peaks[JOINTS.index(violation.joint)])
+        assert abs(violation.value) == pytest.approx(peak, rel=1e-15)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3))

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner: goals in, executable motions of little effort out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
@@ -14,7 +12,7 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits
 from mp_pca_planner.planning.options import SearchOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
@@ -532,7 +530,15 @@ def test_a_joint_that_turns_without_end_goes_the_shorter_way():
 def test_durations_whose_numbers_would_overflow_are_rejected(seconds):
     goal, start = request(1)
     with pytest.raises(GoalError, match="at least 1e-06 s are accepted"):
-        planner().plan(replace(goal, duration=seconds), start)
+        planner().plan(JointGoal(goal.state, seconds), start)
+
+
+@pytest.mark.parametrize("seconds", [1e-7, 1e-300])
+def test_passing_times_whose_numbers_would_overflow_are_rejected(seconds):
+    goal, start = request(1)
+    targets = (JointState(JOINTS, start.positions + 0.2), goal.state)
+    with pytest.raises(GoalError, match="at least 1e-06 s are accepted"):
+        planner().plan(SequenceGoal(targets, (seconds, 1.0)), start)
 
 
 def test_goals_of_other_types_are_rejected_by_check_and_target():

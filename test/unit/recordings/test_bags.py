@@ -345,7 +345,7 @@ def test_existing_file_is_replaced_only_on_request(tmp_path: Path, bag_format: s
 def test_folder_of_other_things_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "thesis").mkdir()
     own_bag(tmp_path / "thesis" / "bag", "mcap")
-    with pytest.raises(RecordingError, match="thesis' is a folder, but no recording"):
+    with pytest.raises(RecordingError, match="thesis' is a folder, but not a recording"):
         own_bag(tmp_path / "thesis", "mcap", overwrite=True)
     assert (tmp_path / "thesis" / "bag" / "metadata.yaml").exists()
 
