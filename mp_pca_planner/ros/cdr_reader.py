@@ -16,7 +16,7 @@ from ..recordings.byte_layout import ENCAPSULATION
 class CdrReader:
     """Reads one value after the other from a message in CDR.
 
-    Whatever is malformed raises a `ValueError`, an `IndexError` or a `struct.error`.
+    Whatever is malformed raises a `ValueError`.
 
     Parameters
     ----------
@@ -25,6 +25,8 @@ class CdrReader:
     """
 
     def __init__(self, content: bytes) -> None:
+        if len(content) < ENCAPSULATION:
+            raise ValueError(f"it has {len(content)} bytes, at least {ENCAPSULATION} are needed")
         self._content, self._order = content, "<" if content[1] & 1 else ">"
         self._place = ENCAPSULATION
 
@@ -39,7 +41,10 @@ class CdrReader:
         """Numbers of the same size, by their characters in `struct`."""
         size = struct.calcsize(f"={kinds[0]}")
         self._align(size)
-        found = struct.unpack_from(self._order + kinds, self._content, self._place)
+        try:
+            found = struct.unpack_from(self._order + kinds, self._content, self._place)
+        except struct.error:
+            raise ValueError(f"it ends within its {len(self._content)} bytes") from None
         self._place += size * len(kinds)
         return found
 

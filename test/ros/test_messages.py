@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 from arm import JOINTS, arm_primitive, arm_robot
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from patience import PATIENT
@@ -30,6 +32,8 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.ros.messages import (
+    read_goal,
+    read_stamp,
     to_descriptor,
     to_goal,
     to_plan_report,
@@ -163,6 +167,13 @@ def test_state_holds_the_wanted_joints_in_their_order() -> None:
 def test_malformed_states_are_refused_by_name(wrong: JointStateMessage, words: str) -> None:
     with pytest.raises(GoalError, match=words):
         to_state(wrong, ["a", "b"])
+
+
+@given(st.binary(max_size=80), st.sampled_from([JointStateMessage, JointTrajectory, PoseStamped]))
+def test_goals_of_any_bytes_are_read_or_rejected(content: bytes, kind: type) -> None:
+    read_stamp(content)
+    with suppress(GoalError):
+        read_goal(content, kind)
 
 
 # Trajectories
