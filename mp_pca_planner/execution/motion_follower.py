@@ -192,7 +192,9 @@ class MotionFollower:
         # place.
         command = on_time if is_timed or is_over else command
         following = self._following(published, ON_TIME, command, seen)
-        return self._arrival(published, following, seen) if seen.at_rest and is_over else following
+        # A state from before the end of the motion is no evidence of an arrival, nor of a miss.
+        is_known = following.at_rest and is_over
+        return self._arrival(published, following, seen) if is_known else following
 
     def _arrival(
         self, published: Publication, following: Following, seen: FollowingState
@@ -203,10 +205,7 @@ class MotionFollower:
         is_known = following.is_path_known
         if away > (options.missed_distance if is_known else options.missed_stop_distance):
             return replace(following, how=OFF)
-        # A state from before the end of the motion is no evidence of the arrival.
-        published.is_arrived = self.measured.newest_time >= motion.began + motion.duration
-        if published.is_arrived:
-            published.previous = None
+        published.is_arrived, published.previous = True, None
         return following
 
     def _following(
