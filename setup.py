@@ -149,6 +149,7 @@ setup(
             "mujoco>=3.3",
             "mypy==2.4.*",
             "playwright>=1.45",
+            "pyarrow>=15.0",
             "pytest>=7.4",
             "rich>=13.0",
             "ruff==0.17.*",

@@ -77,7 +77,7 @@ class LockedModel:
         model = self._full
         moving = {i for i in range(1, model.njoints) if i not in self._locked}
         shapes, needed = (
-            {f.parentJoint for f in model.frames if f.type == pin.FrameType.BODY and f.name in some}
+            {joint_of(f) for f in model.frames if f.type == pin.FrameType.BODY and f.name in some}
             for some in (self._colliding, links)
         )
         found = []
