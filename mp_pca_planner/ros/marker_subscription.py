@@ -4,8 +4,9 @@
 
 A subscription that requests more than a publisher offers makes that publisher log that it sends
 nothing to it. Therefore, the lasting subscription requests no latched messages, and reliability
-only while all publishers offer it. Latched messages of a publisher are fetched once, by another
-subscription that ends after some seconds.
+only while all publishers offer it. It begins with reliability: a publisher that sends one message
+and ends would lose that on the way to a subscription that acknowledges nothing. Latched messages of
+a publisher are fetched once, by another subscription that ends after some seconds.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ class MarkerSubscription:
     def __init__(self, node: Node, topic: str) -> None:
         self._node, self._topic = node, topic
         self._name = node.resolve_topic_name(topic)
-        self._is_reliable = False
-        self._lasting = self._subscribe(is_reliable=False)
+        self._is_reliable = True
+        self._lasting = self._subscribe(is_reliable=True)
         # Subscriptions that end, and when.
         self._ending: list[tuple[float, PolledSubscription, bool]] = []
         self._known: set[bytes] = set()
