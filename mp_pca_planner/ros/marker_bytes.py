@@ -8,7 +8,6 @@ rclpy makes an object of each point, in one call that stops all threads of the p
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 
 from ..arrays import FloatArray
@@ -62,7 +61,7 @@ def read_markers(content: bytes) -> list[MarkerData]:
     try:
         reader = CdrReader(content)
         return [_marker(reader) for _ in range(reader.count(_LEAST_BYTES))]
-    except (ValueError, struct.error, IndexError) as error:
+    except ValueError as error:
         raise WorldError(f"the message of markers is malformed: {error}") from None
 
 

@@ -4,9 +4,10 @@
 
 A subscription that requests more than a publisher offers makes that publisher log that it sends
 nothing to it. Therefore, the lasting subscription requests no latched messages, and reliability
-only while all publishers offer it. It begins with reliability: a publisher that sends one message
-and ends would lose that on the way to a subscription that acknowledges nothing. Latched messages of
-a publisher are fetched once, by another subscription that ends after some seconds.
+only while all publishers offer it. It begins when a publisher is discovered: one that sends a
+single message and ends would lose that on the way to a subscription that acknowledges nothing.
+Latched messages of a publisher are fetched once, by another subscription that ends after some
+seconds.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ class MarkerSubscription:
     def __init__(self, node: Node, topic: str) -> None:
         self._node, self._topic = node, topic
         self._name = node.resolve_topic_name(topic)
-        self._is_reliable = True
-        self._lasting = self._subscribe(is_reliable=True)
+        self._is_reliable: bool | None = None
+        self._lasting: PolledSubscription | None = None
         # Subscriptions that end, and when.
         self._ending: list[tuple[float, PolledSubscription, bool]] = []
         self._known: set[bytes] = set()
@@ -74,7 +75,7 @@ class MarkerSubscription:
         if now - self._discovered >= _DISCOVERY_PERIOD:
             self._discovered = now
             self._follow_publishers(now)
-        messages = [(one, False) for one in self._lasting.poll()]
+        messages = [(one, False) for one in (self._lasting.poll() if self._lasting else ())]
         for _, subscription, is_latched in self._ending:
             messages += [(one, is_latched) for one in subscription.poll()]
         for end in [one for one in self._ending if one[0] < now]:
@@ -92,8 +93,9 @@ class MarkerSubscription:
             key for key, qos in offers.items() if qos.reliability == ReliabilityPolicy.RELIABLE
         }
         if offers and (len(reliable) == len(offers)) != self._is_reliable:
-            self._is_reliable = not self._is_reliable
-            self._ending.append((now + _FETCHING, self._lasting, False))
+            self._is_reliable = len(reliable) == len(offers)
+            if self._lasting is not None:
+                self._ending.append((now + _FETCHING, self._lasting, False))
             self._lasting = self._subscribe(is_reliable=self._is_reliable)
         latched = {
             key for key in reliable if offers[key].durability == DurabilityPolicy.TRANSIENT_LOCAL
