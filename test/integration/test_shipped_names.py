@@ -20,6 +20,7 @@ from patience import HANG
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
+from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.resources import config_file
 
@@ -35,6 +36,8 @@ def onlooker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
         running_node(tmp_path / "log.txt", "-p", "use_sim_time:=true"),
         ros_node("onlooker") as node,
     ):
+        # The planner subscribes to obstacles once somebody publishes them.
+        node.create_publisher(MarkerArray, f"/{NAME}/obstacles", 1)
         yield node
 
 

@@ -327,7 +327,7 @@ def test_motions_in_which_the_robot_hits_itself_go_around_or_are_refused(
             via = JointTrajectoryPoint(positions=GOAL)
             end = JointTrajectoryPoint(positions=[0.0, 0.0, 1.5, -2.0])
             sequence = JointTrajectory(joint_names=JOINTS, points=[via, end])
-            assert_refused(client.send(sequence), "self-collision", "'chest' and 'lower_arm'")
+            assert_refused(client.send(sequence), "in collision", "'chest' and 'lower_arm'")
 
 
 def test_goal_velocity_is_served_only_if_the_controller_accepts_it(client: NodeClient) -> None:
