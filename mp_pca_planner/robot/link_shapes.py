@@ -15,7 +15,7 @@ from ..input_limits import INPUT_LIMITS
 from .mesh_files import find_mesh, scaled
 from .mesh_pieces import whole_piece
 from .shapes import NO_VOLUME, Box, Cylinder, Mesh, Shape, Sphere
-from .solids import Solid, solid_of, solids_of, surface_of
+from .solids import Solid, link_solid, solids_of
 from .urdf import Description
 from .urdf_elements import StatedShape
 
@@ -67,7 +67,7 @@ class LinkShapes:
                         f"the collision meshes of the {source} have more than {most} triangles"
                     )
                 piece = whole_piece(shape.vertices, shape.triangles)
-                solids.append(solid_of(piece)._replace(shape=surface_of(piece)))
+                solids.append(link_solid(piece))
                 notes += [f"link '{link}': {NO_VOLUME}"] if piece.is_thin else []
             else:
                 solids += solids_of(shape)

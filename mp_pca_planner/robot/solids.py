@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 from .mesh_pieces import Piece
 from .shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
@@ -62,17 +63,40 @@ def solid_of(piece: Piece) -> Solid:
 
 
 def _solid_of(piece: Piece) -> Solid:
+    hull = _hull_of(piece)
+    return Solid(hull if piece.is_convex else _surface_of(piece), hull, piece.is_convex)
+
+
+# A robot is built anew for each change of a parameter or of the primitives, and Coal keeps the lock
+# of the interpreter while it builds the tree of a mesh: robots with equal meshes share them.
+_SURFACES: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+_HULLS: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+
+
+def link_solid(piece: Piece) -> Solid:
+    """The mesh of a link for the distance library, always with its triangles.
+
+    Equal meshes share the same objects while one of them is used.
+    """
+    content = hashlib.sha256(piece.vertices.tobytes() + piece.triangles.tobytes()).digest()
+    surface, hull = _SURFACES.get(content), _HULLS.get(content)
+    if surface is None:
+        surface = _SURFACES[content] = _surface_of(piece)
+    if hull is None:
+        hull = _HULLS[content] = _hull_of(piece)
+    return Solid(surface, hull, piece.is_convex)
+
+
+def _hull_of(piece: Piece) -> Any:
     points, faces = _Points(), coal.StdVec_Triangle()
     for corner in piece.corners:
         points.append(corner)
     for face in piece.faces.tolist():
         faces.append(coal.Triangle(*face))
-    hull = coal.Convex(points, faces)
-    return Solid(hull if piece.is_convex else surface_of(piece), hull, piece.is_convex)
+    return coal.Convex(points, faces)
 
 
-def surface_of(piece: Piece) -> Any:
-    """The triangles of a piece of a mesh for the distance library."""
+def _surface_of(piece: Piece) -> Any:
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(len(piece.triangles), len(piece.vertices))
     mesh.addVertices(piece.vertices)

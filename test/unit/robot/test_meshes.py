@@ -5,6 +5,7 @@
 import os
 import signal
 import threading
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ from mp_pca_planner.robot import mesh_process
 from mp_pca_planner.robot.mesh_files import read_mesh
 from mp_pca_planner.robot.mesh_pieces import THICKNESS, pieces_of, whole_piece
 from mp_pca_planner.robot.mesh_process import MeshProcess
+from mp_pca_planner.robot.solids import link_solid
 
 USED = {
     *("UPPER.STL", "floor.stl", "text floor.stl", "solid.stl", "needle.stl", "flat.stl"),
@@ -272,6 +274,18 @@ def test_links_have_flat_meshes_with_a_note_and_hostile_ones_are_named(tmp_path)
 
 
 # The process
+
+
+def test_robots_with_equal_meshes_share_what_is_built_of_them():
+    piece, same, other = (whole_piece(*sphere(n)) for n in (20, 20, 21))
+    solid = link_solid(piece)
+    assert link_solid(same).shape is solid.shape
+    assert link_solid(same).hull is solid.hull
+    assert link_solid(other).shape is not solid.shape
+    # Nobody needs them any more, so that they take no memory.
+    kept = weakref.ref(solid.shape)
+    del solid
+    assert kept() is None
 
 
 def test_a_process_that_ends_is_replaced():
