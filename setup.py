@@ -94,19 +94,16 @@ setup(
             "viser>=1.1",
             "websockets>=15.0",
         ],
-        # Other ways to motions, to compare with: ProMP and DMP, optimal control, time-optimal.
+        # Other ways to motions, to compare with: ProMP, DMP, optimal control, time-optimal paths.
         "peers": [
             "movement_primitives>=0.9",
             "pytransform3d>=3.5",  # movement_primitives imports it, but doesn't ask for it
             "crocoddyl>=3.2",
-            "ruckig>=0.14",
             "toppra>=0.6.9",
             "example-robot-data>=4.3",
         ],
         # Part of the requirements; the name stays for a release.
         "ompl": ["ompl>=2.0; python_version < '3.14'"],
-        # Has no wheels for many platforms: apart, so that it doesn't hold up the other peers.
-        "drake": ["drake>=1.30"],
         # Has no wheels: pip builds it with a compiler, CMake, Eigen and Git.
         "vamp": ["vamp-planner>=0.6.1"],
         # Another physics engine for the simulated robot.

@@ -158,7 +158,7 @@ def planned_goal(
     duration = arguments.duration if isinstance(arguments.duration, float) else None
     what = "a sequence ends at rest" if arguments.via else "a pose is reached at rest"
     for option in ("goal_velocity", "goal_acceleration"):
-        is_given = getattr(arguments, option) is not None
+        is_given = getattr(arguments, option, None) is not None
         if is_given and (arguments.via or arguments.goal is None):
             option = "--" + option.replace("_", "-")
             needed = "can't be given with --via" if arguments.via else "needs --goal"

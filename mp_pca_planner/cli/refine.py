@@ -23,10 +23,7 @@ from .requests import PlannedRequest, collision_lines, plan_request, status_line
 from .terminal import DONE, FAILED, PROGRAM, complain, flush, written_lines
 
 # Options of `plan` that sequences don't have.
-_ONLY_OF_SINGLE_MOTIONS = (
-    *("goal_pose", "frame", "duration", "objective", "basis", "starts"),
-    *("start_velocity", "start_acceleration", "goal_velocity", "goal_acceleration"),
-)
+_ONLY_OF_SINGLE_MOTIONS = (*("goal_pose", "frame", "duration", "objective"),)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -35,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     request = _request(arguments)
     planner = request.planner
     options = RefinementOptions(
-        time_price=arguments.time_price, sample_period=arguments.sample_period, seed=arguments.seed
+        time_price=arguments.time_price, sample_period=arguments.sample_period
     )
     problem = request.plan.motions, planner.robot, planner.limits, options
     found = refine(*problem, planner.collision)

@@ -167,7 +167,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
         naturalness=arguments.naturalness,
         n_starts=arguments.starts,
         sample_period=arguments.sample_period,
-        allow_nonzero_end_velocity=arguments.goal_velocity is not None,
+        allow_nonzero_end_velocity=getattr(arguments, "goal_velocity", None) is not None,
     )
 
 

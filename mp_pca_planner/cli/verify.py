@@ -5,12 +5,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..control.closed_loop import ControlLoop, ErrorModel, Sampling, Verification, verify
 from ..control.law import (
     KINDS,
@@ -27,7 +25,6 @@ from ..plotting.text import table
 from ..primitives.file import save_primitive
 from ..robot.model import Robot
 from .common import check_output, progress_bar, report
-from .goal_arguments import joint_values
 from .requests import PlannedRequest, plan_request
 from .terminal import DONE, FAILED, written_lines
 
@@ -46,12 +43,12 @@ def run(arguments: argparse.Namespace) -> int:
     if not request.plan.is_executable:
         raise ControlError(f"there is no motion to verify: {request.plan.message}")
     law = _choose_law(arguments, request)
-    parameters = parameters_file and controller_parameters(law, arguments.controller)
+    parameters = parameters_file and controller_parameters(law, "joint_trajectory_controller")
     robot, trajectory = request.planner.robot, request.plan.trajectory
     loop = ControlLoop(robot, law, trajectory, request.planner.limits.effort, sampling)
-    stability, n, seed = analyse(loop, errors), arguments.trials, arguments.seed
+    stability, n = analyse(loop, errors), arguments.trials
     with progress_bar("simulations", "simulation") as progress:
-        found = verify(loop, errors, stability.error_bound, n, seed=seed, progress=progress)
+        found = verify(loop, errors, stability.error_bound, n, progress=progress)
     facts = _facts(arguments, law, stability, found)
     facts["holds_for"] = verified_case(robot, trajectory)
     if output is not None:
@@ -69,27 +66,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _choose_law(arguments: argparse.Namespace, request: PlannedRequest) -> ControlLaw:
     """The law of the options, the primitive's own, or one made from frequency and damping."""
     kind, robot = arguments.law or KINDS[0], request.planner.robot
-    given = (arguments.position_gains, arguments.velocity_gains)
-    if all(given):
-        options = ("--position-gains", "--velocity-gains")
-        names, described = robot.joint_names, robot.described_joints
-        gains = [_gains(*pair, names, described) for pair in zip(given, options, strict=True)]
-        return ControlLaw(kind, names, *gains)
-    if any(given):
-        raise ControlError("--position-gains and --velocity-gains go together")
     own = paired_law(request.primitives[0])
     if own is not None and arguments.law is None:
         return own
     frequency, damping = arguments.natural_frequency, arguments.damping_ratio
     return ControlLaw.from_frequency(kind, robot, request.plan.trajectory, frequency, damping)
-
-
-def _gains(text: str, option: str, names: Sequence[str], described: Sequence[str]) -> FloatArray:
-    values = joint_values(text, described, option)
-    missing = [name for name in names if name not in values]
-    if missing:
-        raise ControlError(f"{option} lacks a gain for {', '.join(missing)}")
-    return np.array([values[name] for name in names])
 
 
 def _facts(

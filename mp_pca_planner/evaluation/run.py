@@ -23,18 +23,13 @@ from .optimal_control import crocoddyl_method
 from .problems import Problem, Scene, SceneProblem
 from .sampling_peers import ompl_method, vamp_method
 from .scene_referee import SceneReferee
-from .spline_peers import drake_method, slsqp_method
-from .without_optimisation import dmp_method, minimum_jerk_method, promp_method, ruckig_method
+from .without_optimisation import dmp_method, minimum_jerk_method, promp_method
 
 PEERS: dict[str, Callable[[Scene, float], Method]] = {
     "promp": promp_method,
     "dmp": dmp_method,
     "fddp": partial(crocoddyl_method, box=False),
     "box_fddp": partial(crocoddyl_method, box=True),
-    "slsqp_differences": partial(slsqp_method, differences=True),
-    "slsqp_gradients": partial(slsqp_method, differences=False),
-    "drake": drake_method,
-    "ruckig": ruckig_method,
 }
 """Methods to compare the planner with: set up with the scene and a time limit [s]."""
 SCENE_PEERS: dict[str, Callable[[Scene, float, CollisionModel], Method]] = {

@@ -24,7 +24,6 @@ from ..robot.model import Robot
 from ..robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World
 from .method import Method, PeerResult
 from .problems import Problem, Scene
-from .without_optimisation import sample_times
 
 _SAME_PLACE = 1e-3  # Distance of the hand in two models of a robot [m]; VAMP has 32 bits.
 
@@ -118,7 +117,8 @@ def _along_paths(
         if motion is None:
             what = "no path was found" if path is None else "the path could not be parametrised"
             return PeerResult(None, took, status=what, path_time=searched)
-        times = sample_times(float(motion.duration))
+        # At most 10 ms apart.
+        times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / 0.01)) + 1)
         states = [motion(times, order) for order in range(3)]
         trajectory = Trajectory(limits.joint_names, times, *states)
         return PeerResult(trajectory, took, path_time=searched)

@@ -1,9 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Methods without optimisation of efforts: minimum jerk, ProMP, DMP, Ruckig.
-
-They may break limits, except the last.
-"""
+"""Methods without optimisation of efforts: minimum jerk, ProMP, DMP; they may break limits."""
 
 from __future__ import annotations
 
@@ -95,41 +92,6 @@ def dmp_method(scene: Scene, _: float) -> Method:
     return Method("dmp", about, solve)
 
 
-def ruckig_method(scene: Scene, _: float) -> Method:
-    """Ruckig: the shortest motion within velocity, acceleration and jerk limits.
-
-    A reference for durations, not for efforts. Where an acceleration or a jerk has no limit, full
-    speed or full acceleration is reached in 0.1 s.
-    """
-    ruckig = require("ruckig", "peers", "the peer 'ruckig'")
-    joints, limits = scene.robot.joint_names, scene.limits
-    velocity = np.where(np.isfinite(limits.velocity), limits.velocity, 10.0)
-    acceleration = np.minimum(limits.acceleration, velocity / 0.1)
-    jerk = np.minimum(limits.jerk, acceleration / 0.1)
-
-    def solve(problem: Problem) -> PeerResult:
-        """Find the shortest motion."""
-        began = time.perf_counter()
-        request = ruckig.InputParameter(len(joints))
-        request.current_position, request.target_position = list(problem.start), list(problem.goal)
-        request.max_velocity, request.max_acceleration = list(velocity), list(acceleration)
-        request.max_jerk = list(jerk)
-        motion = ruckig.Trajectory(len(joints))
-        result = ruckig.Ruckig(len(joints)).calculate(request, motion)
-        took = time.perf_counter() - began
-        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-            return PeerResult(None, took, status=str(result))
-        times = sample_times(motion.duration)
-        states = np.array([motion.at_time(t) for t in times])
-        return PeerResult(Trajectory(joints, times, *states.transpose(1, 0, 2)), took)
-
-    about = (
-        "Ruckig, time-optimal in its own duration; accelerations and jerks without a limit may "
-        "reach full speed and full acceleration in 0.1 s; no efforts"
-    )
-    return Method("ruckig", about, solve)
-
-
 def minimum_jerk(problem: Problem, phases: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions, velocities and accelerations of the minimum-jerk motion."""
     ends = np.array([problem.start, problem.goal])
@@ -137,11 +99,6 @@ def minimum_jerk(problem: Problem, phases: FloatArray) -> tuple[FloatArray, Floa
         hermite_functions(phases, d)[:, [0, 3]] @ ends / problem.duration**d for d in range(3)
     )
     return q, v, a
-
-
-def sample_times(duration: float) -> FloatArray:
-    """Times of the points of a trajectory, at most 10 ms apart."""
-    return np.linspace(0.0, duration, int(np.ceil(duration / 0.01)) + 1)
 
 
 def _through(joints: tuple[str, ...], times: FloatArray, positions: FloatArray) -> Trajectory:

@@ -6,7 +6,6 @@ import json
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from arm import arm_primitive
 from patience import EVER
@@ -22,7 +21,6 @@ from mp_pca_planner.evaluation.problems import (
     robot_file,
 )
 from mp_pca_planner.evaluation.run import PEERS, compare, ratios, set_up, unsolved
-from mp_pca_planner.evaluation.spline_peers import SplineProgram, slsqp_method
 from mp_pca_planner.evaluation.without_optimisation import minimum_jerk_method
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.planning.plan import PlannerOptions
@@ -34,8 +32,6 @@ PEER_MODULES = {
     "dmp": "movement_primitives.dmp",
     "fddp": "crocoddyl",
     "box_fddp": "crocoddyl",
-    "drake": "pydrake.planning",
-    "ruckig": "ruckig",
 }
 
 
@@ -62,9 +58,7 @@ def benchmark(capsys, *options: str) -> dict:
 
 @pytest.mark.parametrize("name", PEERS)
 def test_peer_goes_from_start_to_goal(scene, problem, name):
-    if name in PEER_MODULES:
-        extra = "drake" if name == "drake" else "peers"
-        pytest.importorskip(PEER_MODULES[name], reason=f"the extra '{extra}' is not installed")
+    pytest.importorskip(PEER_MODULES[name], reason="the extra 'peers' is not installed")
     answer = PEERS[name](scene, EVER).solve(problem)
     assert answer.status == "solved" and answer.solve_time > 0.0
     verdict = judge(
@@ -72,8 +66,7 @@ def test_peer_goes_from_start_to_goal(scene, problem, name):
     )
     assert verdict.end_error < 1e-3
     assert verdict.end_velocity < 0.2
-    if name != "ruckig":
-        assert verdict.duration == pytest.approx(problem.duration)
+    assert verdict.duration == pytest.approx(problem.duration)
 
 
 def test_planners_methods_keep_the_limits_for_the_referee(scene, problem):
@@ -86,42 +79,18 @@ def test_planners_methods_keep_the_limits_for_the_referee(scene, problem):
     assert costs["bspline"] < costs["pca_arm_effort_only"] < costs["pca_arm"]
 
 
-def test_least_squares_with_and_without_gradients_find_the_same(scene, problem):
-    arm = RigidArm(scene.urdf, scene.robot.joint_names)
-    costs = []
-    for differences in (True, False):
-        answer = slsqp_method(scene, 60.0, differences=differences).solve(problem)
-        costs.append(judge(answer.trajectory, problem, arm, scene.limits).effort_cost)
-    assert costs[0] == pytest.approx(costs[1], rel=1e-3)
-
-
-def test_gradients_of_the_least_squares_program_match_differences(scene, problem):
-    program = SplineProgram(scene, problem)
-    w = np.random.default_rng(0).normal(0.0, 0.1, program.n_weights)
-    step = 1e-6
-    for function, derivative in (
-        (program.cost, program.gradient),
-        (program.slack, program.slack_rows),
-    ):
-        differences = np.array(
-            [
-                (function(w + step * unit) - function(w - step * unit)) / (2.0 * step)
-                for unit in np.eye(w.size)
-            ]
-        ).T
-        np.testing.assert_allclose(derivative(w), differences, rtol=1e-5, atol=1e-6)
-
-
 def test_method_that_takes_too_long_is_stopped(scene, problem):
-    answer = slsqp_method(scene, 1e-9, differences=False).solve(problem)
+    pytest.importorskip("crocoddyl", reason="the extra 'peers' is not installed")
+    answer = PEERS["fddp"](scene, 1e-9).solve(problem)
     assert answer.trajectory is None and "not converged" in answer.status
 
 
 def test_missing_peer_is_named_and_the_others_are_run(scene, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ruckig", None)
-    methods, absent = set_up(scene, ["ruckig", "slsqp_gradients"], 1.0)
-    assert [m.name for m in methods][-1] == "slsqp_gradients"
-    assert "mp_pca_planner[peers]" in absent["ruckig"]
+    monkeypatch.setitem(sys.modules, "movement_primitives.promp", None)
+    monkeypatch.setitem(PEERS, "other", lambda scene, _: recorder(scene, "other", False, []))
+    methods, absent = set_up(scene, ["promp", "other"], 1.0)
+    assert [m.name for m in methods][-1] == "other"
+    assert list(absent) == ["promp"] and "mp_pca_planner[peers]" in absent["promp"]
 
 
 def test_example_robot_without_its_package_says_what_to_install(monkeypatch):
@@ -178,14 +147,14 @@ def test_ratios_are_medians_over_what_both_solve(scene, problem):
 
 
 def test_json_holds_every_method_and_the_ratios(capsys):
-    facts = benchmark(capsys, "--problems", "2", "--peers", "slsqp_gradients", "--repeats", "1")
+    facts = benchmark(capsys, "--problems", "2", "--peers", "none", "--repeats", "1")
     assert facts["n_problems"] == len(facts["problems"]) == 2
     for found in facts["problems"]:
-        assert {"pca_arm", "pca_joint", "bspline", "minimum_jerk", "slsqp_gradients"} <= set(found)
+        assert {"pca_arm", "pca_joint", "bspline", "minimum_jerk"} <= set(found)
         for result in found.values():
             assert {"effort_cost", "solve_time_s", "iterations", "feasible"} <= set(result)
         assert found["pca_arm"]["feasible"] and found["pca_arm"]["limit_violation"] <= 1e-6
-    for other in ("bspline", "slsqp_gradients", "minimum_jerk"):
+    for other in ("bspline", "minimum_jerk"):
         assert facts[f"time_ratio_pca_over_{other}"] > 0.0
         assert facts[f"cost_ratio_pca_over_{other}"] > 0.0
     assert facts["solved_by_bspline_only"]["pca_arm"] == []
@@ -245,7 +214,7 @@ def test_one_arm_of_a_robot_is_chosen_by_its_joints(capsys):
     ("options", "message"),
     [
         (["--robot", "nobody"], "neither a URDF file nor one of 'human_arm', 'panda'"),
-        (["--peers", "ruckik"], "did you mean 'ruckig'?"),
+        (["--peers", "box_fdp"], "did you mean 'box_fddp'?"),
         (["--problems", "0"], "'0' is not a whole number from 1"),
         (["--seed", "1"], "not be 1, which chooses the demonstrations"),
         (["--time-limit", "0"], "is not a number from"),

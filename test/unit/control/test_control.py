@@ -212,5 +212,3 @@ def test_command_verifies_and_writes_law_and_parameters(
     assert "gains" in parameters.read_text()
     assert main(["verify", *request, *outputs]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert main(["verify", *request, "--position-gains", "1,1,1,1"]) == 2
-    assert "go together" in capsys.readouterr().err
