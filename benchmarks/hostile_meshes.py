@@ -112,8 +112,8 @@ def marked(**fields: Any) -> mp.Obstacle:
     from rclpy.serialization import serialize_message
     from visualization_msgs.msg import Marker, MarkerArray
 
-    from mp_pca_planner.ros.marker_bytes import read_markers
-    from mp_pca_planner.ros.obstacle_builder import to_obstacle
+    from mp_pca_planner.ros.obstacle_markers import to_obstacle
+    from mp_pca_planner.ros.serialised import read_markers
 
     marker = Marker(**{"scale": Vector3(x=1.0, y=1.0, z=1.0), **fields})
     marker.pose.orientation.w = 1.0
@@ -127,8 +127,8 @@ def flipped(number: int) -> None:
     from rclpy.serialization import serialize_message
     from visualization_msgs.msg import Marker, MarkerArray
 
-    from mp_pca_planner.ros.marker_bytes import read_markers
-    from mp_pca_planner.ros.obstacle_builder import to_obstacle
+    from mp_pca_planner.ros.obstacle_markers import to_obstacle
+    from mp_pca_planner.ros.serialised import read_markers
 
     random = np.random.default_rng([28, number])
     corners = random.uniform(-1.0, 1.0, (12, 3)) * (1.0, 1.0, random.integers(0, 2))

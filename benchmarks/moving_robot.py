@@ -39,7 +39,7 @@ from tables import benchmark_parser, show
 from virtual_node import VirtualNode, scene_and_model
 
 from mp_pca_planner.evaluation.problems import Scene
-from mp_pca_planner.execution.assembly import Model
+from mp_pca_planner.execution.serving.assembly import Model
 from mp_pca_planner.motion.goal import JointGoal, JointState
 
 EVENTS_IN_A_RUN = 10

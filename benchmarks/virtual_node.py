@@ -20,14 +20,14 @@ from scenes import scene_of
 
 from mp_pca_planner.evaluation.problems import Scene, robot_file
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.execution.assembly import Model, assemble_model
-from mp_pca_planner.execution.execution_monitor import Execution, ExecutionReport
-from mp_pca_planner.execution.goal_planner import GoalRequest
-from mp_pca_planner.execution.measured import MeasuredStates
-from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.preemptive_worker import CancelledError
-from mp_pca_planner.execution.start_state import StartStates
+from mp_pca_planner.execution.serving.assembly import Model, assemble_model
+from mp_pca_planner.execution.serving.execution import Execution, ExecutionReport
+from mp_pca_planner.execution.serving.goal_planner import GoalRequest
+from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
+from mp_pca_planner.execution.threads import CancelledError
+from mp_pca_planner.execution.tracking.measured import MeasuredStates
+from mp_pca_planner.execution.tracking.start_state import StartStates
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.simulation import SimulatedRobot

@@ -15,18 +15,11 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
-from ..execution.execution_monitor import ARRIVED
+from ..execution.serving.execution import ARRIVED
 from ..motion.goal import JointState, Pose, SequenceGoal
-from ..ros.client import (
-    READY,
-    GoalClient,
-    NoAnswerError,
-    check_node_name,
-    is_served,
-    report_values,
-)
+from ..ros.client import READY, GoalClient, RobotClient, check_node_name, is_served, report_values
 from ..ros.messages import to_pose_message, to_sequence_message
-from ..ros.robot_client import RobotClient
+from ..ros.nodes import NoAnswerError
 from .common import print_json, report_lines
 from .goal_arguments import joint_values, sequence_goal, stated_pose
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say

@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..files import write_whole
 from ..robot.model import Robot
-from ..ros.process import spin_until, start_ros
+from ..ros.nodes import spin_until, start_ros
 from ..ros.simulated_robot import SimulatedRobotNode
 from ..simulation import Faults, SimulatedRobot
 from .common import check_output, report

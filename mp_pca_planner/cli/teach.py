@@ -88,8 +88,8 @@ def _try(
     arguments: argparse.Namespace, session: TeachingSession, keys: Keys, words: SessionWords
 ) -> int:
     """Have the node reload its primitives, and send the first goal after an explicit yes."""
-    from ..ros.client import NoAnswerError, is_served
-    from ..ros.robot_client import RobotClient
+    from ..ros.client import RobotClient, is_served
+    from ..ros.nodes import NoAnswerError
 
     names, goal = session.motions[0].joint_names, session.first_goal()
     try:

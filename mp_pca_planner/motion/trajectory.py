@@ -195,7 +195,7 @@ class Trajectory:
         """
         names = ("rclpy.serialization", "trajectory_msgs.msg")
         serialization, messages = (require(name, "ros", "a message") for name in names)
-        from ..ros.trajectory_bytes import serialize_trajectory
+        from ..ros.serialised import serialize_trajectory
 
         content = serialize_trajectory(self, with_efforts=with_efforts)
         return serialization.deserialize_message(content, messages.JointTrajectory)

@@ -1,12 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A client of the node in another process: for the demo, the tests and the benchmarks."""
+"""Clients of the node in another process: for commands, the demo, tests and benchmarks."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,11 +20,12 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError
+from ..recordings.byte_layout import NS_PER_S
 from ..resources import config_file
 from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
 from .node import NODE_NAME
-from .process import NoAnswerError as NoAnswerError
-from .process import NodeInOwnContext
+from .nodes import NoAnswerError as NoAnswerError
+from .nodes import NodeInOwnContext
 
 # A client that is busy for a while must not lose messages.
 DEPTH = 10_000
@@ -289,3 +290,66 @@ class GoalClient(NodeInOwnContext):
     def _on_diagnostics(self, message: DiagnosticArray, facts: dict[str, int]) -> None:
         self._diagnostics_received = _time_received(facts)
         self.diagnostics.append(message)
+
+
+class RobotClient(GoalClient):
+    """Client of the node and of its reports of executions; a context manager.
+
+    Parameters
+    ----------
+    name : str
+        Name of the client's own node.
+    namespace, planner : str
+        Namespace and name of the planner's node.
+    """
+
+    def __init__(self, name: str, namespace: str, planner: str) -> None:
+        super().__init__(name, namespace, planner)
+        self.executions: list[DiagnosticStatus] = []
+        self._report = report = f"{planner}/execution_report"
+        self.node.create_subscription(DiagnosticStatus, report, self.executions.append, DEPTH)
+
+    def move(self, primitive: str, goal: Mapping[str, float], timeout: float) -> Answer:
+        """Send a goal configuration by joint name [rad or m], for one primitive.
+
+        Raises
+        ------
+        NoAnswerError
+            If the node is not ready for goals or does not answer within the timeout [s].
+        """
+        self.wait_for_diagnostics(lambda values: values["text"] == READY, timeout)
+        message = JointState(name=list(goal), position=list(goal.values()))
+        message.header.frame_id = primitive
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = divmod(time.time_ns(), NS_PER_S)
+        return self.send(message, timeout, with_trajectory=False)
+
+    def execution(self, answer: Answer, margin: float = 30.0) -> DiagnosticStatus | None:
+        """The report on the execution of a motion; None if nothing was published or none comes.
+
+        None comes of a node without such reports.
+
+        Parameters
+        ----------
+        answer : Answer
+            The answer to its goal.
+        margin : float
+            Longest time from the end of the motion to its report [s].
+
+        Raises
+        ------
+        NoAnswerError
+            If its execution is not reported.
+        """
+        is_under_way = answer.values.get("status") == UNDER_WAY
+        if not is_served(answer.report) or is_under_way:
+            return None
+        if not (self.executions or self.node.count_publishers(self._report)):
+            return None
+        duration, stamp = float(answer.values["duration"]), answer.values["goal_stamp"]
+
+        def own() -> list[DiagnosticStatus]:
+            return [one for one in self.executions if report_values(one)["goal_stamp"] == stamp]
+
+        self.wait(lambda: bool(own()), duration + margin, "did not report the execution")
+        return own()[0]

@@ -19,18 +19,17 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, unknown_name
-from ..execution.assembly import Model, is_outdated
-from ..execution.avoidance import avoid_obstacle, go_on
-from ..execution.goal_planner import GoalRequest, UnexecutablePlanError
-from ..execution.motion_server import GoalStatistics, MotionServer
-from ..execution.preemptive_worker import CancelledError, IsCancelled, PreemptiveWorker
-from ..execution.served_goal import Served
+from ..execution.serving.assembly import Model, is_outdated
+from ..execution.serving.execution import Served
+from ..execution.serving.goal_planner import GoalRequest, UnexecutablePlanError
+from ..execution.serving.motion_server import GoalStatistics, MotionServer, avoid_obstacle, go_on
+from ..execution.threads import CancelledError, IsCancelled, PreemptiveWorker
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.requests.states import in_order
 from ..robot.model import Robot
 from . import messages
-from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
+from .nodes import LOG_PERIOD, GuardedNode
 from .planning_setup import PlanningSetup
 from .subscriptions import EVERY, GOALS, GroupExecutor, ThreadGroup
 

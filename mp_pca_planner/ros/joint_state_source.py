@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from ..exceptions import GoalError, quote_names
 from .client import check_node_name
-from .process import NodeInOwnContext
+from .nodes import NodeInOwnContext
 from .subscriptions import PolledSubscription
 
 _NAME = "teach"

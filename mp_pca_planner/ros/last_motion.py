@@ -17,10 +17,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, RobotError
-from ..execution.execution_monitor import NEVER_STARTED, REPLACED
 from ..execution.parameters import ParameterError
-from ..execution.served_goal import Served
-from ..execution.timed_lock import TimedLock
+from ..execution.serving.execution import NEVER_STARTED, REPLACED, Served
+from ..execution.threads import TimedLock
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 from ..robot.urdf_elements import StatedShape, stated_shape
@@ -117,7 +116,7 @@ class LastMotion:
                 "motions can't be saved: set the parameter 'save_folder' to a folder"
             )
         # Imported late, because SciPy's optimisers are slow to import.
-        from ..execution.trial_store import keep_motion
+        from ..execution.serving.trial_store import keep_motion
 
         if self._served is None:
             raise GoalError("there is no motion to save: none was published")

@@ -23,13 +23,12 @@ from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
 from ..view.live import LiveView, NodeStatus
 from .client import report_values
-from .marker_bytes import read_markers
-from .marker_subscription import MarkerSubscription
 from .messages import to_trajectory
 from .node import NODE_NAME
+from .nodes import NoAnswerError, NodeInOwnContext
 from .obstacle_markers import MarkerMessages
-from .process import NoAnswerError, NodeInOwnContext
-from .subscriptions import EVERY, NEWEST, STATES, PolledSubscription
+from .serialised import read_markers
+from .subscriptions import EVERY, NEWEST, STATES, MarkerSubscription, PolledSubscription
 
 Keep = Callable[[Any, dict[str, int]], None]
 

@@ -19,9 +19,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..control.law import control_statement
 from ..exceptions import GoalError, printable, quote_names
-from ..execution.execution_monitor import ExecutionReport
-from ..execution.goal_planner import AdaptedPlan
 from ..execution.parameters import Declaration
+from ..execution.serving.execution import ExecutionReport
+from ..execution.serving.goal_planner import AdaptedPlan
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
@@ -30,7 +30,7 @@ from ..planning.plan import Plan
 from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.byte_layout import NS_PER_S
-from .cdr_reader import CdrReader
+from .serialised import CdrReader
 
 UNDER_WAY = "under_way"
 """Status in the report of a goal that is under way, or reached, already."""

@@ -22,24 +22,24 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import quote_names
-from ..execution.assembly import unknown_positions
-from ..execution.execution_monitor import ExecutionReport
-from ..execution.measured import MeasuredStates
-from ..execution.motion_server import GoalStatistics, MotionServer
 from ..execution.parameters import ParameterError
-from ..execution.start_state import StartStates
-from ..execution.timed_lock import SAFETY_WAIT, BusyError, TimedLock
+from ..execution.serving.assembly import unknown_positions
+from ..execution.serving.execution import ExecutionReport
+from ..execution.serving.motion_server import GoalStatistics, MotionServer
+from ..execution.threads import SAFETY_WAIT, BusyError, TimedLock
+from ..execution.tracking.measured import MeasuredStates
+from ..execution.tracking.start_state import StartStates
 from ..motion.trajectory import Trajectory
 from ..robot.world import World
 from .goal_topics import GoalTopics
-from .guarded_node import LOG_PERIOD, GuardedNode
 from .last_motion import LastMotion
 from .messages import read_states, to_execution_report, to_seconds, to_state, to_status, to_text
+from .nodes import LOG_PERIOD, GuardedNode
 from .obstacle_topic import ObstacleTopic
 from .planning_setup import NodeParameters, PlanningSetup
 from .safety_thread import SafetyThread
+from .serialised import serialize_trajectory
 from .subscriptions import EVERY, LATCHED, NEWEST, STATES, PolledSubscription
-from .trajectory_bytes import serialize_trajectory
 
 NODE_NAME = "mp_pca_planner"
 _READING_TIME = 0.02  # the longest for all joint states that wait [s]

@@ -7,24 +7,60 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
+from rclpy.node import Node
+from rclpy.time import Time
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError, WorldError
-from ..execution.frames import Poses, foreign_poses, is_same, placed
-from ..execution.motion_server import MotionServer
-from ..execution.parameter_texts import fixed_frames
-from ..execution.preemptive_worker import CancelledError, IsCancelled
+from ..execution.parameters import fixed_frames
+from ..execution.serving.motion_server import MotionServer
+from ..execution.serving.surroundings import Poses, foreign_poses, is_same, placed
+from ..execution.threads import CancelledError, IsCancelled
 from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
-from .guarded_node import LOG_PERIOD, GuardedNode
-from .marker_bytes import read_markers
-from .marker_subscription import MarkerMessage, MarkerSubscription
 from .messages import to_text
+from .nodes import LOG_PERIOD, GuardedNode
 from .obstacle_markers import MarkerMessages
 from .planning_setup import PlanningSetup
-from .transforms import FrameTransforms
+from .serialised import read_markers
+from .subscriptions import MarkerMessage, MarkerSubscription
+
+
+class FrameTransforms:
+    """Looks up frames in tf2; it listens to transforms from the first look on.
+
+    tf2_ros is part of ROS 2, but there is no package of it for pip. Without it, no pose is known.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._buffer: Any = None
+        self._is_installed = find_spec("tf2_ros") is not None
+
+    def pose(self, frame: str, base: str) -> FloatArray | None:
+        """The newest pose of a frame in another one, shape (7,); None if it is unknown."""
+        if not self._is_installed:
+            return None
+        tf2_ros = import_module("tf2_ros")
+        if self._buffer is None:
+            self._buffer = tf2_ros.Buffer(node=self._node)
+            self._listener = tf2_ros.TransformListener(self._buffer, self._node)
+        with suppress(tf2_ros.TransformException):
+            found = self._buffer.lookup_transform(base, frame, Time()).transform
+            p, o = found.translation, found.rotation
+            return np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w])
+        return None
 
 
 class ObstacleTopic:

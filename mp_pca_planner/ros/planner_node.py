@@ -105,7 +105,7 @@ def _run(
         import rclpy
     except ModuleNotFoundError as error:
         raise MissingDependencyError(str(error.name), "ros", "the node") from error
-    from .process import spin_until, start_ros
+    from .nodes import spin_until, start_ros
 
     start_ros(arguments)
     try:

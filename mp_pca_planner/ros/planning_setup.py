@@ -16,7 +16,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..exceptions import GoalError, quote_names, unknown_name
-from ..execution.assembly import LOCKED_TOLERANCE, Model, assemble_model, is_outdated
 from ..execution.parameters import (
     DECLARATIONS,
     LIMITS_PREFIX,
@@ -26,6 +25,7 @@ from ..execution.parameters import (
     check_limit_names,
     limit_declarations,
 )
+from ..execution.serving.assembly import LOCKED_TOLERANCE, Model, assemble_model, is_outdated
 from ..primitives.primitive_library import PrimitiveLibrary, load_primitives
 from ..robot.model import Robot
 from ..robot.world import World

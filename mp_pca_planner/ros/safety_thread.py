@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 from std_srvs.srv import Trigger
 
-from ..execution.timed_lock import BusyError
-from .guarded_node import GuardedNode
+from ..execution.threads import BusyError
+from .nodes import GuardedNode
 from .subscriptions import PolledService
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import viser
 
 from ..arrays import FloatArray
-from ..execution.preemptive_worker import PreemptiveWorker
+from ..execution.threads import PreemptiveWorker
 from ..motion.goal import Pose
 from ..planning.plan import DEMONSTRATED, TIMINGS
 from .learned import explanation

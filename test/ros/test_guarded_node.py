@@ -23,7 +23,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.ros.guarded_node import GuardedNode
+from mp_pca_planner.ros.nodes import GuardedNode
 
 ERRORS = (
     ValueError("a defect"),

@@ -43,7 +43,7 @@ from mp_pca_planner.ros.messages import (
     to_state,
     to_trajectory,
 )
-from mp_pca_planner.ros.trajectory_bytes import serialize_trajectory
+from mp_pca_planner.ros.serialised import serialize_trajectory
 
 NAN, INF = float("nan"), float("inf")
 STAMP = Time(sec=5, nanosec=7)

@@ -32,9 +32,8 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros.client import report_values
-from mp_pca_planner.ros.marker_bytes import MarkerData, read_markers
-from mp_pca_planner.ros.obstacle_builder import to_obstacle
-from mp_pca_planner.ros.obstacle_markers import MarkerMessages
+from mp_pca_planner.ros.obstacle_markers import MarkerMessages, to_obstacle
+from mp_pca_planner.ros.serialised import MarkerData, read_markers
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.measured import MeasuredStates
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.published_motion import Joined
-from mp_pca_planner.execution.start_state import StartStates
+from mp_pca_planner.execution.tracking.measured import MeasuredStates
+from mp_pca_planner.execution.tracking.published_motion import Joined
+from mp_pca_planner.execution.tracking.start_state import StartStates
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 

@@ -12,14 +12,14 @@ import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import LimitsError, PlannerError, RobotError
-from mp_pca_planner.execution.assembly import (
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.serving.assembly import (
     Model,
     assemble_model,
     collision_model,
     is_outdated,
     unknown_positions,
 )
-from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 

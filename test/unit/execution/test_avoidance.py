@@ -11,8 +11,8 @@ from test_motion_server import GOAL, HALF, START, Node, model
 from worlds import plain_distances
 
 from mp_pca_planner.exceptions import RobotError, WorldError
-from mp_pca_planner.execution.avoidance import avoid_obstacle, go_on
-from mp_pca_planner.execution.preemptive_worker import CancelledError
+from mp_pca_planner.execution.serving.motion_server import avoid_obstacle, go_on
+from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.robot.world import Obstacle, Sphere, World

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion
 
-from mp_pca_planner.execution.execution_monitor import Execution
-from mp_pca_planner.execution.following import HELD, OFF, Following
 from mp_pca_planner.execution.options import ServingOptions
-from mp_pca_planner.execution.published_motion import Joined, Progress, PublishedMotion
+from mp_pca_planner.execution.serving.execution import Execution
+from mp_pca_planner.execution.tracking.estimation import Progress
+from mp_pca_planner.execution.tracking.following import HELD, OFF, Following
+from mp_pca_planner.execution.tracking.published_motion import Joined, PublishedMotion
 
 DURATION, PERIOD = 2.0, 0.05
 ON_TIME, LAGGING = "on_time", "lagging"

@@ -5,16 +5,11 @@
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.following import REFUSED, FollowingState, Publication, ServoModel
-from mp_pca_planner.execution.measured import MeasuredSamples
 from mp_pca_planner.execution.options import FollowingOptions
-from mp_pca_planner.execution.published_motion import (
-    Joined,
-    Progress,
-    PublishedMotion,
-    TrackedMotion,
-    hold,
-)
+from mp_pca_planner.execution.tracking.estimation import Progress, ServoModel, TrackedMotion
+from mp_pca_planner.execution.tracking.following import REFUSED, FollowingState, Publication
+from mp_pca_planner.execution.tracking.published_motion import Joined, PublishedMotion, hold
+from mp_pca_planner.execution.tracking.state_sources import MeasuredSamples
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.frames import foreign_poses, is_same, placed
+from mp_pca_planner.execution.serving.surroundings import foreign_poses, is_same, placed
 from mp_pca_planner.robot.world import Box, Obstacle, Sphere
 
 TURNED = np.array([1.0, 0.0, 0.5, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])  # 90° about z

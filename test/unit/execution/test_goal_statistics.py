@@ -4,7 +4,7 @@
 
 import pytest
 
-from mp_pca_planner.execution.motion_server import GoalStatistics
+from mp_pca_planner.execution.serving.motion_server import GoalStatistics
 from mp_pca_planner.motion.goal import JointGoal, SequenceGoal
 
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.execution.measured import MeasuredStates
 from mp_pca_planner.execution.options import FollowingOptions
+from mp_pca_planner.execution.tracking.measured import MeasuredStates
 from mp_pca_planner.motion.goal import JointState
 
 JOINTS = ("a", "b")

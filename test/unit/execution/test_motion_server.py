@@ -19,13 +19,12 @@ from referee import judge
 from virtual_node import VirtualNode
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.execution.assembly import assemble_model
-from mp_pca_planner.execution.goal_planner import AdaptedPlan, GoalRequest
-from mp_pca_planner.execution.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.preemptive_worker import CancelledError
-from mp_pca_planner.execution.timed_lock import BusyError
+from mp_pca_planner.execution.serving.assembly import assemble_model
+from mp_pca_planner.execution.serving.goal_planner import AdaptedPlan, GoalRequest
+from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
+from mp_pca_planner.execution.threads import BusyError, CancelledError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.resources import config_file

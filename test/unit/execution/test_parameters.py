@@ -10,13 +10,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mp_pca_planner.execution.parameter_texts import fixed_frames, locked_positions
 from mp_pca_planner.execution.parameters import (
     DECLARATIONS,
     ParameterError,
     Settings,
     check_limit_names,
+    fixed_frames,
     limit_declarations,
+    locked_positions,
 )
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.resources import config_file

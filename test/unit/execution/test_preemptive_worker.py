@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import pytest
 from patience import HANG
 
-from mp_pca_planner.execution.preemptive_worker import (
+from mp_pca_planner.execution.threads import (
     CancelledError,
     IsCancelled,
     PreemptiveWorker,

@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.following import ServoModel
 from mp_pca_planner.execution.options import FollowingOptions
-from mp_pca_planner.execution.published_motion import PublishedMotion
+from mp_pca_planner.execution.tracking.estimation import ServoModel
+from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
 from mp_pca_planner.motion.trajectory import Trajectory
 
 V = np.array([0.8, -0.6, 0.0])

@@ -13,12 +13,12 @@ from dense import minimum_jerk_motion, spline
 from virtual_node import receive
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
-from mp_pca_planner.execution.following import UnconfirmedError
-from mp_pca_planner.execution.measured import MeasuredStates
 from mp_pca_planner.execution.options import FollowingOptions
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.published_motion import Joined
-from mp_pca_planner.execution.start_state import StartStates, TooLateError
+from mp_pca_planner.execution.tracking.following import UnconfirmedError
+from mp_pca_planner.execution.tracking.measured import MeasuredStates
+from mp_pca_planner.execution.tracking.published_motion import Joined
+from mp_pca_planner.execution.tracking.start_state import StartStates, TooLateError
 from mp_pca_planner.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")

@@ -13,14 +13,14 @@ from dense import assert_keeps, minimum_jerk_motion, spline
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mp_pca_planner.execution.published_motion import PublishedMotion, hold
-from mp_pca_planner.execution.stopping import (
+from mp_pca_planner.execution.serving.stopping import (
     braking_ends,
     ends_at,
     ends_on_path,
     stop_on_path,
     stops_at_points,
 )
+from mp_pca_planner.execution.tracking.published_motion import PublishedMotion, hold
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 

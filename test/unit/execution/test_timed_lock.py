@@ -9,7 +9,7 @@ import threading
 import pytest
 from patience import HANG
 
-from mp_pca_planner.execution.timed_lock import BusyError, TimedLock
+from mp_pca_planner.execution.threads import BusyError, TimedLock
 
 
 def test_lock_that_another_thread_holds_is_given_up() -> None:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion, spline
 
-from mp_pca_planner.execution.measured import MeasuredSamples
 from mp_pca_planner.execution.options import FollowingOptions
-from mp_pca_planner.execution.published_motion import Progress, PublishedMotion, locate
+from mp_pca_planner.execution.tracking.estimation import Progress, locate
+from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
+from mp_pca_planner.execution.tracking.state_sources import MeasuredSamples
 
 DURATION, NOW = 2.0, 11.0
 MOTION = PublishedMotion(

@@ -15,9 +15,9 @@ from patience import NODE_EVER
 pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 
 from mp_pca_planner.exceptions import LearningError
-from mp_pca_planner.execution.assembly import Model, assemble_model
 from mp_pca_planner.execution.parameters import ParameterError, Settings
-from mp_pca_planner.execution.trial_store import ServedTrial, TrialStore
+from mp_pca_planner.execution.serving.assembly import Model, assemble_model
+from mp_pca_planner.execution.serving.trial_store import ServedTrial, TrialStore
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_executable, check_limits

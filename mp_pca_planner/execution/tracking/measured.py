@@ -10,15 +10,20 @@ from itertools import combinations
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import GoalError, quote_names
-from ..input_limits import INPUT_LIMITS
-from ..motion.goal import JointState
-from .options import FollowingOptions
-from .robot_clock import Clock, RobotClock
-from .state_sources import MeasuredSamples, Read, StateMessage, StateSource, overlap_conflict
-
-__all__ = ["Clock", "LateStateError", "MeasuredSamples", "MeasuredStates"]
+from ...arrays import FloatArray
+from ...exceptions import GoalError, quote_names
+from ...input_limits import INPUT_LIMITS
+from ...motion.goal import JointState
+from ..options import FollowingOptions
+from .state_sources import (
+    Clock,
+    MeasuredSamples,
+    Read,
+    RobotClock,
+    StateMessage,
+    StateSource,
+    overlap_conflict,
+)
 
 
 class LateStateError(GoalError):

@@ -21,18 +21,18 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import GoalError, LearningError, PlannerError, TrajectoryError
-from ..learning.refined_motion import RefinedMotion, primitive_around
-from ..learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
-from ..learning.trials import TrialLearner, read_request
-from ..motion.goal import JointGoal, JointState
-from ..planning.plan import Plan
-from ..primitives.file import save_primitive
-from ..robot.model import Robot
+from ...arrays import FloatArray
+from ...exceptions import GoalError, LearningError, PlannerError, TrajectoryError
+from ...learning.refined_motion import RefinedMotion, primitive_around
+from ...learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
+from ...learning.trials import TrialLearner, read_request
+from ...motion.goal import JointGoal, JointState
+from ...planning.plan import Plan
+from ...primitives.file import save_primitive
+from ...robot.model import Robot
 from .assembly import Model
+from .execution import Served
 from .goal_planner import AdaptedPlan
-from .served_goal import Served
 
 
 @dataclass(eq=False)

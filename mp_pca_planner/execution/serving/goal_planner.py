@@ -12,24 +12,24 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..exceptions import TrajectoryError
-from ..input_limits import INPUT_LIMITS
-from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
-from ..motion.interpolation import hermite_functions
-from ..motion.trajectory import Trajectory
-from ..motion.validation import LimitCheck, check_limits
-from ..planning.plan import SOLVED, Plan
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
+from ...exceptions import TrajectoryError
+from ...input_limits import INPUT_LIMITS
+from ...motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
+from ...motion.interpolation import hermite_functions
+from ...motion.trajectory import Trajectory
+from ...motion.validation import LimitCheck, check_limits
+from ...planning.plan import SOLVED, Plan
+from ...robot.limits import JointLimits
+from ...robot.model import Robot
+from ..options import ServingOptions
+from ..threads import CancelledError, IsCancelled
+from ..tracking.published_motion import MIN_STEP, PublishedMotion
+from ..tracking.start_state import MotionStart, StartStates
+from ..tracking.state_sources import Clock
 from .assembly import Model
-from .measured import Clock
-from .options import ServingOptions
-from .preemptive_worker import CancelledError, IsCancelled
-from .published_motion import MIN_STEP, PublishedMotion
-from .start_state import MotionStart, StartStates
 
 if TYPE_CHECKING:
-    from .served_goal import Served
+    from .execution import Served
     from .trial_store import ServedTrial, TrialStore
 
 

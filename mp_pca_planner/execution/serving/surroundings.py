@@ -4,22 +4,89 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from ..exceptions import GoalError, RobotError
-from ..motion.collision import Collision, CollisionModel
-from ..motion.trajectory import Trajectory
-from ..robot.model import Robot
-from ..robot.world import World
+import numpy as np
+
+from ...arrays import FloatArray
+from ...exceptions import GoalError, RobotError
+from ...motion.collision import Collision, CollisionModel
+from ...motion.trajectory import Trajectory
+from ...robot.model import Robot
+from ...robot.world import Obstacle, World
+from ..options import ServingOptions
+from ..parameters import REFUSE
+from ..threads import SAFETY_WAIT, IsCancelled, TimedLock
+from ..tracking.following import HELD, OFF, Following, Publication
+from ..tracking.start_state import StartStates, TooLateError
 from .assembly import Model, collision_model
-from .following import HELD, OFF, Following, Publication
-from .options import ServingOptions
-from .parameters import REFUSE
-from .preemptive_worker import IsCancelled
-from .start_state import StartStates, TooLateError
-from .timed_lock import SAFETY_WAIT, TimedLock
+
+Poses = Mapping[str, FloatArray | None]
+"""Poses of frames in the base frame of the robot, shape (7,) each; None where it is unknown."""
+
+# Change of a coordinate or of a component of a quaternion that moves an obstacle.
+_MOVED = 1e-4
+
+
+def foreign_poses(
+    obstacles: Iterable[Obstacle],
+    links: Collection[str],
+    pose_of: Callable[[str], FloatArray | None],
+) -> dict[str, FloatArray | None]:
+    """Look up the frames of obstacles that are not links.
+
+    Parameters
+    ----------
+    obstacles :
+        The obstacles as stated.
+    links :
+        The links of the robot.
+    pose_of :
+        Returns the pose of a frame, or None.
+    """
+    frames = {obstacle.frame for obstacle in obstacles} - {""} - set(links)
+    return {frame: pose_of(frame) for frame in sorted(frames)}
+
+
+def is_same(one: Poses, other: Poses) -> bool:
+    """Whether the same frames have the same poses, except for noise."""
+    return one.keys() == other.keys() and all(
+        a is b or (a is not None and b is not None and bool(np.abs(a - b).max() <= _MOVED))
+        for a, b in ((pose, other[frame]) for frame, pose in one.items())
+    )
+
+
+def placed(obstacles: Iterable[Obstacle], poses: Poses) -> tuple[list[Obstacle], list[str]]:
+    """Place obstacles in the base frame, and name those whose frame has no pose.
+
+    Parameters
+    ----------
+    obstacles :
+        The obstacles as stated.
+    poses :
+        Poses of the frames that are not links.
+
+    Returns
+    -------
+    obstacles, unplaced :
+        The obstacles on links and in the base frame, and why others are missing.
+    """
+    found, unplaced = list[Obstacle](), list[str]()
+    for obstacle in obstacles:
+        if obstacle.frame not in poses:
+            found.append(obstacle)
+        elif (pose := poses[obstacle.frame]) is None:
+            unplaced.append(
+                f"obstacle '{obstacle.name}' is stated in the frame '{obstacle.frame}', which is "
+                "not a link of the robot and has no known pose: set the parameter 'fixed_frames' "
+                "(FRAME: X Y Z), or publish its transform to tf2"
+            )
+        else:
+            shapes = [shape.moved(pose) for shape in obstacle.shapes]
+            found.append(Obstacle(obstacle.name, shapes, "", obstacle.touch_links))
+    return found, unplaced
 
 
 @dataclass(frozen=True)

@@ -8,18 +8,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Protocol
 
-from ..exceptions import GoalError
-from ..motion.trajectory import Trajectory
-from ..robot.world import World
+from ...exceptions import GoalError
+from ...motion.trajectory import Trajectory
+from ...robot.world import World
+from ..options import ServingOptions
+from ..threads import SAFETY_WAIT
+from ..tracking.published_motion import Joined
+from ..tracking.start_state import StartStates
+from ..tracking.state_sources import Clock
 from .assembly import Model
-from .execution_monitor import Execution, ExecutionReport, Resumption
-from .measured import Clock
-from .options import ServingOptions
-from .published_motion import Joined
-from .start_state import StartStates
+from .execution import Execution, ExecutionReport, Resumption
 from .stopping import StopPlanner
 from .surroundings import Surroundings, Threat
-from .timed_lock import SAFETY_WAIT
 
 
 class Publish(Protocol):

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import GoalError, TrajectoryError
-from ..motion.goal import JointState
-from ..motion.trajectory import Trajectory
-from .following import HELD, LAGGING, OFF, ON_TIME, Following, UnconfirmedError
-from .motion_follower import MotionFollower
-from .parameters import AUTO, MEASURED, Settings
+from ...arrays import FloatArray
+from ...exceptions import GoalError, TrajectoryError
+from ...motion.goal import JointState
+from ...motion.trajectory import Trajectory
+from ..parameters import AUTO, MEASURED, Settings
+from .following import HELD, LAGGING, OFF, ON_TIME, Following, MotionFollower, UnconfirmedError
 from .published_motion import TRANSPORT, USUAL_TRANSPORT, Joined, PublishedMotion
 
 _WORDS = {ON_TIME: "on time", LAGGING: "behind its motion", OFF: "off its path"}

@@ -8,19 +8,18 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ..exceptions import RobotError, quote_names, unknown_name
-from ..motion.collision import CollisionModel, package_folders
-from ..planning.objectives import objective_weights, weighted_objectives
-from ..planning.options import SolverOptions
-from ..planning.path_constraints import path_constraints
-from ..planning.planner import Planner
-from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
-from ..robot.world import World
-from .parameter_texts import ParameterError, locked_positions
-from .parameters import Settings
-from .preemptive_worker import IsCancelled
+from ...exceptions import RobotError, quote_names, unknown_name
+from ...motion.collision import CollisionModel, package_folders
+from ...planning.objectives import objective_weights, weighted_objectives
+from ...planning.options import SolverOptions
+from ...planning.path_constraints import path_constraints
+from ...planning.planner import Planner
+from ...primitives.primitive import MovementPrimitive
+from ...robot.limits import JointLimits
+from ...robot.model import Robot
+from ...robot.world import World
+from ..parameters import ParameterError, Settings, locked_positions
+from ..threads import IsCancelled
 
 LOCKED_TOLERANCE = 1e-3
 """Distance from its position in the model up to which a locked joint counts as there [rad or m]:

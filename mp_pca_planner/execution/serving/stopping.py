@@ -21,21 +21,21 @@ from itertools import chain, islice
 
 import numpy as np
 
-from ..arrays import FloatArray, set_frozen
-from ..exceptions import GoalError
-from ..motion.collision import Collision
-from ..motion.goal import JointState
-from ..motion.trajectory import Trajectory
-from ..motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start
-from ..planning.search.stop_and_go import brakes
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
+from ...arrays import FloatArray, set_frozen
+from ...exceptions import GoalError
+from ...motion.collision import Collision
+from ...motion.goal import JointState
+from ...motion.trajectory import Trajectory
+from ...motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start
+from ...planning.search.stop_and_go import brakes
+from ...robot.limits import JointLimits
+from ...robot.model import Robot
+from ..options import ServingOptions
+from ..tracking.following import UnconfirmedError
+from ..tracking.published_motion import Joined, PublishedMotion, hold
+from ..tracking.start_state import StartStates, TooLateError
+from ..tracking.state_sources import Clock
 from .assembly import Model
-from .following import UnconfirmedError
-from .measured import Clock
-from .options import ServingOptions
-from .published_motion import Joined, PublishedMotion, hold
-from .start_state import StartStates, TooLateError
 from .surroundings import Surroundings
 
 # Durations of stops [s]: 0.05 to 88 s; the shortest that the limits allow is used.

@@ -14,12 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..motion.goal import JointState
-from ..motion.interpolation import interpolate_at, segment_ends
-from ..motion.trajectory import Trajectory
-from .measured import MeasuredSamples
-from .options import FollowingOptions
+from ...arrays import FloatArray
+from ...motion.goal import JointState
+from ...motion.interpolation import interpolate_at, segment_ends
+from ...motion.trajectory import Trajectory
 
 TRANSPORT = 0.02
 """Longest time that a message takes to the controller [s]."""
@@ -217,127 +215,3 @@ def hold(joint_names: Sequence[str], positions: FloatArray) -> Trajectory:
     """A trajectory of one point at rest."""
     zero = np.zeros((1, len(positions)))
     return Trajectory(joint_names, [0.0], [positions], zero, zero)
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Place of a robot on a motion.
-
-    Attributes
-    ----------
-    time : float
-        When the robot was there [s].
-    place : float
-        The place [s].
-    rate : float
-        Rate at which the place advances: 1 for a robot on time, 0 for one that is held.
-    change : float
-        Rate at which the rate changes [1/s].
-    error : float
-        Mean distance of the newest samples from that place [rad or m].
-    """
-
-    time: float
-    place: float
-    rate: float = 1.0
-    change: float = 0.0
-    error: float = 0.0
-
-    def at(self, time: float) -> float:
-        """The place at another time [s]."""
-        since = time - self.time
-        if self.change < 0.0:
-            # A robot that slows down stops; it does not reverse.
-            since = min(since, -self.rate / self.change)
-        return self.place + self.rate * since + 0.5 * self.change * since**2
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedMotion:
-    """A published motion and the place of a robot that follows it."""
-
-    motion: PublishedMotion
-    progress: Progress
-
-    def state(self, time: float, lag: float = 0.0) -> JointState:
-        """The commanded state at a time [s], for servos with this lag [s]."""
-        return self.motion.state(self.progress.at(time) + lag * self.progress.rate)
-
-
-def locate(
-    motion: PublishedMotion,
-    samples: MeasuredSamples,
-    prior: Progress,
-    now: float,
-    options: FollowingOptions,
-) -> Progress:
-    """Estimate where on a motion a robot is, from the measured positions of a short window.
-
-    A robot under speed scaling, or one that is held, lags along its path. Then its commanded state
-    follows from its place on the path, not from the clock. Place and rate are estimated together by
-    regularised least squares. Where the motion is slow, positions carry little information and the
-    prior dominates.
-
-    Parameters
-    ----------
-    motion : PublishedMotion
-        The motion.
-    samples : MeasuredSamples
-        Measured positions without the offset of the load.
-    prior : Progress
-        The last estimate.
-    now : float
-        The time that the progress is stated for [s].
-    options : FollowingOptions
-        Parameters of the estimation.
-    """
-    known, n = Progress(now, prior.at(now), prior.rate), len(samples.times)
-    if n == 0:
-        return known
-    cost, found = _fit(motion, samples, known, known, options)
-    if cost > n:
-        # A poor fit: the prior may be wrong, so the nearest place of the whole motion is tried,
-        # too.
-        places = np.linspace(0.0, motion.duration, 100)
-        away = motion.sample(places)[0] - samples.positions[-1]
-        nearest = float(places[np.square(away).sum(axis=1).argmin()])
-        start = Progress(now, nearest, known.rate)
-        other_cost, other = _fit(motion, samples, known, start, options)
-        found = other if other_cost < cost else found
-    if found.error <= options.good_error or n < 4 * options.n_newest:
-        return found
-    newer = MeasuredSamples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
-    _, other = _fit(motion, newer, known, found, options)
-    # Half a window carries little information on the change of the rate.
-    return replace(other, change=found.change) if other.error < found.error else found
-
-
-def _fit(
-    motion: PublishedMotion,
-    samples: MeasuredSamples,
-    prior: Progress,
-    start: Progress,
-    options: FollowingOptions,
-) -> tuple[float, Progress]:
-    """Gauss-Newton steps for the place, the rate and its changes; returns cost and progress."""
-    since, noise = samples.times - prior.time, options.position_noise
-    powers = np.stack([np.ones_like(since), since, since**2 / 2.0, since**3 / 6.0])
-    precision = np.array(options.prior) ** -2.0
-    known, x = (np.array([one.place, one.rate, 0.0, 0.0]) for one in (prior, start))
-    best = float("inf"), start
-    for _ in range(6):
-        q, v, _ = motion.sample(x @ powers)
-        away = samples.positions - q
-        error = away / noise
-        cost = float(np.square(error).sum() + precision @ (x - known) ** 2)
-        if cost < best[0]:
-            distance = float(np.abs(away[-options.n_newest :].mean(axis=0)).max())
-            place, rate, change = (float(value) for value in x[:3])
-            best = cost, Progress(prior.time, place, rate, change, distance)
-        slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise
-        gradient = slopes @ error.ravel() + precision * (known - x)
-        step = np.linalg.solve(slopes @ slopes.T + np.diag(precision), gradient)
-        # A longer step than 0.2 s leaves the range in which the motion is nearly linear.
-        x = x + step * min(1.0, 0.2 / max(abs(step[0]), 1e-9))
-        x[:2] = np.clip(x[:2], 0.0, [np.inf, options.max_rate])
-    return best
