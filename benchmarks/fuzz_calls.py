@@ -232,8 +232,6 @@ def calls(folder: Path) -> list[Call]:
         Call("Planner.plan", planner.plan, {"goal": pose, "start": q, "duration": 3.0}),
         Call("Planner.check", planner.check, {"goal": goal}),
         Call("Planner.target", planner.target, {"goal": goal, "start": state}),
-        Call("Planner.precompute", planner.precompute, {"max_time": 0.0}),
-        Call("Planner.start_like", planner.start_like, {"other": planner}),
         Call("Planner.use_collision", planner.use_collision, {"collision": None}, free=False),
         Call("show", mp.show, {"planner": None, "plan": plan, "port": "x"}, free=False),
         Call("Plan.show", plan.show, {"port": "x"}, free=False),

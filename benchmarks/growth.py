@@ -91,9 +91,7 @@ def planner(scene: Scene, n_weights: int, n_nodes: int, like: Planner | None = N
         else [build_primitive(scene.demonstrations, scene.name, options)]
     )
     options = PlannerOptions(naturalness=0.0, n_nodes=n_nodes, max_solve_time=60.0)
-    found = Planner(scene.robot, primitives, scene.limits, options)
-    found.precompute()
-    return found
+    return Planner(scene.robot, primitives, scene.limits, options)
 
 
 def rows(

@@ -113,7 +113,6 @@ def measured(
         limits_of(scene, case.limits),
         PlannerOptions(naturalness=naturalness, timing=case.timing, max_solve_time=10.0),
     )
-    planner.precompute()
     call = rnea_call(scene)
     names, times, calls, passes, executable = scene.robot.joint_names, [], [], [], []
     for problem in problems:

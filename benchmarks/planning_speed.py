@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planning times for two arms, and accuracy of the quadrature.
 
-Every row is the median over different goals, planned in one run within all limits, with precomputed
-warm starts between the ends of demonstrations where these help. The floor is the time of ten passes
-of the dynamics alone: the time of one `computeRNEADerivatives` call from Python, measured in the
-same run between the plans, times the number of nodes, times ten.
+Every row is the median over different goals, planned in one run within all limits. The floor is
+the time of ten passes of the dynamics alone: the time of one `computeRNEADerivatives` call from
+Python, measured in the same run between the plans, times the number of nodes, times ten.
 
     python benchmarks/planning_speed.py [--goals 200] [--json]
 """
@@ -75,7 +74,6 @@ def rows_of(scene: Scene, problems: list[Problem]) -> list[list[str]]:
             scene.limits,
             PlannerOptions(basis=basis_name, naturalness=naturalness),
         )
-        planner.precompute()
         plans, call = timed_plans(planner, scene, problems)
         splines = BSplineBasis(scene.robot.n_joints)
         basis: Basis = primitive.basis if basis_name == "pca" else splines

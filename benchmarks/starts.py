@@ -4,9 +4,7 @@
 
 Motions are planned for least effort within all limits, from the cheapest start and from all starts.
 The starts are the expected weights, the mean shape, and the weights of the nearest demonstrations.
-Then warm starts are precomputed: least-effort motions between the ends of the nearest
-demonstrations replace these. "Better" and "worse" mean a difference of more than 0.5 % of the
-effort.
+"Better" and "worse" mean a difference of more than 0.5 % of the effort.
 
     python benchmarks/starts.py [--problems 50]
 """
@@ -73,13 +71,9 @@ def main() -> None:
 def planners_of(scene: Scene, primitive: MovementPrimitive) -> dict[str, Planner]:
     """Planners that differ in their starts, the one with a single start first."""
     planners = {}
-    for practised in (False, True):
-        for n in (1, MOST_STARTS):
-            options = PlannerOptions(naturalness=0.0, n_starts=n)
-            planner = Planner(scene.robot, [primitive], scene.limits, options)
-            if practised:
-                planner.precompute()
-            planners[f"{n} after practice" if practised else str(n)] = planner
+    for n in (1, MOST_STARTS):
+        options = PlannerOptions(naturalness=0.0, n_starts=n)
+        planners[str(n)] = Planner(scene.robot, [primitive], scene.limits, options)
     return planners
 
 

@@ -131,7 +131,6 @@ def planner_method(
     """
     names = scene.robot.joint_names
     planner = Planner(scene.robot, [primitive], scene.limits, options, collision)
-    planner.precompute()
 
     def solve(problem: Problem) -> PeerResult:
         """Plan one motion."""

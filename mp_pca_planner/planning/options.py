@@ -40,9 +40,9 @@ class SearchOptions(Checked):
     Attributes
     ----------
     near_expected : float
-        From this naturalness on, motions stay near the expected one: one start is enough, warm
-        starts do not help, and the first attempt has only those limits in the program that the
-        expected motion comes near, none if it keeps them.
+        From this naturalness on, motions stay near the expected one: one start is enough, and
+        the first attempt has only those limits in the program that the expected motion comes near,
+        none if it keeps them.
     near_limit : float
         Share of a limit from which on the expected motion is near it.
     effort_weight : float
@@ -103,14 +103,8 @@ class SearchOptions(Checked):
     usual_correction : float
         Usual magnitude of the correction by B-splines [rad or m]; larger if the primitive fits
         worse.
-    n_warm_starts : int
-        Number of demonstrations of a primitive between whose ends motions are precomputed.
     n_kept_tables : int
         Number of primitives whose precomputed tables stay in memory, those used last.
-    warm_start_score : float
-        Largest in-span score of a request that uses warm starts. Requests like the demonstrations
-        have at most 2. Those between arbitrary configurations have 6 and more, and may end in poor
-        optima.
     """
 
     near_expected: float = within(0.1, 0.0, 1e12)
@@ -136,9 +130,7 @@ class SearchOptions(Checked):
     bend_spread: float = within(18.0, 1e-6, 1e6)
     min_spread: float = within(0.01, 1e-9, 10.0)
     usual_correction: float = within(0.02, 1e-6, 10.0)
-    n_warm_starts: int = within(20, 0, 10_000, is_whole=True)
     n_kept_tables: int = within(500, 1, 1_000_000, is_whole=True)
-    warm_start_score: float = within(3.0, 0.0, 1e6)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from importlib import import_module
 from types import NoneType
 from typing import Any
 
-from ..arrays import check_choice, check_number, check_type
+from ..arrays import check_choice, check_type
 from ..exceptions import (
     GoalError,
     LimitsError,
@@ -48,7 +48,6 @@ from .requests.states import in_order
 from .search.budget import Budget
 from .search.search import search
 from .search.threads import one_blas_thread
-from .search.warm_starts import warm_starts
 
 
 class Planner:
@@ -229,44 +228,3 @@ class Planner:
         requests = resolve(self._context, self._selector, goal, start)
         outcome = search(self._context, requests, mode, began, budget)
         return report(self._context, outcome, goal, began, self)
-
-    def start_like(self, other: Planner) -> None:
-        """Use the warm starts of another planner with the same primitives.
-
-        Raises
-        ------
-        PrimitiveError
-            If it is not a planner.
-        """
-        check_type(other, "the other planner", PrimitiveError, Planner)
-        self._context.bases.warm_starts.update(other._context.bases.warm_starts)
-
-    @one_blas_thread()
-    def precompute(self, max_time: float = float("inf")) -> None:
-        """Precompute motions between the ends of demonstrations, as warm starts of similar ones.
-
-        For each primitive this takes as long as planning twenty goals, and reduces later planning
-        times to about two thirds (benchmarks/starts.py). It has no effect if motions stay near the
-        expected ones (naturalness of 0.1 and more), or for B-splines alone.
-
-        Parameters
-        ----------
-        max_time : float
-            Time [s] after which no further motion is begun.
-
-        Raises
-        ------
-        GoalError
-            If the time is no number of at least 0.
-        """
-        check_number(max_time, "max_time [s]", GoalError, 0.0)
-        near = self.options.naturalness >= self.options.search.near_expected
-        if self.options.basis != "pca" or near:
-            return
-        deadline = time.perf_counter() + max_time
-        for primitive in self.primitives:
-            if Budget(deadline).is_over():
-                break
-            found = warm_starts(self._context, self._selector, primitive, deadline)
-            if len(found.memories):
-                self._context.bases.warm_starts[primitive.name] = found

@@ -278,7 +278,7 @@ class PlanningSetup:
         if moves and time.monotonic() < self._next_lock:
             return
         self._next_lock = time.monotonic() + _LOCK_PERIOD
-        context = assemble_model(before.urdf, primitives, before.settings, measured, before)
+        context = assemble_model(before.urdf, primitives, before.settings, measured)
         if self.last_context is before:
             self.last_context = context
         self.context = context

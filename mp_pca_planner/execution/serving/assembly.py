@@ -85,7 +85,6 @@ def assemble_model(
     primitives: Sequence[MovementPrimitive],
     settings: Settings,
     measured: Mapping[str, float] | None = None,
-    before: Model | None = None,
 ) -> Model:
     """Set up a planner for the joints of the primitives.
 
@@ -100,8 +99,6 @@ def assemble_model(
     measured :
         Measured positions of any joints [rad or m]; those that the primitives do not move are
         locked there.
-    before :
-        The model of other such positions, whose warm starts are used.
 
     Raises
     ------
@@ -136,10 +133,6 @@ def assemble_model(
     planner = Planner(planning_robot, primitives, limits, options)
     if collision is not None and settings.collision:
         planner.use_collision(collision.with_world(World()))
-    if before is None:
-        planner.precompute(0.5)  # a starting node waits that long [s]
-    else:
-        planner.start_like(before.planner)
     own = planner, planning_robot, cancellation
     return Model(*own, robot, limits, settings, frame, urdf, collision)
 

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import FloatArray
 from ...motion.goal import JointState
 from ..context import Context
 from ..request import Request
 from .along_path import AlongPath
-from .bases import StartPoint
 from .chain import Chain, junctions_of
 from .clearance import Clearance
 from .constraints import Constraint
@@ -51,7 +51,7 @@ def compile_problem(context: Context, request: Request, setting: Setting) -> Pro
         if segment.pose is not None:
             targets[i] = PoseTarget(context.robot, tables, unknowns, segment.pose)
     links = None if request.is_single else Chain(junctions, segments)
-    starts = [StartPoint(links.start)] if links else _starts(setting, segments[0], terms[0], near)
+    starts = [links.start] if links else _starts(setting, segments[0], terms[0], near)
     problem = Problem(segments, terms, constraints, targets, links, starts)
     if setting.bases[0].is_detour or _starts_in_collision(context, setting, problem):
         problem = problem.constrained([_clear(part) for part in constraints])
@@ -121,20 +121,14 @@ def _constraints(
 
 def _starts(
     setting: Setting, program: SegmentProgram, terms: list[Naturalness], is_near: bool
-) -> list[StartPoint]:
+) -> list[FloatArray]:
     """Unknowns to start from, the cheapest first."""
-    unknowns, basis = program.unknowns, setting.bases[0]
     n_starts = 1 if is_near else None
-    # The state of a solver for weights alone does not fit programs with other unknowns.
-    fits = unknowns.scales.size == basis.expected.size
-    found = [
-        StartPoint(unknowns.from_weights(weights), memory if fits else None)
-        for weights, memory in basis.starts[:n_starts]
-    ]
+    found = [program.unknowns.from_weights(start) for start in setting.bases[0].starts[:n_starts]]
     if len(found) > 1:
-        costs = program.costs(np.array([start.unknowns for start in found]))
+        costs = program.costs(np.array(found))
         for term in terms:
-            off = np.array([start.unknowns for start in found]) - term.expected
+            off = np.array(found) - term.expected
             costs += 0.5 * np.einsum("ij,jk,ik->i", off, term.precision, off)
         found = [found[i] for i in np.argsort(costs, kind="stable")]
     return found
@@ -145,7 +139,7 @@ def _starts_in_collision(context: Context, setting: Setting, problem: Problem) -
     collision = context.collision
     if collision is None or not collision.pairs or problem.links or setting.is_shortest:
         return False
-    positions = problem.segments[0].states(problem.starts[0].unknowns)[0]
+    positions = problem.segments[0].states(problem.starts[0])[0]
     return collision.collide_anywhere(positions)
 
 

@@ -17,7 +17,7 @@ from ...primitives.primitive import MovementPrimitive
 from ..motion import Motion
 from ..options import PlannerOptions
 from ..request import Segment
-from .bases import MotionBasis, StartPoint
+from .bases import MotionBasis
 from .tables import Tables
 
 
@@ -67,9 +67,10 @@ class PathFollower:
         weights[natural.weights.size :] = (self._fit @ off).T.ravel()
         of_path = np.eye(self._n_splines) * (self._share_of_path / self._spread**2)
         precision = block_diag(natural.precision, of_path)
-        starts = (StartPoint(weights),)
         n_components = natural.weights.size
-        return MotionBasis(self._tables, weights, precision, n_components, starts, is_detour=True)
+        return MotionBasis(
+            self._tables, weights, precision, n_components, (weights,), is_detour=True
+        )
 
     def rates(self, segment: Segment, basis: MotionBasis) -> FloatArray:
         """Velocities, accelerations and jerks by phase, shape (3, n_phases, n_joints)."""

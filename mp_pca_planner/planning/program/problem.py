@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ..solver.matrices import BlockMatrix, Matrix
-from .bases import StartPoint
 from .chain import Chain
 from .clearance import Clearance
 from .constraints import Constraint, Findings, Linear
@@ -41,8 +40,8 @@ class Problem:
         The pose at the end of each segment, if its goal positions are unknowns.
     links : Chain or None
         What the unknowns of several segments share; None for one segment.
-    starts : sequence of StartPoint
-        Starts of the solver, the cheapest first.
+    starts : sequence of (array, shape (n,))
+        Unknowns to start from, the cheapest first.
 
     Attributes
     ----------
@@ -57,7 +56,7 @@ class Problem:
         constraints: Sequence[Sequence[Constraint]],
         targets: Sequence[PoseTarget | None],
         links: Chain | None,
-        starts: Sequence[StartPoint],
+        starts: Sequence[FloatArray],
     ) -> None:
         self.segments, self.terms, self.targets = segments, terms, targets
         self.constraints, self.links, self.starts = constraints, links, starts

@@ -18,7 +18,7 @@ from ...primitives.basis import BSplineBasis, SumBasis
 from ...primitives.primitive import MovementPrimitive
 from ..options import PlannerOptions
 from ..request import Segment
-from .bases import MotionBasis, StartPoint, WarmStarts
+from .bases import N_NEAREST, MotionBasis
 from .path_basis import PathFollower
 from .tables import Tables
 
@@ -30,16 +30,10 @@ class BasisStore:
     ----------
     options : PlannerOptions
         Options of planning.
-
-    Attributes
-    ----------
-    warm_starts : dict
-        Precomputed motions by the name of their primitive.
     """
 
     def __init__(self, options: PlannerOptions) -> None:
         self._options = options
-        self.warm_starts: dict[str, WarmStarts] = {}
         self._tables = lru_cache(options.search.n_kept_tables)(
             lambda primitive: Tables(primitive.basis, options.n_nodes)
         )
@@ -79,7 +73,7 @@ class BasisStore:
         if width == 2 or self._options.basis == "bspline":
             zero = np.zeros(self._splines(primitive.n_joints).basis.n_weights)
             tables = self._splines(primitive.n_joints)
-            return MotionBasis(tables, zero, None, 0, (StartPoint(zero),))
+            return MotionBasis(tables, zero, None, 0, (zero,))
         components = self._components(segment, is_paced=is_paced, has_starts=has_starts)
         return components if width == 0 else self._corrected(components, primitive)
 
@@ -92,24 +86,17 @@ class BasisStore:
             tables = Tables(primitive.paced_basis(*ends, expected.pace), self._options.n_nodes)
         else:
             tables = self._tables(primitive)
-        starts = [StartPoint(expected.weights)]
+        starts = [expected.weights]
         if has_starts:
-            starts.append(StartPoint(np.zeros_like(expected.weights)))
-            starts += self._known(segment).nearest(np.concatenate(ends))
+            starts.append(np.zeros_like(expected.weights))
+            known = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
+            distances = np.sum((known - np.concatenate(ends)) ** 2, axis=1)
+            nearest = np.argsort(distances, kind="stable")[:N_NEAREST]
+            starts += list(primitive.weights[nearest])
         n_components = len(expected.weights)
         return MotionBasis(
             tables, expected.weights, expected.precision, n_components, tuple(starts)
         )
-
-    def _known(self, segment: Segment) -> WarmStarts:
-        """Motions similar to a segment: precomputed ones, or the demonstrations."""
-        primitive = segment.primitive
-        is_known = segment.expected.in_span_score <= self._options.search.warm_start_score
-        if is_known and primitive.name in self.warm_starts:
-            return self.warm_starts[primitive.name]
-        n = len(primitive.weights)
-        ends = primitive.boundary_states[:, [0, 3]].reshape(n, -1)
-        return WarmStarts(ends, primitive.weights, [None] * n)
 
     def _corrected(self, narrow: MotionBasis, primitive: MovementPrimitive) -> MotionBasis:
         """The components with B-splines of every joint added."""
@@ -124,5 +111,5 @@ class BasisStore:
             np.append(narrow.expected, none),
             block_diag(narrow.precision, np.eye(splines.n_weights) / usual**2),
             narrow.n_components,
-            tuple(StartPoint(np.append(start.unknowns, none)) for start in narrow.starts),
+            tuple(np.append(start, none) for start in narrow.starts),
         )

@@ -20,7 +20,7 @@ from ..context import Context
 from ..motion import Motion
 from ..objectives import Effort
 from ..plan import MotionSolution
-from ..program.bases import MotionBasis, StartPoint
+from ..program.bases import MotionBasis
 from ..program.compile import compile_problem
 from ..program.constraints import Findings
 from ..program.costs import cost_of, rank_of
@@ -36,6 +36,9 @@ from .examine import Examined, examine
 Violation = tuple[float, float, float, float]
 """Largest relative excess over a limit, penetration [m], violation of path constraints, and error
 of a target [rad or m]."""
+
+_Start = tuple[FloatArray, SolverMemory | None]
+"""Unknowns to start from, and the state of a solver there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +79,6 @@ class Candidate:
         Whether there were clearance constraints.
     strayed : tuple of str
         Path constraints that it violates.
-    memory : SolverMemory or None
-        State of the solver at the end.
     corners : array, shape (n_corners, n_joints), or None
         Corners of a collision-free path, if one is known but no valid motion near it.
     n_stops : int
@@ -100,7 +101,6 @@ class Candidate:
     end_collision: tuple[str, Collision] | None
     has_clearances: bool = False
     strayed: tuple[str, ...] = ()
-    memory: SolverMemory | None = None
     corners: FloatArray | None = None
     n_stops: int = 0
 
@@ -162,7 +162,6 @@ def candidate(
     solved_at: float,
     *,
     has_clearances: bool = False,
-    memory: SolverMemory | None = None,
 ) -> Candidate:
     """The candidate of a motion that was examined."""
     trajectory, check, collisions, strayed = found
@@ -196,7 +195,6 @@ def candidate(
         end_collision=collision_at_end(collisions, request, duration) if collisions else None,
         has_clearances=has_clearances,
         strayed=tuple([str(constraint) for constraint, _ in strayed]),
-        memory=memory,
     )
 
 
@@ -212,15 +210,14 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
     """
     refined = problem = compile_problem(context, request, setting)
     n_starts, passes, touched = context.options.n_starts, 0, False
-    starts: Sequence[StartPoint] = problem.starts[:n_starts]
+    starts: Sequence[_Start] = [(x, None) for x in problem.starts[:n_starts]]
     for _ in range(context.options.search.max_refinements):
         solutions = list[Solution]()
-        for start in starts:
+        for x, memory in starts:
             # Among clearance constraints, the first solution that meets them is enough.
             is_clear = problem.has_clearances and solutions and _is_feasible(solutions[-1])
             if is_clear or (solutions and budget.is_over()):
                 break
-            x, memory = start
             solutions.append(solve(problem, x, setting.solver, memory, budget.pacer()))
         best = solutions[0]
         if len(solutions) > 1:
@@ -256,7 +253,6 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
         found,
         solved_at,
         has_clearances=refined.has_clearances,
-        memory=best.memory,
     )
 
 
@@ -311,7 +307,7 @@ def _findings(
 
 def _continued(
     problem: Problem, best: Solution, is_longer: bool, is_cut: bool, n_starts: int
-) -> Sequence[StartPoint]:
+) -> Sequence[_Start]:
     """Where to start after a refinement.
 
     The last solution; with new constraints also the original start, because a detour on the side
@@ -319,11 +315,11 @@ def _continued(
     those within them: then only the original starts.
     """
     if not is_longer:
-        return [StartPoint(best.unknowns, best.memory)]
+        return [(best.unknowns, best.memory)]
     if is_cut and not problem.has_clearances:
-        return problem.starts[:n_starts]
+        return [(x, None) for x in problem.starts[:n_starts]]
     # The inequalities were renumbered.
-    return [StartPoint(best.unknowns, best.memory.curvature_alone()), problem.starts[0]]
+    return [(best.unknowns, best.memory.curvature_alone()), (problem.starts[0], None)]
 
 
 def _described(

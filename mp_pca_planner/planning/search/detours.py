@@ -13,7 +13,7 @@ from ...arrays import FloatArray
 from ..context import Context
 from ..motion import Motion
 from ..options import FREE, SHORTEST
-from ..program.bases import MotionBasis, StartPoint
+from ..program.bases import MotionBasis
 from ..program.setting import Setting
 from ..request import Request
 from ..time_scaling import kinematic_stretch, slowdown
@@ -67,7 +67,7 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
         along = along or _along(context, request, basis, duration)
         if found.solution.converged or budget.is_over():
             break
-        again = replace(basis, starts=(StartPoint(found.motions[0].weights),))
+        again = replace(basis, starts=(found.motions[0].weights,))
         setting = replace(
             setting,
             bases=(again,),

@@ -123,7 +123,7 @@ def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measur
     assert "'grip' are not known" in unknown_positions(before, World())
     measured = {"grip": 0.08, JOINTS[0]: 0.3, "elsewhere": 1.0}
     assert is_outdated(before, measured, World())
-    model = assemble_model(FINGERED, PRIMITIVES, settings, measured, before)
+    model = assemble_model(FINGERED, PRIMITIVES, settings, measured)
     assert not unknown_positions(model, World())
     assert dict(model.robot.locked_positions) == {"grip": 0.08}
     assert abs(finger_clearance(model, q) - finger_clearance(before, q)) > 0.004

@@ -82,44 +82,13 @@ def test_starts_that_there_is_no_time_for_are_left_out():
     assert plan.solution.iterations == 1
 
 
-@pytest.mark.parametrize("coupling", ["arm", "joint"])
-def test_practice_leads_to_the_same_optima_in_fewer_passes(coupling):
-    plain, practised, again = (planner(coupling, naturalness=0.0) for _ in range(3))
-    practised.precompute()
-    again.precompute()
-    ratios, passes = [], np.zeros(2)
-    for i in range(30):
-        plans = [subject.plan(*request(i)) for subject in (plain, practised, again)]
-        assert all(plan.status == SOLVED for plan in plans)
-        ratios.append(plans[1].solution.effort_cost / plans[0].solution.effort_cost)
-        np.testing.assert_array_equal(*(plan.trajectory.positions for plan in plans[1:]))
-        passes += [plan.solution.iterations for plan in plans[:2]]
-    assert np.median(ratios) == pytest.approx(1.0, abs=1e-4)
-    assert np.mean(ratios) < 1.002  # of several optima it rarely finds a dearer one
-    assert passes[1] < 0.75 * passes[0]
-
-
-@pytest.mark.parametrize(
-    "options", [{"naturalness": 1.0}, {"naturalness": 0.0, "basis": "bspline"}]
-)
-def test_practice_where_it_is_of_no_use_changes_nothing(options):
-    plain, practised = planner(**options), planner(**options)
-    practised.precompute()
-    before, after = (subject.plan(*request(4)) for subject in (plain, practised))
-    np.testing.assert_array_equal(before.trajectory.positions, after.trajectory.positions)
-    assert before.solution.iterations == after.solution.iterations
-
-
-def test_practice_leaves_out_what_the_limits_forbid_and_helps_poses_too():
+def test_limits_without_a_demonstration_and_poses_of_least_effort():
     # None of the demonstrations lies within these limits.
     narrow = {name: {"min_position": 0.3, "max_position": 0.31} for name in JOINTS}
     subject = planner(overrides=narrow, naturalness=0.0)
-    subject.precompute()
     inside = JointState(JOINTS, np.full(4, 0.305))
     assert subject.plan(JointGoal(inside, 1.0), inside).status == SOLVED
     subject = planner(naturalness=0.0)
-    subject.precompute(max_time=0.0)  # no time for any
-    subject.precompute()
     goal, start = request(2)
     frame = subject.robot.frame_names[-1]
     place = subject.robot.frame_positions(goal.state.positions[None], [frame])[0, 0]
