@@ -23,9 +23,8 @@ from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.solver import subproblem
-from mp_pca_planner.planning.solver.matrices import Factor, cholesky
-from mp_pca_planner.planning.solver.quadratic import solve_quadratic
+from mp_pca_planner.planning.solver import sqp
+from mp_pca_planner.planning.solver.quadratic import cholesky, solve_quadratic
 from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
@@ -75,19 +74,19 @@ def occurring_programs(n_programs: int) -> list[Program]:
     """Quadratic programs of planning, an evenly spread sample."""
     kept: list[Program] = []
 
-    def keeping(factor: Factor, *rest: np.ndarray) -> object:
+    def keeping(factor: np.ndarray, *rest: np.ndarray) -> object:
         answer = solve_quadratic(factor, *rest)
-        if answer is not None and not factor.is_band:
-            lower = np.tril(factor.lower)
+        if answer is not None:
+            lower = np.tril(factor)
             kept.append((lower @ lower.T, *(x.copy() for x in rest)))
         return answer
 
-    subproblem.solve_quadratic = keeping
+    sqp.solve_quadratic = keeping
     try:
         for name in ROBOTS:
             plan_motions(name)
     finally:
-        subproblem.solve_quadratic = solve_quadratic
+        sqp.solve_quadratic = solve_quadratic
     chosen = np.unique(np.linspace(0, len(kept) - 1, n_programs).astype(int))
     return [kept[i] for i in chosen]
 

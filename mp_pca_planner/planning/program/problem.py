@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ..solver.matrices import BlockMatrix, Matrix
 from .chain import Chain
 from .clearance import Clearance
 from .constraints import Constraint, Findings, Linear
@@ -132,7 +131,7 @@ class Point:
         The objective; NaN if there is no motion.
     gradient : array, shape (n,)
         Its gradient.
-    hessian : array, shape (n, n), or BlockMatrix
+    hessian : array, shape (n, n)
         The part of its Hessian that is known.
     inequalities : array, shape (n_inequalities,)
         Values of the constraints.
@@ -151,13 +150,12 @@ class Point:
         self.cost, self.gradient, self._size = 0.0, np.zeros(x.size), x.size
         self.inequalities, self.equalities = np.zeros(problem.lower.size), np.zeros(0)
         self.equality_rows = np.zeros((0, x.size))
-        self._linear: list[tuple[int, slice, FloatArray | None, slice, Linear]] = []
-        self._equations: list[tuple[int, FloatArray, FloatArray]] = []
-        self._slices, self._gradients = problem.slices, list[FloatArray]()
+        self._linear: list[tuple[slice, FloatArray | None, slice, Linear]] = []
+        self.hessian = np.zeros((x.size, x.size))
         if parts is None:
             self.cost = float("nan")
             return
-        blocks, first = [], 0
+        first, errors, slopes = 0, [self.equalities], [self.equality_rows]
         for i, (own, by_x) in enumerate(parts):
             segment, where = problem.segments[i], problem.slices[i]
             course, (cost, gradient, hessian) = segment.at(own)
@@ -169,37 +167,27 @@ class Point:
                 gradient, hessian = gradient @ by_x, by_x.T @ hessian @ by_x
             self.cost += cost
             self.gradient[where] += gradient
-            self._gradients.append(gradient)
-            blocks.append(hessian)
+            self.hessian[where, where] += hessian
             for constraint in problem.constraints[i]:
                 if constraint.lower.size:
                     at = constraint.at(course)
                     rows = slice(first, first + at.values.size)
                     self.inequalities[rows] = at.values
-                    self._linear.append((i, where, by_x, rows, at))
+                    self._linear.append((where, by_x, rows, at))
                     first = rows.stop
             if (target := problem.targets[i]) is not None:
-                errors, slopes = target.equations(own)
-                self._equations.append((i, errors, slopes if by_x is None else slopes @ by_x))
-        if self._equations:
-            self.equalities = np.concatenate([errors for _, errors, _ in self._equations])
-            self.equality_rows = np.concatenate([self._whole(*one) for one in self._equations])
-        self.hessian: Matrix = blocks[0]
-        if problem.links is not None:
-            self.hessian = BlockMatrix(tuple(problem.slices), tuple(blocks))
-
-    def _whole(self, i: int, errors: FloatArray, rows: FloatArray) -> FloatArray:
-        """Rows of a segment's slice as rows of x."""
-        whole = np.zeros((errors.size, self._size))
-        whole[:, self._slices[i]] = rows
-        return whole
+                missed, by_own = target.equations(own)
+                errors.append(missed)
+                slopes.append(np.zeros((missed.size, x.size)))
+                slopes[-1][:, where] = by_own if by_x is None else by_own @ by_x
+        self.equalities, self.equality_rows = np.concatenate(errors), np.concatenate(slopes)
 
     def inequality_rows(
         self, chosen: NDArray[np.intp], bounds: FloatArray | None = None
     ) -> FloatArray:
         """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
         rows = np.zeros((chosen.size, self._size))
-        for _, where, by_x, at_rows, at in self._linear:
+        for where, by_x, at_rows, at in self._linear:
             own = (chosen >= at_rows.start) & (chosen < at_rows.stop)
             if own.any():
                 there = None if bounds is None else bounds[own]
@@ -210,24 +198,6 @@ class Point:
     def inequalities_after(self, step: FloatArray) -> FloatArray:
         """Their linear prediction."""
         after = np.empty(self.inequalities.size)
-        for _, where, by_x, rows, at in self._linear:
+        for where, by_x, rows, at in self._linear:
             after[rows] = at.after(step[where] if by_x is None else by_x @ step[where])
         return after
-
-    def block_gradients(
-        self, sides: NDArray[np.intp], multipliers: FloatArray, of_equalities: FloatArray
-    ) -> list[FloatArray]:
-        """Each segment's part of the gradient of the Lagrangian, on its slice."""
-        signed, index = np.where(sides % 2, multipliers, -multipliers), sides // 2
-        gradients = list(self._gradients)
-        for i, _, by_x, rows, at in self._linear:
-            own = (index >= rows.start) & (index < rows.stop)
-            if own.any():
-                pull = signed[own] @ at.rows(index[own] - rows.start, None)
-                gradients[i] = gradients[i] + (pull if by_x is None else pull @ by_x)
-        first = 0
-        for i, errors, equations in self._equations:
-            own_multipliers = of_equalities[first : first + errors.size]
-            gradients[i] = gradients[i] + own_multipliers @ equations
-            first += errors.size
-        return gradients

@@ -28,20 +28,6 @@ class Budget:
         """Whether the time ran out or the search was cancelled."""
         return time.perf_counter() > self.deadline or self.is_cancelled()
 
-    def pacer(self) -> Callable[[], bool]:
-        """A function to call after each step of a search: whether it must end now.
-
-        It must if another step, as long as the last one, would take longer than there is time.
-        """
-        last = time.perf_counter()
-
-        def must_end() -> bool:
-            nonlocal last
-            before, last = last, time.perf_counter()
-            return 2.0 * last - before > self.deadline or self.is_cancelled()
-
-        return must_end
-
     def share(self, part: float) -> Budget:
         """A budget of a share of the remaining time, 0 to 1."""
         now = time.perf_counter()

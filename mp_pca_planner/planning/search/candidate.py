@@ -29,7 +29,8 @@ from ..program.problem import Problem
 from ..program.setting import Setting
 from ..program.targets import pose_error
 from ..request import Request
-from ..solver.sqp import FEASIBLE, Solution, SolverMemory, solve
+from ..solver.program import FEASIBLE
+from ..solver.sqp import Solution, SolverMemory, solve
 from .budget import Budget
 from .examine import Examined, examine
 
@@ -218,7 +219,7 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
             is_clear = problem.has_clearances and solutions and _is_feasible(solutions[-1])
             if is_clear or (solutions and budget.is_over()):
                 break
-            solutions.append(solve(problem, x, setting.solver, memory, budget.pacer()))
+            solutions.append(solve(problem, x, setting.solver, memory, budget.deadline))
         best = solutions[0]
         if len(solutions) > 1:
             best = min(solutions, key=lambda one: (not _is_feasible(one), rank_of(one.cost)))

@@ -15,7 +15,7 @@ from ..program.costs import cost_of, node_states
 from ..program.joining import expected_motion
 from ..program.setting import Setting
 from ..request import Request
-from ..solver.subproblem import TINY
+from ..solver.quadratic import TINY
 from ..time_scaling import least_stretch
 
 

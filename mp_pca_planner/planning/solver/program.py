@@ -11,13 +11,18 @@ constraint.
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from .matrices import Matrix
+
+FEASIBLE = 1e-6
+"""Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
+
+# Violation of an inequality that counts as rounding.
+_ROUNDING = 1e-9
 
 
 class Point(Protocol):
@@ -32,7 +37,7 @@ class Point(Protocol):
         """∇f, shape (n,)."""
 
     @property
-    def hessian(self) -> Matrix:
+    def hessian(self) -> FloatArray:
         """The part of ∇²f that is known, shape (n, n), symmetric.
 
         RᵀR of sums of squares, exact Hessians of quadratic terms. The solver estimates the rest,
@@ -82,20 +87,39 @@ class Program(Protocol):
         """Only e at x."""
 
 
-@runtime_checkable
-class BlockPoint(Protocol):
-    """A point of a program whose cost and constraints are sums over overlapping blocks."""
+def infeasibility(program: Program, at: Point) -> float:
+    """Sum of the violations of all constraints."""
+    outside = outside_bounds(program, at.inequalities)
+    return sum_of_peaks(outside) + float(np.abs(at.equalities).sum())
 
-    def block_gradients(
-        self, sides: NDArray[np.intp], multipliers: FloatArray, of_equalities: FloatArray
-    ) -> list[FloatArray]:
-        """Each block's part of the gradient of the Lagrangian, on the slice of the block.
 
-        Parameters
-        ----------
-        sides, multipliers : array, shape (n_active,)
-            Active sides of inequalities (2i the lower, 2i + 1 the upper one of inequality i), and
-            their multipliers.
-        of_equalities : array, shape (n_equalities,)
-            Multipliers of the equalities.
-        """
+def outside_bounds(program: Program, values: FloatArray) -> FloatArray:
+    """Distances of inequalities beyond their nearer bounds, negative within them."""
+    outside: FloatArray = values - program.upper
+    return np.maximum(outside, program.lower - values, out=outside)
+
+
+def sum_of_peaks(outside: FloatArray) -> float:
+    """Sum of the largest violations of each arc of neighbours, of distances beyond bounds."""
+    where = np.flatnonzero(outside > 0.0)
+    if not where.size:
+        return 0.0
+    starts = np.append(0, np.flatnonzero(where[1:] - where[:-1] > 1) + 1)
+    return float(np.maximum.reduceat(outside[where], starts).sum())
+
+
+def violated_sides(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
+    """Sides of inequalities at peaks of violation, and of their neighbours.
+
+    The neighbours are included because a constrained peak often moves by one point. Side 2i is the
+    lower bound of inequality i, 2i + 1 the upper one.
+    """
+    broken = np.flatnonzero(outside > _ROUNDING)
+    if not broken.size:
+        return broken
+    by, last = outside[broken], outside.size - 1
+    rises = (by > outside[broken - 1]) | (broken == 0)
+    peaks = broken[rises & (by >= outside[np.minimum(broken + 1, last)])]
+    near = np.concatenate([peaks, peaks - 1, peaks + 1])
+    near = near[(near >= 0) & (near <= last)]
+    return np.asarray(2 * near + (values[near] - program.upper[near] == outside[near]))

@@ -5,30 +5,53 @@
 The program provides the known part of its Hessian, RᵀR of a sum of squares. Gravity keeps the
 residual of efforts large at the optimum, which makes plain Gauss–Newton slow. The rest S of the
 Lagrangian's Hessian is estimated from the steps taken by the update of Dennis, Gay and Welsch ("An
-adaptive nonlinear least-squares algorithm", ACM TOMS 7(3), 1981), inside a trust region. Steps are
-found by :mod:`.subproblem`; an exact penalty judges them.
+adaptive nonlinear least-squares algorithm", ACM TOMS 7(3), 1981), inside a trust region.
+
+Of each step, a normal part meets the equalities; the rest lies in their null space (Byrd and
+Omojokun; Nocedal and Wright, "Numerical Optimization", 2006, section 18.5). Only inequalities that
+the step would violate otherwise enter its quadratic program. An exact penalty judges the step.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import time
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ..options import SolverOptions
-from .matrices import BlockMatrix, Matrix, added, as_array
-from .program import BlockPoint, Point, Program
-from .subproblem import TINY, Step, Subproblem, infeasibility
-
-FEASIBLE = 1e-6
-"""Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
+from .program import (
+    FEASIBLE,
+    Point,
+    Program,
+    infeasibility,
+    outside_bounds,
+    sum_of_peaks,
+    violated_sides,
+)
+from .quadratic import (
+    TINY,
+    TrustRegionStep,
+    cholesky,
+    convexified,
+    nearest_step,
+    solve_quadratic,
+    trust_region_step,
+)
 
 # Evaluations of curved equalities in the correction of a step.
 _MAX_CORRECTIONS = 4
+# Rounds of adding constraints to a quadratic program, and of damping a step that is too long.
+_MAX_ROUNDS, _MAX_DAMPINGS = 20, 8
+# Share of the trust region that a step towards the equalities may take.
+_NORMAL_SHARE = 0.8
+# Singular values of equalities, relative to the largest, that count as 0.
+_DEPENDENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +60,15 @@ class SolverMemory:
 
     Attributes
     ----------
-    curvature : array, shape (n, n), or BlockMatrix
+    curvature : array, shape (n, n)
         Estimate S of the unknown part of the Lagrangian's Hessian.
     radius : float
         Radius of the trust region.
     sides : array of int, shape (n_active,)
-        Sides of the inequalities that were active, see :class:`.subproblem.Step`.
+        Sides of the inequalities that were active, see :class:`Step`.
     """
 
-    curvature: Matrix
+    curvature: FloatArray
     radius: float
     sides: NDArray[np.intp]
 
@@ -94,7 +117,7 @@ def solve(
     start: FloatArray,
     options: SolverOptions = SolverOptions(),
     memory: SolverMemory | None = None,
-    should_stop: Callable[[], bool] = bool,
+    deadline: float = math.inf,
 ) -> Solution:
     """Find a local minimum within the constraints, by descent from a start.
 
@@ -108,15 +131,284 @@ def solve(
         When to stop.
     memory : SolverMemory, optional
         State at an earlier solution of nearly the same program.
-    should_stop : callable
-        Called after each step; True ends the search, because time ran out or it was cancelled.
+    deadline : float
+        When the search ends, by the clock of `time.perf_counter` [s]. It ends earlier if another
+        step, as long as the last one, would take longer.
 
     Returns
     -------
     solution : Solution
         The solution; without constraints its cost never exceeds that of the start.
     """
-    return _Search(program, start, options, memory, should_stop).run()
+    return _Search(program, start, options, memory, deadline).run()
+
+
+class Tangent(NamedTuple):
+    """Steps that meet linearised equalities: normal + directions · y for any y."""
+
+    normal: FloatArray
+    directions: FloatArray
+    # E⁺ of the equalities' rows E, shape (n, n_equalities).
+    pseudo_inverse: FloatArray
+
+    @classmethod
+    def at(cls, here: Point, radius: float) -> Tangent:
+        """The steps at a point, with a normal step inside the trust region."""
+        left, singular, right = np.linalg.svd(here.equality_rows)
+        rank = int(np.count_nonzero(singular > _DEPENDENT * singular[0]))
+        inverse = right[:rank].T @ (left[:, :rank] / singular[:rank]).T
+        normal = -inverse @ here.equalities
+        # Far from the equalities, the step is shortened to the trust region.
+        length = float(np.linalg.norm(normal))
+        normal *= min(1.0, _NORMAL_SHARE * radius / max(length, TINY))
+        return cls(normal, right[rank:].T, inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step and the predictions of the quadratic model for it.
+
+    Attributes
+    ----------
+    change : array, shape (n,)
+        The step.
+    decrease : float
+        Predicted decrease of the objective.
+    infeasibility : float
+        Predicted sum of the constraint violations after it.
+    sides : array of int, shape (n_active,)
+        Sides of the active inequalities, see `violated_sides`.
+    multipliers, equality_multipliers : array
+        Lagrange multipliers of these and of the equalities.
+    pull : array, shape (n,)
+        Gradient of the Lagrangian at the start of the step.
+    damping : float
+        Value added to the diagonal of the Hessian to limit the step.
+    """
+
+    change: FloatArray
+    decrease: float
+    infeasibility: float
+    sides: NDArray[np.intp]
+    multipliers: FloatArray
+    equality_multipliers: FloatArray
+    pull: FloatArray
+    damping: float
+
+    @property
+    def largest_multiplier(self) -> float:
+        """Largest magnitude of a multiplier."""
+        both = np.concatenate([self.multipliers, np.abs(self.equality_multipliers)])
+        return float(both.max(initial=0.0))
+
+    def lagrangian_gradient(self, at: Point) -> FloatArray:
+        """∇f + Σ multiplier · ∇constraint at a point, with the multipliers of this step."""
+        gradient = at.gradient
+        if self.sides.size:
+            signed = np.where(self.sides % 2, self.multipliers, -self.multipliers)
+            gradient = gradient + signed @ at.inequality_rows(self.sides // 2)
+        if self.equality_multipliers.size:
+            gradient = gradient + self.equality_multipliers @ at.equality_rows
+        return gradient
+
+
+class Held(NamedTuple):
+    """A step within few inequalities.
+
+    Attributes
+    ----------
+    step : array, shape (n_free,)
+        The step y of the free unknowns.
+    multipliers : array, shape (n_inequalities,)
+        Lagrange multipliers of the inequalities.
+    damping : float
+        Value added to the diagonal of the Hessian to limit the step.
+    is_within : bool
+        Whether the inequalities are met; otherwise they contradict each other.
+    """
+
+    step: FloatArray
+    multipliers: FloatArray
+    damping: float
+    is_within: bool
+
+
+class Subproblem:
+    """The quadratic model of a program at a point, in the trust region.
+
+    Its unknowns are y with the step `normal + directions · y`, or the step itself where there
+    are no equalities.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    here : Point
+        The point.
+    hessian : array, shape (n, n)
+        Hessian of the Lagrangian.
+    radius : float
+        Radius of the trust region.
+    sides : array of int
+        Sides of inequalities to consider first: those that were active in the step before.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        here: Point,
+        hessian: FloatArray,
+        radius: float,
+        sides: NDArray[np.intp],
+    ) -> None:
+        self._program, self._here, self._whole = program, here, hessian
+        self._tangent = Tangent.at(here, radius) if here.equalities.size else None
+        self._hessian, self._gradient, self._radius = hessian, here.gradient, radius
+        if self._tangent is not None:
+            normal, directions, _ = self._tangent
+            self._hessian = directions.T @ hessian @ directions
+            self._gradient = directions.T @ (here.gradient + hessian @ normal)
+            self._radius = math.sqrt(max(radius**2 - float(normal @ normal), 0.0))
+        self._sides = sides if self._gradient.size else sides[:0]
+        self._rows, self._bounds = _at_sides(program, here, self._sides)
+        # The step within the given sides alone.
+        if self._sides.size:
+            self._first = self._held(self._rows, self._bounds, 0.0)
+        else:
+            has_free = bool(self._gradient.size)
+            self._first = Held(self._free.step, np.zeros(0), 0.0, has_free)
+
+    def largest_decrease(self) -> float:
+        """Predicted decrease of the objective within the given sides alone.
+
+        Within all inequalities it is at most as large. It is infinite if no such step was found.
+        """
+        if not self._first.is_within:
+            return math.inf
+        change = self._lifted(self._first.step)
+        return -float((self._here.gradient + 0.5 * (self._whole @ change)) @ change)
+
+    @property
+    def pull(self) -> FloatArray:
+        """Gradient of the Lagrangian along the equalities, with the multipliers of that step."""
+        pull = self._here.gradient + self._first.multipliers @ self._rows
+        return pull if self._tangent is None else np.asarray(pull @ self._tangent.directions)
+
+    def solve(self) -> Step:
+        """The step within the linearised constraints.
+
+        Only few of the thousands of inequalities enter the quadratic program: the given sides, and
+        those that the step would violate otherwise.
+        """
+        here, program, held = self._here, self._program, self._first
+        sides, rows, bounds = self._sides, self._rows, self._bounds
+        for left in reversed(range(_MAX_ROUNDS)):
+            change = self._lifted(held.step)
+            after = here.inequalities_after(change)
+            outside = outside_bounds(program, after)
+            broken = violated_sides(program, after, outside)
+            added = broken[~(broken[:, None] == sides).any(axis=1)]
+            if not (added.size and held.is_within and left):
+                break
+            kept = held.multipliers > 0.0
+            new_rows, new_bounds = _at_sides(program, here, added)
+            sides = np.concatenate([sides[kept], added])
+            rows = np.concatenate([rows[kept], new_rows])
+            bounds = np.concatenate([bounds[kept], new_bounds])
+            held = self._held(rows, bounds, held.damping)
+        holding = held.multipliers > 0.0
+        multipliers = held.multipliers[holding]
+        curved = self._whole @ change
+        pull = here.gradient + multipliers @ rows[holding]
+        equality_multipliers, missed = np.zeros(0), 0.0
+        if self._tangent is not None:
+            equality_multipliers = -self._tangent.pseudo_inverse.T @ (pull + curved)
+            missed = float(np.abs(here.equalities + here.equality_rows @ change).sum())
+            pull = pull + equality_multipliers @ here.equality_rows
+        return Step(
+            change=change,
+            decrease=-float((here.gradient + 0.5 * curved) @ change),
+            infeasibility=sum_of_peaks(outside) + missed,
+            sides=sides[holding],
+            multipliers=multipliers,
+            equality_multipliers=equality_multipliers,
+            pull=pull,
+            damping=held.damping if sides.size else 0.0,
+        )
+
+    def correction(self, sides: NDArray[np.intp]) -> FloatArray:
+        """The shortest steps that change the equalities to first order, shape (n, n_equalities).
+
+        They keep the values of the given sides of inequalities, if these are not too many.
+        """
+        equalities = self._here.equality_rows
+        n_equalities, n = equalities.shape
+        if n_equalities + sides.size > n:
+            sides = sides[:0]
+        rows = np.concatenate([equalities, self._here.inequality_rows(sides // 2)])
+        changes = np.eye(len(rows))[:, :n_equalities]
+        return np.asarray(np.linalg.lstsq(rows, changes, rcond=_DEPENDENT)[0])
+
+    def _lifted(self, y: FloatArray) -> FloatArray:
+        if self._tangent is None:
+            return y
+        return np.asarray(self._tangent.normal + self._tangent.directions @ y)
+
+    @cached_property
+    def _free(self) -> TrustRegionStep:
+        """The step without inequalities."""
+        return trust_region_step(self._hessian, self._gradient, self._radius)
+
+    @cached_property
+    def _convex(self) -> tuple[FloatArray, FloatArray | None]:
+        """The Hessian made positive definite, and its factor."""
+        factor = cholesky(self._hessian)
+        if factor is not None:
+            return self._hessian, factor
+        hessian = convexified(self._hessian)
+        return hessian, cholesky(hessian)
+
+    def _held(self, rows: FloatArray, bounds: FloatArray, damping: float) -> Held:
+        """The step within inequalities rows · step ≤ bounds of the whole step.
+
+        The given damping is raised until the step is not much longer than the trust region. A step
+        that is still longer is shortened.
+        """
+        if self._tangent is not None:
+            normal, directions, _ = self._tangent
+            rows, bounds = rows @ directions, bounds - rows @ normal
+        hessian, first_factor = self._convex
+        longest = 1.5 * self._radius
+        for _ in range(_MAX_DAMPINGS):
+            factor = cholesky(hessian, damping) if damping else first_factor
+            found = solve_quadratic(factor, self._gradient, rows, bounds)
+            if found is None:
+                regular = hessian + damping * np.eye(len(hessian)) if damping else hessian
+                step, multipliers = nearest_step(regular, self._gradient, rows, bounds)
+            else:
+                step, multipliers = found.step, found.multipliers
+            length = math.sqrt(float(step @ step))
+            if length <= longest or found is None:
+                break
+            least = max(0.03 * self._free.shift, 1e-4 * float(np.trace(hessian)) / len(hessian))
+            damping = max(4.0 * damping, least)
+        share = min(1.0, longest / max(length, TINY))
+        return Held(share * step, multipliers, damping, found is not None)
+
+
+def _at_sides(
+    program: Program, at: Point, sides: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of sides of inequalities, with signs such that all are bounded above.
+
+    With them their distances from the bounds, negative beyond them.
+    """
+    if not sides.size:
+        return np.zeros((0, at.gradient.size)), np.zeros(0)
+    index, signs = sides // 2, np.where(sides % 2, 1.0, -1.0)
+    bounds = np.where(sides % 2, program.upper[index], program.lower[index])
+    rows = signs[:, None] * at.inequality_rows(index, bounds)
+    return rows, signs * (bounds - at.inequalities[index])
 
 
 class _Search:
@@ -128,9 +420,10 @@ class _Search:
         start: FloatArray,
         options: SolverOptions,
         memory: SolverMemory | None,
-        should_stop: Callable[[], bool],
+        deadline: float,
     ) -> None:
-        self._program, self._options, self._should_stop = program, options, should_stop
+        self._program, self._options, self._deadline = program, options, deadline
+        self._last_step = time.perf_counter()
         self.x, self.here = start, program.evaluate(start)
         self.violated = infeasibility(program, self.here)
         self.start_cost, self.pull = self.here.cost, self.here.gradient
@@ -146,7 +439,7 @@ class _Search:
         """Take steps until one is negligible, or time or iterations run out."""
         options, converged = self._options, self.x.size == 0
         while not converged and self.iterations < options.max_iterations:
-            hessian = added(self.here.hessian, self.curvature)
+            hessian = self.here.hessian + self.curvature
             enough = options.tolerance * self.here.cost
             try:
                 subproblem = Subproblem(self._program, self.here, hessian, self.radius, self.sides)
@@ -167,10 +460,15 @@ class _Search:
             converged = negligible and self.violated <= FEASIBLE
             restores = self.violated - step.infeasibility > FEASIBLE
             stuck = (negligible and not restores) or self.radius < options.min_radius
-            if converged or stuck or self._should_stop():
+            if converged or stuck or self._is_late() or options.should_stop():
                 break
             self._take(step, subproblem, predicted)
         return self._solution(converged)
+
+    def _is_late(self) -> bool:
+        """Whether another step, as long as the last one, would take longer than there is time."""
+        before, self._last_step = self._last_step, time.perf_counter()
+        return 2.0 * self._last_step - before > self._deadline
 
     def _take(self, step: Step, subproblem: Subproblem, predicted: float) -> None:
         """Evaluate a step, update the curvature, accept the step if it lowers the penalty."""
@@ -218,29 +516,13 @@ class _Search:
         decrease = self.here.cost - there.cost + self.weight * (self.violated - violated)
         return there, violated, decrease
 
-    def _learned(self, step: Step, there: Point) -> Matrix:
-        """The estimate of the curvature, updated along a step; block by block if it has blocks."""
-        curvature, options = self.curvature, self._options
+    def _learned(self, step: Step, there: Point) -> FloatArray:
+        """The estimate of the curvature, updated along a step."""
         if not np.isfinite(there.cost):
-            return curvature
-        if not isinstance(curvature, BlockMatrix):
-            hessians = as_array(self.here.hessian) + as_array(there.hessian)
-            turned = step.lagrangian_gradient(there) - step.pull
-            return _updated(curvature, step.change, turned, hessians @ step.change, options)
-        assert isinstance(self.here, BlockPoint)
-        assert isinstance(there, BlockPoint)
-        multipliers = step.sides, step.multipliers, step.equality_multipliers
-        before, after = (at.block_gradients(*multipliers) for at in (self.here, there))
-        sums = added(self.here.hessian, there.hessian)
-        assert isinstance(sums, BlockMatrix)
-        blocks = []
-        for i, where in enumerate(curvature.slices):
-            change = step.change[where]
-            known = sums.blocks[i] @ change
-            blocks.append(
-                _updated(curvature.blocks[i], change, after[i] - before[i], known, options)
-            )
-        return replace(curvature, blocks=tuple(blocks))
+            return self.curvature
+        known_changes = (self.here.hessian + there.hessian) @ step.change
+        turned = step.lagrangian_gradient(there) - step.pull
+        return _updated(self.curvature, step.change, turned, known_changes, self._options)
 
     def _solution(self, converged: bool) -> Solution:
         if self.violated > FEASIBLE and self.feasible is not None:

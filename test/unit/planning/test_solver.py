@@ -15,9 +15,9 @@ from test_segment import BASES, compile_motion
 from mp_pca_planner.planning.options import SolverOptions
 from mp_pca_planner.planning.program.problem import Problem
 from mp_pca_planner.planning.program.terms import Naturalness
-from mp_pca_planner.planning.solver.sqp import FEASIBLE, solve
-from mp_pca_planner.planning.solver.subproblem import Subproblem, _nearest
-from mp_pca_planner.planning.solver.trust_region import trust_region_step
+from mp_pca_planner.planning.solver.program import FEASIBLE
+from mp_pca_planner.planning.solver.quadratic import nearest_step, trust_region_step
+from mp_pca_planner.planning.solver.sqp import Subproblem, solve
 
 
 @dataclass
@@ -157,7 +157,7 @@ def test_where_no_quadratic_program_is_solved_the_step_nearly_keeps_its_bounds(s
     factor, rows = rng.normal(size=(2, 5, 5))
     hessian, gradient, bounds = factor @ factor.T + np.eye(5), rng.normal(size=5), np.full(5, room)
     with np.errstate(all="raise"):
-        step, multipliers = _nearest(hessian, gradient, rows, bounds)
+        step, multipliers = nearest_step(hessian, gradient, rows, bounds)
     free = -np.linalg.solve(hessian, gradient)
     watched = np.full(5, True) if room < 0.0 else rows @ free > room
     left, before = (float(np.maximum(rows @ p - bounds, 0.0)[watched].sum()) for p in (step, free))
@@ -202,7 +202,12 @@ def test_scipy_finds_nothing_better_nearby(name, rho):
 
 
 @pytest.mark.parametrize(
-    "how", [{"options": SolverOptions(max_iterations=2)}, {"should_stop": lambda: True}]
+    "how",
+    [
+        {"options": SolverOptions(max_iterations=2)},
+        {"deadline": 0.0},
+        {"options": SolverOptions(should_stop=lambda: True)},
+    ],
 )
 def test_running_out_of_iterations_or_time_is_said_and_never_worse_than_the_start(how):
     program, motion = unlimited(BASES["joint"])
@@ -253,9 +258,9 @@ def test_a_trust_region_step_solves_its_subproblem(seed, radius):
     n = int(rng.integers(1, 7))
     root = rng.normal(size=(n, n))
     hessian, gradient = root + root.T, rng.normal(size=n)
-    step, predicted, shift, lowest = trust_region_step(hessian, gradient, radius)
-    assert shift >= lowest >= 0.0
-    assert np.linalg.eigvalsh(hessian + lowest * np.eye(n))[0] > 0.0
+    step, predicted, shift = trust_region_step(hessian, gradient, radius)
+    assert shift >= 0.0
+    assert np.linalg.eigvalsh(hessian + shift * np.eye(n))[0] > 0.0
     assert np.linalg.norm(step) <= 1.06 * radius
     model = gradient @ step + 0.5 * step @ hessian @ step
     assert predicted == pytest.approx(-model, rel=1e-6, abs=1e-12)
