@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from .planning.planner import Planner as Planner
     from .primitives.primitive import MovementPrimitive as MovementPrimitive
     from .recordings.demonstration import Demonstration as Demonstration
-    from .recordings.demonstrations import load_demonstrations as load_demonstrations
-    from .recordings.demonstrations import write_example_recording as write_example_recording
+    from .recordings.load import load_demonstrations as load_demonstrations
+    from .recordings.synthetic import write_example_recording as write_example_recording
     from .resources import config_file as config_file
     from .robot.limits import JointLimits as JointLimits
     from .robot.model import Robot as Robot
@@ -76,7 +76,8 @@ _NAMES = {
     "planning.planner": ("Planner",),
     "primitives.primitive": ("MovementPrimitive",),
     "recordings.demonstration": ("Demonstration",),
-    "recordings.demonstrations": ("load_demonstrations", "write_example_recording"),
+    "recordings.load": ("load_demonstrations",),
+    "recordings.synthetic": ("write_example_recording",),
     "resources": ("config_file",),
     "robot.limits": ("JointLimits",),
     "robot.model": ("Robot",),

@@ -28,8 +28,8 @@ from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.cache import ReadingCache, default_folder
-from ..recordings.demonstrations import position_limits
-from ..recordings.load import RecordingSet, load_recordings
+from ..recordings.load import load_recordings, position_limits
+from ..recordings.recording_set import RecordingSet
 from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import segments_table

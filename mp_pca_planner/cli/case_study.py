@@ -21,8 +21,9 @@ from ..files import exists_already, write_whole
 from ..mocap.marker_joint_states import marker_source
 from ..plotting.case_study_page import case_study_page, draw_pictures, facts, summary, tables
 from ..plotting.page import require_pages
-from ..recordings.demonstrations import write_example_recording
-from ..recordings.load import RecordingSet, load_recordings
+from ..recordings.load import load_recordings
+from ..recordings.recording_set import RecordingSet
+from ..recordings.synthetic import write_example_recording
 from ..resources import config_file
 from ..robot.model import Robot
 from .common import Progress, make_folder, plain, progress_bar, report

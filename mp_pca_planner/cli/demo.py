@@ -37,9 +37,8 @@ from ..plotting.text import cells, table
 from ..primitives.differences import PHASES
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.demonstrations import write_example_recording
 from ..recordings.load import load_recordings
-from ..recordings.synthetic import JOINT_NAMES, generate_motions
+from ..recordings.synthetic import JOINT_NAMES, generate_motions, write_example_recording
 from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot

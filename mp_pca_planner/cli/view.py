@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from ..exceptions import PlannerError
 from ..primitives.primitive_library import load_primitives
-from ..recordings.demonstrations import load_demonstrations
+from ..recordings.load import load_demonstrations
 from ..robot.world import World
 from ..view.content import PageContent, read_content
 from ..view.live import LiveLink

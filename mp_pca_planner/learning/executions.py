@@ -15,7 +15,8 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..motion.trajectory import Trajectory
 from ..motion.validation import interpolate
-from ..recordings.bags import JOINT_STATE, NS_PER_S, Bag, Stored, choose_topic, open_bag
+from ..recordings.bags import JOINT_STATE, Bag, Stored, choose_topic, open_bag
+from ..recordings.joint_states import NS_PER_S
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..input_limits import INPUT_LIMITS
-from ..recordings.bags import NS_PER_S
-from ..recordings.joint_states import JointLayout, RawJointStates
+from ..recordings.joint_states import NS_PER_S, JointLayout, RawJointStates
 from ..recordings.recording_set import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import MarkerProblem, solve

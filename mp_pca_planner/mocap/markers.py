@@ -24,7 +24,8 @@ from scipy.spatial.transform import Rotation
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
-from ..recordings.bags import MARKER_ARRAY, NS_PER_S, Bag, IntArray, Stored, open_bag
+from ..recordings.bags import MARKER_ARRAY, Bag, Stored, open_bag
+from ..recordings.joint_states import NS_PER_S, IntArray
 from .marker_map import MarkerPlacement
 
 POINT = "geometry_msgs/msg/PointStamped"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..exceptions import PlannerError
-from ..recordings.load import RecordingReport
+from ..recordings.recording_set import RecordingReport
 from .style import BLACK, COLOURS, GREY, LINES, Line, add_header, palette_line
 from .units import unit_of
 

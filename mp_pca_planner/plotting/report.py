@@ -26,8 +26,7 @@ from ..primitives.options import PrimitiveOptions
 from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
-from ..recordings.load import RecordingReport, RecordingSet
-from ..recordings.recording_set import Refusal
+from ..recordings.recording_set import RecordingReport, RecordingSet, Refusal
 from ..recordings.repair import REPAIRS
 from ..robot.model import Robot
 from .arm import arm_figure

@@ -23,8 +23,8 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError
 from ..input_limits import INPUT_LIMITS
 from ..motion.interpolation import interpolate_at, segment_ends
-from .bags import NS_PER_S, Bag, Stored, Topic
-from .joint_states import listed_names
+from .bags import Bag, Stored, Topic
+from .joint_states import NS_PER_S, listed_names
 from .repair.messages import SIMULATION_TIME, choose_joints, is_simulation_time
 from .repair.recording import (
     CleanRecording,

@@ -5,33 +5,95 @@
 from __future__ import annotations
 
 from array import array
-from collections import Counter
-from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import replace
 from functools import partial
-from operator import itemgetter
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
-import numpy as np
-
-from ..arrays import check_number
-from ..exceptions import RecordingError, quote_names
-from . import bags, cutting
+from ..arrays import as_list, check_number, check_type
+from ..exceptions import RecordingError, RobotError
+from ..files import as_path
+from ..robot.model import Robot
+from . import bags
 from .cache import ReadingCache, key_of
-from .cluster import map_on_cluster
+from .comparison import with_extent_of_set, with_joints_of_set
 from .load_one import LoadOptions, LoadTask, load_one
-from .processes import Outcome, map_in_processes
-from .recording_set import RecordingReport, RecordingSet
-from .segmentation import SegmentationOptions, absurd_extent, least_extent_of_set
+from .recording_set import GatheredSets, RecordingSet
 from .segments_file import segments_by_hand
-from .spool import GatheredSets
-
-__all__ = ["LoadOptions", "RecordingReport", "RecordingSet", "load_recordings"]
-
+from .workers import Outcome, map_in_processes, map_on_cluster
 
 _DIED = "every process that tried to read it died: it was killed, or memory ran out"
+
+
+def load_demonstrations(
+    paths: str | Path | Iterable[str | Path],
+    *,
+    robot: Robot | str | Path | None = None,
+    **options: Any,
+) -> RecordingSet:
+    """Load the demonstrated motions of recordings.
+
+    Parameters
+    ----------
+    paths :
+        Bag files, rosbag2 folders, CSV files, datasets of LeRobot, folders of bags and datasets,
+        glob patterns; one of them or several.
+    robot : Robot or path of a URDF file, optional
+        Its joints are taken, in its order; by default all that every message lists. Of a file,
+        the joints that never move in the recordings are left out and noted, such as a gripper's;
+        `joints` or a `Robot` choose them all the same.
+    **options :
+        As of :func:`.load_recordings`: topic, joints, degrees, segment, segments_csv, jobs, …
+
+    Returns
+    -------
+    recordings : RecordingSet
+        A sequence of demonstrations; its `report` says what was repaired, cut and rejected.
+
+    Raises
+    ------
+    RecordingError
+        If no recording holds a usable motion, or an option is out of its range.
+    RobotError
+        If the URDF can't be read or lacks one of the joints.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> bag = mp.write_example_recording("motions.mcap", 6)
+    >>> mp.load_demonstrations(bag, robot=mp.config_file("human_arm.urdf"))
+    RecordingSet: 11 demonstrations of 1 recording(s), 0 rejected
+    """
+    check_type(paths, "the paths of recordings", RecordingError, str, Path, Iterable)
+    check_type(robot, "robot", RobotError, Robot, str, Path, NoneType)
+    several = (
+        [paths]
+        if isinstance(paths, (str, Path))
+        else as_list(paths, "the paths of recordings are needed", RecordingError)
+    )
+    for one in several:
+        if not isinstance(one, str):  # an address, or a pattern
+            as_path(one, RecordingError)
+    joints = options.pop("joints", None)
+    options.setdefault("moving_only", joints is None and isinstance(robot, (str, Path)))
+    if isinstance(robot, (str, Path)):
+        robot = Robot.from_file(robot, joints)
+    joints = robot.joint_names if robot else joints
+    options.setdefault("position_limits", position_limits(robot))
+    recordings = load_recordings(several, joints=joints, same_joints=True, **options)
+    recordings.require_motion()
+    return recordings
+
+
+def position_limits(robot: Robot | None) -> dict[str, tuple[float, float]]:
+    """Least and largest position of a robot's joints by name [rad or m]; none without a robot."""
+    if robot is None:
+        return {}
+    limits = robot.limits()
+    pairs = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)
+    return dict(zip(robot.joint_names, pairs, strict=True))
 
 
 def load_recordings(
@@ -57,7 +119,7 @@ def load_recordings(
         Processes that read recordings at the same time. The result is always the same.
     dask :
         Address of the scheduler of a Dask cluster that reads them instead, see
-        :func:`.cluster.map_on_cluster`. The result is the same.
+        :func:`.workers.map_on_cluster`. The result is the same.
     progress :
         Called with the bytes of recordings done and in all.
     known_extents :
@@ -86,10 +148,10 @@ def load_recordings(
     kept = ReadingCache() if resume is None else ReadingCache.resumed(resume)
     loaded = GatheredSets(len(tasks), on_disk=on_disk)
     _load_all(dict(enumerate(tasks)), loaded, kept, jobs, dask, progress)
-    again = _with_joints_of_set(tasks, loaded, same_joints, moving_only=settings.moving_only)
+    again = with_joints_of_set(tasks, loaded, same_joints, moving_only=settings.moving_only)
     _load_all(again, loaded, kept, jobs, dask, None)
     tasks = [again.get(index, task) for index, task in enumerate(tasks)]
-    again = _with_extent_of_set(tasks, loaded, known_extents)
+    again = with_extent_of_set(tasks, loaded, known_extents)
     _load_all(again, loaded, kept, jobs, dask, None)
     settings.cache.prune()
     return loaded.result()
@@ -151,109 +213,6 @@ def _load_all(
 
 def _key(task: LoadTask) -> str:
     return key_of(task, bags.stored_state(task.path))
-
-
-def _with_joints_of_set(
-    tasks: Sequence[LoadTask], loaded: GatheredSets, same_joints: bool, *, moving_only: bool
-) -> dict[int, LoadTask]:
-    """Recordings to load again with the joints of the set in its order, by index.
-
-    Copies of other recordings are rejected and, on request, recordings of other joints. With
-    `moving_only`, joints that move in no recording are no joints of the set.
-    """
-    still = _still_joints(len(tasks), loaded) if moving_only else set[str]()
-    orders: dict[frozenset[str], tuple[str, ...]] = {}
-    originals: dict[str, str] = {}
-    counts = Counter[tuple[str, ...]]()
-    for index, task in enumerate(tasks):
-        for report in loaded.found(index)[0]:
-            original = originals.setdefault(report.checksum, task.name)
-            if original != task.name and task.segments is None:
-                loaded.refuse(index, task.name, f"it is a copy of '{original}', which is used")
-            else:
-                joints = tuple(name for name in report.joint_names if name not in still)
-                counts[orders.setdefault(frozenset(joints), joints)] += 1
-    common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
-    is_one_set = same_joints and 2 * n_common > counts.total()
-    again: dict[int, LoadTask] = {}
-    for index, task in enumerate(tasks):
-        used, refused = loaded.found(index)
-        for report in used:
-            own = set(report.joint_names)
-            joints = common if is_one_set else orders[frozenset(own - still)]
-            if not own.issuperset(joints):
-                loaded.refuse(
-                    index,
-                    task.name,
-                    f"its joints, {quote_names(report.joint_names)}, are not those of most "
-                    f"recordings, {quote_names(common)}: choose joints that all have, or use it "
-                    "separately",
-                )
-            elif joints != report.joint_names:
-                again[index] = _with_joints(task, joints, report.joint_names, still)
-        for one in refused:
-            if is_one_set and not task.options.joints and set(one.joint_names).issuperset(common):
-                again[index] = _with_joints(task, common, one.joint_names)
-    return again
-
-
-def _still_joints(n_tasks: int, loaded: GatheredSets) -> set[str]:
-    """The joints that move in no recording that is used."""
-    reports = [report for index in range(n_tasks) for report in loaded.found(index)[0]]
-    moving = {n for one in reports for n in one.joint_names if n not in one.still_joints}
-    return {name for one in reports for name in one.still_joints} - moving
-
-
-def _with_joints(
-    task: LoadTask,
-    joints: tuple[str, ...],
-    found: Sequence[str],
-    still: Collection[str] = (),
-) -> LoadTask:
-    """A recording with some of its joints, and notes on the others."""
-    others = [name for name in found if name not in joints]
-    reasons = {
-        "they never move": [name for name in others if name in still],
-        "most recordings lack them": [name for name in others if name not in still],
-    }
-    notes = tuple(
-        f"joints left out, as {why}: {quote_names(names)}"
-        for why, names in reasons.items()
-        if names
-    )
-    return replace(task, options=replace(task.options, joints=joints), notes=notes)
-
-
-def _with_extent_of_set(
-    tasks: Sequence[LoadTask], loaded: GatheredSets, known_extents: Sequence[float]
-) -> dict[int, LoadTask]:
-    """Recordings to load again by the extents of all motions, by index.
-
-    Movements of some count as rest relative to the motions of the set. Those of absurdly large
-    motions are rejected.
-    """
-    extents, smallest, largest = array("d", known_extents), array("d"), array("d")
-    for index, task in enumerate(tasks):
-        reports, _ = loaded.found(index)
-        own = [m.extent for x in reports for m in x.motions if task.segments is None]
-        extents.extend(own)
-        smallest.append(min(own, default=np.inf))
-        largest.append(max(own, default=0.0))
-    options = tasks[0].options.segmentation if tasks else SegmentationOptions()
-    absurd = absurd_extent([*known_extents, *filter(None, largest)], options)
-    for index in np.flatnonzero(np.asarray(largest) > absurd).tolist():
-        what = cutting.far_moving("its joints move", largest[index], absurd)
-        reason = (
-            f"beside the other recordings' motions, {what}; choose the joints, or give "
-            "a table of segments if these movements are motions"
-        )
-        loaded.refuse(index, tasks[index].name, reason)
-        smallest[index] = np.inf
-    if not np.isfinite(smallest).any():
-        return {}
-    least = least_extent_of_set([x for x in extents if x <= absurd], options)
-    small = np.flatnonzero(np.asarray(smallest) <= least).tolist()
-    return {index: replace(tasks[index], least_extent=least) for index in small}
 
 
 def _outcomes(

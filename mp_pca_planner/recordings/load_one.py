@@ -64,7 +64,7 @@ class LoadOptions:
         Thresholds of the repairs.
     position_limits : mapping of str to tuple of float
         Least and largest position of joints by name [rad or m]; none unless given. Motions beyond
-        them are noted. See :func:`.demonstrations.position_limits`.
+        them are noted. See :func:`.load.position_limits`.
     limit_tolerance, absurd_excess : float
         Distance beyond a limit that is no reason for a note, as of soft limits and noise, and one
         for which a recording is rejected: half a turn is beyond any calibration [rad or m].

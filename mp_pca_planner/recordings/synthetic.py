@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from scipy.special import betainc
 
 from ..arrays import FloatArray, check_number
 from ..exceptions import RecordingError
+from ..files import as_path
+from .bags import write_joint_states
 from .demonstration import Demonstration
 
 JOINT_NAMES = ("shoulder1", "shoulder2", "shoulder3", "elbow")
@@ -199,6 +202,38 @@ def continuous_recording(
     positions += rng.normal(0.0, STYLE.sensor_noise, positions.shape)
     of_all = np.array(spans)
     return SyntheticRecording(JOINT_NAMES, times, positions, of_all[::2], of_all[1::2])
+
+
+def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int = 1) -> Path:
+    """Write a bag of arm-raising motions of the arm in ``config/human_arm.urdf``.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file name ending in .mcap, or a rosbag2 folder; an existing one is replaced.
+    n_motions : int
+        Number of motions, at least 1.
+    seed : int
+        Selects the motions.
+
+    Raises
+    ------
+    RecordingError
+        If the number of motions is too small, or the file can't be written.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.write_example_recording("motions.mcap", 6).name
+    'motions.mcap'
+    """
+    file = as_path(path, RecordingError)
+    check_number(n_motions, "the number of motions", RecordingError, 1, 10_000, is_whole=True)
+    check_number(seed, "the seed", RecordingError, 0, is_whole=True)
+    recording = continuous_recording(generate_motions(n_motions, seed), seed=seed)
+    names, stamps = recording.joint_names, recording.stamps
+    write_joint_states(file, "mcap", names, stamps, recording.positions, overwrite=True)
+    return file
 
 
 def _raise_arm(rng: np.random.Generator, rate: float) -> Demonstration:

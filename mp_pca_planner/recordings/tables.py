@@ -16,8 +16,7 @@ from ..arrays import FloatArray, unique_names
 from ..exceptions import RecordingError, quote_names, require, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
-from .byte_layout import NS_PER_S
-from .joint_states import JointLayout, RawJointStates
+from .joint_states import NS_PER_S, JointLayout, RawJointStates
 
 FORMATS = ("csv", "lerobot")
 """Formats of tables among those of recordings."""

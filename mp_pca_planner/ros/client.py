@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError
-from ..recordings.byte_layout import NS_PER_S
+from ..recordings.joint_states import NS_PER_S
 from ..resources import config_file
 from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
 from .node import NODE_NAME

@@ -29,7 +29,7 @@ from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.byte_layout import NS_PER_S
+from ..recordings.joint_states import NS_PER_S
 from .serialised import CdrReader
 
 UNDER_WAY = "under_way"

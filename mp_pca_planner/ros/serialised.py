@@ -21,7 +21,7 @@ from trajectory_msgs.msg import JointTrajectory
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError, WorldError
 from ..motion.trajectory import Trajectory
-from ..recordings.byte_layout import ENCAPSULATION, NS_PER_S
+from ..recordings.joint_states import ENCAPSULATION, NS_PER_S
 
 
 class CdrReader:

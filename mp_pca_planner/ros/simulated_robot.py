@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import SimulationError
-from ..recordings.byte_layout import NS_PER_S
+from ..recordings.joint_states import NS_PER_S
 from ..simulation.controller import TrajectoryMessage, TrajectoryPoint
 from ..simulation.robot import CYCLE_NS, SimulatedRobot
 from .subscriptions import LATCHED

@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import SimulationError, quote_names, unknown_name
 from ..motion.trajectory import Trajectory
-from ..recordings.byte_layout import NS_PER_S
+from ..recordings.joint_states import NS_PER_S
 from .splines import BoolArray, Splines, States
 
 

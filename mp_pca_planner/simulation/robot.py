@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import SimulationError, shown, unknown_name
 from ..motion.trajectory import Trajectory
-from ..recordings.byte_layout import NS_PER_S
+from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
 from .controller import ControllerOptions, TrajectoryController, TrajectoryMessage, to_message
 from .plant import PERIOD, MujocoPlant, PinocchioPlant

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..exceptions import RecordingError
 from ..recordings.bags import JOINT_STATE, choose_topic, open_bag, to_cdr
-from ..recordings.bags.files import damage_reported
+from ..recordings.bags.bag import damage_reported
 from ..recordings.joint_states import slice_joint_states
 
 

@@ -17,12 +17,13 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..files import reading, write_whole
 from ..recordings import cutting
-from ..recordings.bags import GrowingBag, open_bag
+from ..recordings.bags import open_bag
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import joined, slice_joint_states
 from ..recordings.repair import CleanRecording
 from ..recordings.segmentation import SegmentationOptions
 from ..recordings.segments_file import read_segments, segments_table
+from .growing_bag import GrowingBag
 
 _NOTHING = re.compile(r"(?!)")  # never matches
 _SEGMENTATION = SegmentationOptions()

@@ -16,7 +16,7 @@ from patience import HANG
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.recordings.bags import write_joint_states
-from mp_pca_planner.recordings.demonstrations import write_example_recording
+from mp_pca_planner.recordings.synthetic import write_example_recording
 from mp_pca_planner.resources import config_file
 
 URDF = str(config_file("human_arm.urdf"))

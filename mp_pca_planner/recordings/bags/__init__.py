@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Discovery, reading and writing of bag files of ROS 1 and ROS 2."""
 
-from ..byte_layout import NS_PER_S as NS_PER_S
-from ..joint_states import IntArray as IntArray
 from .bag import Bag as Bag
 from .bag import Stored as Stored
 from .bag import Topic as Topic
@@ -20,7 +18,6 @@ from .discovery import recording_format as recording_format
 from .discovery import recording_names as recording_names
 from .discovery import stored_size as stored_size
 from .discovery import stored_state as stored_state
-from .growing import GrowingBag as GrowingBag
 from .serialisation import JOINT_STATE as JOINT_STATE
 from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY

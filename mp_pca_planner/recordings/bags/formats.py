@@ -19,7 +19,7 @@ from urllib.parse import quote
 from zlib import crc32
 
 from ...input_limits import INPUT_LIMITS
-from ..byte_layout import NS_PER_S
+from ..joint_states import NS_PER_S
 from .storage import (
     Buffer,
     Channel,

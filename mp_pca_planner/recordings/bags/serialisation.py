@@ -24,7 +24,7 @@ from ...exceptions import RecordingError, unknown_name
 from ...files import exists_already, replace_path, take_free_name, workspace_beside
 from ...input_limits import INPUT_LIMITS
 from ...motion.trajectory import Trajectory
-from ..byte_layout import ENCAPSULATION, NS_PER_S, most_spare_bytes
+from ..joint_states import ENCAPSULATION, NS_PER_S, most_spare_bytes
 from .discovery import FORMAT_OF_SUFFIX, BagFormat, recordings_in
 from .storage import Key
 

@@ -13,8 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..byte_layout import NS_PER_S
-from ..joint_states import RawJointStates
+from ..joint_states import NS_PER_S, RawJointStates
 from .messages import (
     choose_clock,
     choose_joints,

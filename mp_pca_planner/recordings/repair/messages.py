@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray, unique_names
 from ...exceptions import RecordingError, quote_names, unknown_name
 from ...input_limits import INPUT_LIMITS
-from ..byte_layout import NS_PER_S
-from ..joint_states import IntArray, RawJointStates, listed_names
+from ..joint_states import NS_PER_S, IntArray, RawJointStates, listed_names
 from .recording import RepairOptions, Samples, count
 
 

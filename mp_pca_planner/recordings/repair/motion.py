@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...exceptions import RecordingError, quote_names
-from ..byte_layout import NS_PER_S
-from ..joint_states import IntArray, JointLayout, RawJointStates
+from ..joint_states import NS_PER_S, IntArray, JointLayout, RawJointStates
 from .messages import choose_clock
 from .recording import Piece, RepairOptions, Samples, count, taken
 

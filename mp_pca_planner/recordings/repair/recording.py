@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...exceptions import RecordingError, UnusableRecordingError, quote_names
-from ..byte_layout import NS_PER_S
-from ..joint_states import IntArray
+from ..joint_states import NS_PER_S, IntArray
 
 REPAIRS = {
     "malformed": "message dropped: not one position for each name, a name listed twice, or "

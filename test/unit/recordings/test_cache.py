@@ -11,7 +11,8 @@ import pytest
 
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.cache import ReadingCache
-from mp_pca_planner.recordings.load import RecordingSet, load_recordings
+from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.recording_set import RecordingSet
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
 
 

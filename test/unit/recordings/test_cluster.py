@@ -25,10 +25,9 @@ from mp_pca_planner.primitives.build import build_from_statistics
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
-from mp_pca_planner.recordings import cluster, processes
-from mp_pca_planner.recordings.cluster import map_on_cluster
+from mp_pca_planner.recordings import workers
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.processes import Outcome
+from mp_pca_planner.recordings.workers import Outcome, map_on_cluster
 
 FOLDER = Path(__file__).parents[2]  # of the functions that workers call
 MOST_SECONDS = HANG
@@ -179,7 +178,7 @@ def test_worker_of_another_version_is_refused(
 def test_cluster_without_workers_is_refused(
     start: Callable[..., Cluster], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(processes, "PATIENCE", 0.1)
+    monkeypatch.setattr(workers, "PATIENCE", 0.1)
     with pytest.raises(RecordingError, match="has no workers"):
         on(start([]), abs, [1])
 
@@ -196,7 +195,7 @@ def test_scheduler_that_does_not_answer_is_refused_in_one_line(
     bags: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed", reason="distributed is not installed (extra 'dask')")
-    monkeypatch.setattr(cluster, "OPTIONS", cluster.ClusterOptions(connection_timeout=1.0))
+    monkeypatch.setattr(workers, "_CLUSTER", workers.ClusterOptions(connection_timeout=1.0))
     with port_of_nobody() as port:
         address = f"tcp://127.0.0.1:{port}"
         line = refusal(bags, "--output", tmp_path / "p.npz", "--dask", address)

@@ -22,7 +22,7 @@ from test_salvage import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.input_limits import INPUT_LIMITS, InputLimits
-from mp_pca_planner.recordings.bags import files, storage, write_joint_states
+from mp_pca_planner.recordings.bags import bag, storage, write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.reading import inspect_recording
 
@@ -132,7 +132,7 @@ def test_file_that_is_compressed_as_a_whole_does_not_fill_the_disk(
         finally:
             sizes.append(target.stat().st_size)
 
-    monkeypatch.setattr(files, "copy_unpacked", watched)
+    monkeypatch.setattr(bag, "copy_unpacked", watched)
     assert "bomb" in refusal(tmp_path / "bomb", salvage=salvage)
     assert 0 < max(sizes) <= len(ZEROS) // 10
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.recordings.bags.serialisation import decoder, known_types
-from mp_pca_planner.recordings.byte_layout import read_layout
-from mp_pca_planner.recordings.joint_states import RawJointStates, slice_joint_states
+from mp_pca_planner.recordings.joint_states import RawJointStates, read_layout, slice_joint_states
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)

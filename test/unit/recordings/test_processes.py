@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from patience import HANG
 
-from mp_pca_planner.recordings import processes
-from mp_pca_planner.recordings.processes import map_by, map_in_processes
+from mp_pca_planner.recordings import workers
+from mp_pca_planner.recordings.workers import map_by, map_in_processes
 
 
 def square(number: int) -> int:
@@ -78,11 +78,11 @@ def test_a_pool_that_lost_all_processes_between_submissions_is_replaced() -> Non
 
 
 def test_bundles_of_workers_that_are_gone_without_a_word_are_done_again(monkeypatch) -> None:
-    monkeypatch.setattr(processes, "PATIENCE", 0.01)
+    monkeypatch.setattr(workers, "PATIENCE", 0.01)
     n_hired = 0
 
     @contextmanager
-    def hire(n_bundles: int) -> Iterator[processes.Hired]:
+    def hire(n_bundles: int) -> Iterator[workers.Hired]:
         nonlocal n_hired
         n_hired += 1
 
@@ -109,7 +109,7 @@ def test_error_of_the_function_comes_through() -> None:
 def test_no_process_outlives_its_parent(how: signal.Signals) -> None:
     code = (
         "import signal, time\n"
-        "from mp_pca_planner.recordings.processes import map_in_processes\n"
+        "from mp_pca_planner.recordings.workers import map_in_processes\n"
         "import os\n"
         # Whatever started the tests may have had it ignored.
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"

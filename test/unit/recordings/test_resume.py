@@ -20,7 +20,8 @@ from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.cache import ReadingCache
-from mp_pca_planner.recordings.load import RecordingSet, load_recordings
+from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.recording_set import RecordingSet
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
 
 OPTIONS = PrimitiveOptions(n_components=3)

@@ -17,7 +17,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.recordings.bags import GrowingBag, open_bag
+from mp_pca_planner.recordings.bags import open_bag
+from mp_pca_planner.teaching.growing_bag import GrowingBag
 
 TOPIC = "/joint_states"
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -10,10 +10,16 @@ import struct
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...exceptions import RecordingError
-from .formats import MCAP_HEAD, MCAP_MESSAGE_HEAD, McapFile, mcap_records, mcap_text
-from .serialisation import JOINT_STATE, message_definition
-from .storage import Buffer, DamageError, mapped
+from ..exceptions import RecordingError
+from ..recordings.bags.formats import (
+    MCAP_HEAD,
+    MCAP_MESSAGE_HEAD,
+    McapFile,
+    mcap_records,
+    mcap_text,
+)
+from ..recordings.bags.serialisation import JOINT_STATE, message_definition
+from ..recordings.bags.storage import Buffer, DamageError, mapped
 
 _ONE = struct.pack("<H", 1)
 """Identifier of the only schema and of the only channel."""
