@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from ..robot.collision import CONTACT, CollisionGeometry, Indices, package_folders
+from ..robot.collision import CollisionGeometry, package_folders
+from ..robot.distances import CONTACT, Indices
 from .trajectory import Trajectory
 from .validation import DenseSamples, interpolate
 

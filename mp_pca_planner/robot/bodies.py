@@ -1,24 +1,195 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes that may collide, fixed to the joints of a model: those of links and of obstacles."""
+"""Shapes that may collide, as the distance library knows them: those of links and of obstacles."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import WorldError, unknown_name
-from .inertias import joint_of
-from .solids import Solid, coal, solids_of
-from .world import Obstacle, World
+from ..exceptions import RobotError, WorldError, unknown_name
+from ..input_limits import INPUT_LIMITS
+from .joints import joint_of
+from .mesh_files import find_mesh, scaled
+from .mesh_pieces import Piece, whole_piece
+from .urdf import Description, StatedShape
+from .world import NO_VOLUME, Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
-__all__ = ["Bodies", "coal"]
+try:
+    import coal as coal
+except ImportError:  # its name before release 3
+    import hppfcl as coal
+
+
+_Points = getattr(coal, "StdVec_Vec3s", None) or coal.StdVec_Vec3f  # before release 3
+
+
+class Solid(NamedTuple):
+    """A shape for the distance library.
+
+    Attributes
+    ----------
+    shape, hull : coal.CollisionGeometry
+        The shape, and its convex hull.
+    is_convex : bool
+        Whether both are the same.
+    """
+
+    shape: Any
+    hull: Any
+    is_convex: bool
+
+
+def solids_of(shape: Shape) -> list[Solid]:
+    """The shape for the distance library: several for the pieces of a large mesh."""
+    if isinstance(shape, Mesh):
+        return [solid_of(piece) for piece in shape.pieces]
+    if isinstance(shape, Box):
+        body = coal.Box(*shape.size)
+    elif isinstance(shape, Sphere):
+        body = coal.Sphere(shape.radius)
+    elif isinstance(shape, Capsule):
+        body = coal.Capsule(shape.radius, shape.height)
+    else:
+        assert isinstance(shape, Cylinder)
+        body = coal.Cylinder(shape.radius, shape.height)
+    return [Solid(body, body, True)]
+
+
+# Worlds with the same mesh share them: they are never changed.
+_SOLIDS: WeakKeyDictionary[Piece, Solid] = WeakKeyDictionary()
+
+
+def solid_of(piece: Piece) -> Solid:
+    """A piece of a mesh for the distance library, the same one each time."""
+    if piece not in _SOLIDS:
+        _SOLIDS[piece] = _solid_of(piece)
+    return _SOLIDS[piece]
+
+
+def _solid_of(piece: Piece) -> Solid:
+    hull = _hull_of(piece)
+    return Solid(hull if piece.is_convex else _surface_of(piece), hull, piece.is_convex)
+
+
+# A robot is built anew for each change of a parameter or of the primitives, and Coal keeps the lock
+# of the interpreter while it builds the tree of a mesh: robots with equal meshes share them.
+_SURFACES: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+_HULLS: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+
+
+def link_solid(piece: Piece) -> Solid:
+    """The mesh of a link for the distance library, always with its triangles.
+
+    Equal meshes share the same objects while one of them is used.
+    """
+    content = hashlib.sha256(piece.vertices.tobytes() + piece.triangles.tobytes()).digest()
+    surface, hull = _SURFACES.get(content), _HULLS.get(content)
+    if surface is None:
+        surface = _SURFACES[content] = _surface_of(piece)
+    if hull is None:
+        hull = _HULLS[content] = _hull_of(piece)
+    return Solid(surface, hull, piece.is_convex)
+
+
+def _hull_of(piece: Piece) -> Any:
+    points, faces = _Points(), coal.StdVec_Triangle()
+    for corner in piece.corners:
+        points.append(corner)
+    for face in piece.faces.tolist():
+        faces.append(coal.Triangle(*face))
+    return coal.Convex(points, faces)
+
+
+def _surface_of(piece: Piece) -> Any:
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(len(piece.triangles), len(piece.vertices))
+    mesh.addVertices(piece.vertices)
+    mesh.addTriangles(piece.triangles)
+    mesh.endModel()
+    return mesh
+
+
+class LinkShapes:
+    """The collision shapes of a URDF for the distance library.
+
+    Parameters
+    ----------
+    description : Description
+        The URDF.
+    package_dirs : sequence of Path
+        Folders of the packages that ``package://`` paths of meshes name.
+    source : str
+        Name of the description in messages.
+
+    Attributes
+    ----------
+    solids : tuple of Solid
+        The shapes.
+    notes : tuple of str
+        What is unusual about shapes, as sentences.
+
+    Raises
+    ------
+    RobotError
+        If a shape can't be used, a mesh can't be found or read, or there are too many.
+    """
+
+    def __init__(self, description: Description, package_dirs: Sequence[Path], source: str) -> None:
+        for link, problem in description.lost_shapes.items():
+            raise RobotError(f"{source}: <collision> of link '{link}': {problem}")
+        count, most = sum(map(len, description.shapes.values())), INPUT_LIMITS.robot_shapes
+        if count > most:
+            raise RobotError(f"{source} has {count} collision shapes, at most {most} are accepted")
+        self._links, self._places = list[str](), list[Any]()
+        solids, notes, n_triangles = list[Solid](), list[str](), 0
+        for link, stated in (
+            (link, one) for link, many in description.shapes.items() for one in many
+        ):
+            try:
+                shape = _shape(stated, package_dirs)
+            except WorldError as error:
+                raise RobotError(f"{source}: <collision> of link '{link}': {error}") from None
+            if isinstance(shape, Mesh):
+                n_triangles += len(shape.triangles)
+                if n_triangles > (most := INPUT_LIMITS.mesh_triangles):
+                    raise RobotError(
+                        f"the collision meshes of the {source} have more than {most} triangles"
+                    )
+                piece = whole_piece(shape.vertices, shape.triangles)
+                solids.append(link_solid(piece))
+                notes += [f"link '{link}': {NO_VOLUME}"] if piece.is_thin else []
+            else:
+                solids += solids_of(shape)
+            place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
+            self._links.append(link)
+            self._places.append(place)
+        self.solids, self.notes = tuple(solids), tuple(dict.fromkeys(notes))
+
+    def __iter__(self) -> Iterator[tuple[str, Any, Solid]]:
+        """The link, the placement on the link, and the shape of each one."""
+        return zip(self._links, self._places, self.solids, strict=True)
+
+
+def _shape(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
+    sizes = stated.sizes
+    if stated.kind == "box":
+        return Box(sizes)
+    if stated.kind == "sphere":
+        return Sphere(float(sizes[0]))
+    if stated.kind == "cylinder":
+        return Cylinder(float(sizes[0]), float(sizes[1]))
+    found = find_mesh(stated.file, package_dirs)
+    return Mesh(scaled(found.vertices, sizes), found.triangles)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,13 +19,10 @@ from ..exceptions import RobotError, WorldError
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .bodies import Bodies
-from .body_pairs import CONTACT, BodyPairs, Indices, NearPairs
-from .joint_poses import JointTree
+from .distances import CONTACT, BodyPairs, JointTree, NearPairs
 from .model import Robot
 from .urdf import parse_xml
 from .world import World
-
-__all__ = ["CONTACT", "CollisionGeometry", "Indices", "NearPairs", "package_folders"]
 
 
 class CollisionGeometry:

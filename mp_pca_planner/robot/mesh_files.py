@@ -1,22 +1,197 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Mesh files of obstacles and links."""
+"""Mesh files of obstacles and links, which come from others.
+
+They are parsed in another process with limits of time and memory. It is started for the first file
+and ends with this process. It gets the bytes of a file, and opens no file itself.
+"""
 
 from __future__ import annotations
 
+import atexit
 import hashlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import WorldError, printable, quote_names
+from ..exceptions import PlannerError, WorldError, printable, quote_names
 from ..files import read_bytes, reading
 from ..input_limits import INPUT_LIMITS
-from .mesh_formats import PARSERS, MeshContent
-from .mesh_process import MeshProcess
+from .mesh_formats import PARSERS, MeshContent, parse_mesh
+
+_CODE = "from mp_pca_planner.robot.mesh_files import serve; serve()"
+_NO_MEMORY = 12  # status of a process that ends without memory
+_LONGEST_LINE = 4096  # bytes of the header of a request or an answer
+
+
+class MeshProcess:
+    """Parses mesh files in another process, one after the other; any thread may call it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+
+    def parse(self, content: bytes, suffix: str) -> MeshContent:
+        """Parse the content of a file, see :func:`.parse_mesh`.
+
+        Raises
+        ------
+        ValueError
+            If the process rejects it, with the reason.
+        TimeoutError
+            If this machine is too busy.
+        RuntimeError
+            If the process ends, because of the file's demands or for another reason.
+        """
+        with self._lock:
+            process = self._started()
+            is_late = threading.Event()
+
+            def end() -> None:
+                is_late.set()
+                process.kill()
+
+            # Every wait for the process ends with it.
+            watchdog = threading.Timer(INPUT_LIMITS.mesh_wall_seconds, end)
+            watchdog.start()
+            try:
+                return _asked(process, content, suffix)
+            except (EOFError, OSError):
+                process.kill()
+                status = process.wait()
+            except KeyboardInterrupt:  # in the middle of an answer
+                process.kill()
+                raise
+            finally:
+                watchdog.cancel()
+                watchdog.join()
+        if status == -signal.SIGXCPU:
+            raise RuntimeError(f"it takes more than {INPUT_LIMITS.mesh_cpu_seconds} s to parse")
+        if status == _NO_MEMORY:
+            raise RuntimeError("it needs more memory to parse than it may take")
+        if is_late.is_set():
+            raise TimeoutError(f"it was not parsed within {INPUT_LIMITS.mesh_wall_seconds:g} s")
+        raise RuntimeError(f"the process that parses it has ended (status {status})")
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        """The running process, or a new one; a copy of this process needs its own."""
+        if self._owner != os.getpid() or self._process is None or self._process.poll() is not None:
+            folders = [str(Path(__file__).parents[2]), *filter(None, sys.path)]
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-c", _CODE],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env={
+                    **os.environ,
+                    "PYTHONPATH": os.pathsep.join(folders),
+                    "OPENBLAS_NUM_THREADS": "1",  # each thread takes memory
+                },
+                start_new_session=True,  # Ctrl-C is for this process
+            )
+            self._owner = os.getpid()
+            atexit.register(_end, self._process, self._owner)
+        return self._process
+
+
+def _end(process: subprocess.Popen[bytes], owner: int) -> None:
+    if owner == os.getpid():
+        process.kill()
+        process.wait()
+
+
+def _asked(process: subprocess.Popen[bytes], content: bytes, suffix: str) -> MeshContent:
+    """The answer of the process; EOFError or OSError if it has ended."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    _send(process.stdin, {"suffix": suffix, "size": len(content)}, content)
+    answer = _header(process.stdout)
+    if "error" in answer:
+        raise ValueError(answer["error"])
+    n_vertices, n_triangles = answer["n_vertices"], answer["n_triangles"]
+    vertices = np.frombuffer(_exactly(process.stdout, 24 * n_vertices)).reshape(-1, 3)
+    triangles = np.frombuffer(_exactly(process.stdout, 12 * n_triangles), np.int32).reshape(-1, 3)
+    if not answer["has_colours"]:
+        return MeshContent(vertices, triangles)
+    colours = np.frombuffer(_exactly(process.stdout, 4 * n_triangles), np.uint8).reshape(-1, 4)
+    return MeshContent(vertices, triangles, colours)
+
+
+def serve() -> None:
+    """Parse the files that arrive on the standard input until it is closed."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    try:
+        _serve(sys.stdin.buffer, sys.stdout.buffer)
+    except MemoryError:  # even a sentence may need more
+        os._exit(_NO_MEMORY)
+
+
+def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
+    while True:
+        try:
+            request = _header(requests)
+            _limit(request["size"])
+            content = _exactly(requests, request["size"])
+        except EOFError:
+            return
+        try:
+            with reading("it", PlannerError):
+                found = parse_mesh(content, request["suffix"])
+        except PlannerError as error:
+            reason = str(error).removeprefix("it can't be read: ")
+            _send(answers, {"error": reason[:1000]})
+            continue
+        answer = {
+            "n_vertices": len(found.vertices),
+            "n_triangles": len(found.triangles),
+            "has_colours": found.colours is not None,
+        }
+        arrays = (found.vertices, found.triangles, found.colours)
+        _send(answers, answer, *(one.tobytes() for one in arrays if one is not None))
+        del content, found, arrays  # not needed while the next file is parsed
+
+
+def _limit(n_bytes: int) -> None:
+    """Limit the memory and the further computing time of this process for a file of a size."""
+    memory = INPUT_LIMITS.mesh_memory + INPUT_LIMITS.mesh_memory_ratio * n_bytes
+    resource.setrlimit(resource.RLIMIT_AS, (memory, resource.RLIM_INFINITY))
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    seconds = int(used.ru_utime + used.ru_stime) + 1 + INPUT_LIMITS.mesh_cpu_seconds
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, resource.RLIM_INFINITY))
+
+
+def _send(stream: IO[bytes], header: Mapping[str, object], *parts: bytes) -> None:
+    stream.write(json.dumps(header).encode() + b"\n")
+    for part in parts:
+        stream.write(part)
+    stream.flush()
+
+
+def _header(stream: IO[bytes]) -> dict[str, Any]:
+    line = stream.readline(_LONGEST_LINE)
+    if not line.endswith(b"\n"):
+        raise EOFError
+    found: dict[str, Any] = json.loads(line)
+    return found
+
+
+def _exactly(stream: IO[bytes], size: int) -> bytes:
+    content = stream.read(size)
+    if len(content) < size:
+        raise EOFError
+    return content
 
 
 class MeshFiles:

@@ -8,7 +8,9 @@ gigabytes for small files. These ones read bytes that are in memory, and nothing
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +21,15 @@ from ..input_limits import INPUT_LIMITS
 
 _STL_HEADER = 84  # bytes: a comment, then the number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+
+# COLLADA: nodes within nodes and instances of nodes, and all nodes of a scene.
+_MAX_DEPTH, _MAX_NODES = 50, 10_000
+_PLAIN = (194, 201, 212, 255)
+# Transforms with their counts of numbers, and elements with triangles.
+_TRANSFORMS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
+_COUNTED = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,10 +184,219 @@ def indexed(
     return MeshContent(points[used], indices.reshape(-1, 3).astype(np.int32), colours)
 
 
-def _collada(content: bytes) -> MeshContent:
-    from .collada import parse_collada
+# COLLADA
 
-    return parse_collada(content)
+
+def _collada(content: bytes) -> MeshContent:
+    """The triangles of the scene of a COLLADA file (1.4 or 1.5) in metres, with plain colours.
+
+    The upward axis of the file is not applied, as in RViz. Document types, and with them entities,
+    are rejected. References stay inside the file; instances of nodes are followed to a limited
+    depth and number.
+    """
+    text = content.decode("utf-8-sig")
+    if re.search(r"<!(DOCTYPE|ENTITY)", text):
+        raise ValueError("it has a document type, which is not accepted")
+    root = ET.fromstring(text)
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    if root.tag != "COLLADA":
+        raise ValueError(f"it is not a COLLADA file: its root element is <{root.tag:.40}>")
+    return _Document(root).content()
+
+
+class _Document:
+    def __init__(self, root: ET.Element) -> None:
+        self._root = root
+        self._by_id = {one.get("id", ""): one for one in root.iter() if one.get("id")}
+        self._geometries: dict[str, list[tuple[FloatArray, Indices, str]]] = {}
+        self._points: list[FloatArray] = []
+        self._triangles: list[Indices] = []
+        self._colours: list[NDArray[np.uint8]] = []
+        self._n_points = self._n_triangles = self._n_nodes = 0
+        self._has_colours = False
+
+    def content(self) -> MeshContent:
+        unit = self._root.find("asset/unit")
+        metre = 1.0 if unit is None else float(unit.get("meter", "1"))
+        if not 0.0 < metre <= INPUT_LIMITS.world_length:
+            raise ValueError(f"its unit is {metre:g} m")
+        scene = self._root.find("scene/instance_visual_scene")
+        if scene is None:
+            for geometry in self._root.findall("library_geometries/geometry"):
+                self._add(geometry, np.eye(4), {})
+        else:
+            for node in self._referred(scene, "visual_scene").findall("node"):
+                self._visit(node, np.eye(4), 1)
+        if not self._triangles:
+            raise ValueError("it has no triangles")
+        colours = np.concatenate(self._colours) if self._has_colours else None
+        points = metre * np.concatenate(self._points)
+        return indexed(points, np.concatenate(self._triangles), colours)
+
+    def _referred(self, element: ET.Element, tag: str, key: str = "url") -> ET.Element:
+        """The element of a tag that another one refers to."""
+        reference = element.get(key, "")
+        found = self._by_id.get(reference[1:]) if reference.startswith("#") else None
+        if found is None or found.tag != tag:
+            raise ValueError(f"there is no <{tag}> '{reference:.80}' in it")
+        return found
+
+    def _visit(self, node: ET.Element, above: FloatArray, depth: int) -> None:
+        """Add the geometries of a node, of the nodes in it and of its instances."""
+        self._n_nodes += 1
+        if depth > _MAX_DEPTH or self._n_nodes > _MAX_NODES:
+            raise ValueError(
+                f"its nodes are more than {_MAX_NODES}, or within more than {_MAX_DEPTH} others"
+            )
+        place = above
+        for step in node:
+            if step.tag in _TRANSFORMS:
+                place = place @ _transform(step)
+            elif step.tag in ("lookat", "skew") and node.find(".//instance_geometry") is not None:
+                raise ValueError(f"a node of shapes has a <{step.tag}>, which is not supported")
+        for part in node:
+            if part.tag == "node":
+                self._visit(part, place, depth + 1)
+            elif part.tag == "instance_node":
+                self._visit(self._referred(part, "node"), place, depth + 1)
+            elif part.tag == "instance_geometry":
+                self._add(self._referred(part, "geometry"), place, self._materials(part))
+            elif part.tag == "instance_controller":
+                raise ValueError("it has a <controller>; export it with its deformations applied")
+
+    def _add(
+        self, geometry: ET.Element, place: FloatArray, materials: dict[str, ET.Element]
+    ) -> None:
+        """Add the triangles of a geometry in a place."""
+        key = geometry.get("id", "")
+        parts = self._geometries.get(key)
+        if parts is None or not key:
+            parts = self._geometries[key] = list(self._parts(geometry))
+        for points, triangles, symbol in parts:
+            self._n_triangles += len(triangles)
+            check_count(self._n_triangles)
+            self._points.append(points @ place[:3, :3].T + place[:3, 3])
+            self._triangles.append(triangles + self._n_points)
+            self._n_points += len(points)
+            colour = self._colour(materials.get(symbol))
+            self._has_colours |= colour is not None
+            plain = np.array(_PLAIN if colour is None else colour, dtype=np.uint8)
+            self._colours.append(np.tile(plain, (len(triangles), 1)))
+
+    def _parts(self, geometry: ET.Element) -> Iterator[tuple[FloatArray, Indices, str]]:
+        """Points, triangles and symbol of the material of each part of a geometry."""
+        for mesh in geometry.findall("mesh"):
+            for part in mesh:
+                if part.tag not in _COUNTED:
+                    continue
+                inputs = part.findall("input")
+                vertex = next((one for one in inputs if one.get("semantic") == "VERTEX"), None)
+                if vertex is None:
+                    raise ValueError(f"<{part.tag}> lacks an input of vertices")
+                offsets = [int(one.get("offset", "0")) for one in inputs]
+                offset, stride = int(vertex.get("offset", "0")), max(offsets) + 1
+                if not 0 <= offset < stride <= 100:
+                    raise ValueError(f"the offsets of the inputs of <{part.tag}> are wrong")
+                corners = [
+                    _whole(p)[offset::stride] for p in (*part.findall("p"), *part.findall("ph/p"))
+                ]
+                if not corners:
+                    continue
+                triangles = _triangles(part, corners)
+                if triangles.size:
+                    found = indexed(self._positions(vertex), triangles)
+                    yield found.vertices, found.triangles.astype(np.int64), part.get("material", "")
+
+    def _positions(self, vertex: ET.Element) -> FloatArray:
+        """The coordinates of the vertices of an input."""
+        for one in self._referred(vertex, "vertices", "source").findall("input"):
+            if one.get("semantic") == "POSITION":
+                source = self._referred(one, "source", "source")
+                accessor = source.find("technique_common/accessor")
+                if accessor is None:
+                    raise ValueError("a <source> lacks its <accessor>")
+                array = self._referred(accessor, "float_array", "source")
+                values = np.array((array.text or "").split(), dtype=np.float64)
+                stride, count, start = (
+                    int(accessor.get(key, usual))
+                    for key, usual in (("stride", "3"), ("count", "0"), ("offset", "0"))
+                )
+                if not (3 <= stride <= 100 and start >= 0 and 0 <= count <= len(values)):
+                    raise ValueError("an <accessor> has wrong numbers")
+                found = values[start : start + count * stride]
+                if len(found) < (count - 1) * stride + 3:
+                    raise ValueError(f"an <accessor> needs {count * stride} numbers of an array")
+                padded = np.zeros(count * stride)
+                padded[: len(found)] = found
+                return padded.reshape(-1, stride)[:, :3]
+        raise ValueError("<vertices> lack their positions")
+
+    def _materials(self, instance: ET.Element) -> dict[str, ET.Element]:
+        return {
+            one.get("symbol", ""): one
+            for one in instance.findall("bind_material/technique_common/instance_material")
+        }
+
+    def _colour(self, instance: ET.Element | None) -> tuple[int, ...] | None:
+        """The diffuse colour of a material; None if it has none, such as one with a texture."""
+        if instance is None:
+            return None
+        try:
+            effect = self._referred(instance, "material", "target").find("instance_effect")
+            found = None if effect is None else self._referred(effect, "effect")
+        except ValueError:
+            return None  # a colour is no reason to reject a shape
+        colour = None if found is None else found.find(".//diffuse/color")
+        values = [] if colour is None else [float(word) for word in (colour.text or "").split()]
+        if len(values) not in (3, 4) or not np.isfinite(values).all():
+            return None
+        return tuple(np.rint(255.0 * np.clip([*values, 1.0][:4], 0.0, 1.0)).astype(int).tolist())
+
+
+def _whole(element: ET.Element) -> Indices:
+    return np.array((element.text or "").split(), dtype=np.int64)
+
+
+def _triangles(part: ET.Element, corners: list[Indices]) -> Indices:
+    """The triangles of an element, whose <p> have some corners."""
+    every = np.concatenate(corners)
+    sizes = np.array([len(one) for one in corners], dtype=np.int64)
+    if part.tag == "triangles":
+        if len(every) % 3:
+            raise ValueError(f"<triangles> have {len(every)} corners")
+        check_count(len(every) // 3)
+        return every.reshape(-1, 3)
+    if part.tag == "polylist":
+        counts = part.find("vcount")
+        return fans(every, np.zeros(0, dtype=np.int64) if counts is None else _whole(counts))
+    if part.tag == "tristrips":
+        check_count(int(np.maximum(sizes - 2, 0).sum()))
+        strips = [np.stack([p[:-2], p[1:-1], p[2:]], axis=1) for p in corners if len(p) > 2]
+        return np.concatenate([*strips, np.zeros((0, 3), dtype=np.int64)])
+    return fans(every, sizes)  # polygons, whose holes are filled, and trifans
+
+
+def _transform(step: ET.Element) -> FloatArray:
+    """The matrix of an element of a node, shape (4, 4)."""
+    count = _TRANSFORMS[step.tag]
+    values = np.array((step.text or "").split(), dtype=np.float64)
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"a <{step.tag}> has {len(values)} numbers, expected {count} finite ones")
+    matrix = np.eye(4)
+    if step.tag == "matrix":
+        return values.reshape(4, 4)
+    if step.tag == "translate":
+        matrix[:3, 3] = values
+    elif step.tag == "scale":
+        matrix[:3, :3] = np.diag(values)
+    elif np.any(values[:3]):
+        x, y, z = axis = values[:3] / np.linalg.norm(values[:3])
+        angle = np.radians(values[3])
+        across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        along = np.outer(axis, axis)
+        matrix[:3, :3] = along + np.cos(angle) * (np.eye(3) - along) + np.sin(angle) * across
+    return matrix
 
 
 PARSERS: dict[str, Callable[[bytes], MeshContent]] = {

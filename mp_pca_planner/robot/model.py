@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Collection, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from html import escape
 from pathlib import Path
 from types import NoneType
@@ -15,17 +16,21 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, check_number, check_type, frozen_array, html_table, unique_names
-from ..exceptions import RobotError, quote_names, unknown_name
+from ..arrays import (
+    MAX_SIZE,
+    FloatArray,
+    check_number,
+    check_type,
+    frozen_array,
+    html_table,
+    unique_names,
+)
+from ..exceptions import RobotError, quote_names, shown, unknown_name
 from ..files import as_path, read_text, reading
-from .dynamics import Dynamics
-from .inertias import inertia_flaws, joint_of, listed_flaws
-from .kinematics import AttachedPoints as AttachedPoints
-from .kinematics import Kinematics
+from .bodies import LinkShapes
+from .inertias import EffortSlopes, LinkInertias, inertia_flaws, listed_flaws
+from .joints import JointOrder, LockedModel, joint_of
 from .limits import JointLimits, Overrides, given_limits, merge_limits
-from .link_inertias import LinkInertias
-from .link_shapes import LinkShapes
-from .locked_model import LockedModel
 from .urdf import read_description
 
 _SHOWN = {
@@ -34,9 +39,11 @@ _SHOWN = {
     "speed [/s]": "max_velocity",
     "effort [N·m or N]": "max_effort",
 }
+# Attributes that are not pickled, because `_use` makes them of the model.
+_WORKING_MEMORY = ("_data", "_results", "_pool", "_slopes")
 
 
-class Robot(Dynamics, Kinematics):
+class Robot:
     """Rigid-body model of some joints of a robot, the others locked.
 
     Parameters
@@ -115,10 +122,40 @@ class Robot(Dynamics, Kinematics):
         self._inertia_flaws, unknown = inertia_flaws(model, found)
         for joint in unknown:  # efforts that can't be computed become NaN, not 0
             model.inertias[joint] = pin.Inertia(np.nan, np.zeros(3), np.zeros((3, 3)))
-        super().__init__(model, names, source)
+        self.joint_names, self._order = names, JointOrder(model, names)
+        links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+        self.frame_names = tuple(link.name for link in links)
+        self.end_effector = max(reversed(links), key=partial(_depth, model)).name
         self.continuous = np.array([found.types[name] == "continuous" for name in names])
         self.continuous.setflags(write=False)
         self.prismatic_joints = tuple(n for n in names if found.types[n] == "prismatic")
+        self._use(model)
+
+    def _use(self, model: Any) -> None:
+        """Compute with another model of the same joints and frames."""
+        self._model, body = model, pin.FrameType.BODY
+        self._ids = {name: model.getFrameId(name, body) for name in self.frame_names}
+        self._data = data = model.createData()
+        # Releases of Pinocchio before 3.0 fill only the upper triangle of M.
+        q, zero = np.linspace(0.3, 0.7, model.nv), np.zeros(model.nv)
+        pin.computeRNEADerivatives(model, data, q, zero, zero)
+        self._mirror_mass_matrix = not np.allclose(data.M, data.M.T)
+        # Views of the results, made once: making them takes as long as the call itself.
+        self._results = (data.dtau_dq, data.dtau_dv, data.M, data.tau)
+        self._pool: Any = pin.ModelPool(model, 1) if hasattr(pin, "rneaInParallel") else None
+        self._slopes: EffortSlopes | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: x for name, x in vars(self).items() if name not in _WORKING_MEMORY}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._use(state["_model"])
+
+    def _with_model(self, model: Any) -> Robot:
+        other = copy.copy(self)
+        other._use(model)
+        return other
 
     def __repr__(self) -> str:
         return f"Robot '{self.name}': {', '.join(self.joint_names)}"
@@ -154,6 +191,11 @@ class Robot(Dynamics, Kinematics):
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
         robot.path = Path(path)
         return robot
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints that move."""
+        return len(self.joint_names)
 
     @property
     def described_joints(self) -> tuple[str, ...]:
@@ -309,6 +351,360 @@ class Robot(Dynamics, Kinematics):
         model, geometry = self._locked.collision_geometry(shapes)
         return model, geometry, self._order.from_pin, shapes
 
+    # Dynamics
+
+    def inverse_dynamics(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        """Efforts of a motion, NaN where the inertia of a moving link is not known.
+
+        Parameters
+        ----------
+        q, v, a : array, shape (n_steps, n_joints)
+            Positions [rad or m], velocities [/s] and accelerations [/s²].
+
+        Returns
+        -------
+        tau : array, shape (n_steps, n_joints)
+            Joint torques [N·m] or forces [N].
+        """
+        q, v, a = self._in_order(q, v, a, n_dims=2)
+        if self._pool is not None:
+            tau = np.empty(q.shape)
+            pin.rneaInParallel(1, self._pool, q.T, v.T, a.T, tau.T)
+        else:  # Pinocchio built without OpenMP
+            rows = [pin.rnea(self._model, self._data, *x) for x in zip(q, v, a, strict=True)]
+            tau = np.array(rows).reshape(q.shape)
+        return self._order.restored(tau)
+
+    def known_efforts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray | None:
+        """Efforts of a motion as :meth:`inverse_dynamics`, or None if one is NaN."""
+        tau = self.inverse_dynamics(q, v, a)
+        return None if np.isnan(tau).any() else tau
+
+    def effort_slopes(
+        self, q: FloatArray, v: FloatArray, a: FloatArray, jerk: FloatArray
+    ) -> FloatArray:
+        """Upper bounds of the rates of change of efforts, see :meth:`.EffortSlopes.bounds`.
+
+        Parameters
+        ----------
+        q, v, a, jerk : array, shape (n_steps, n_joints)
+            Largest magnitudes of positions [rad or m] and their derivatives in each of several
+            intervals.
+
+        Returns
+        -------
+        slopes : array, shape (n_steps, n_joints)
+            Bounds of the magnitude of dτ/dt [N·m/s or N/s].
+        """
+        if self._slopes is None:
+            self._slopes = EffortSlopes(self._model)
+        q, v, a, jerk = (self._order.sorted(x) for x in (q, v, a, jerk))
+        return self._order.restored(self._slopes.bounds(q, v, a, jerk))
+
+    def inverse_dynamics_derivatives(
+        self, q: FloatArray, v: FloatArray, a: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Efforts of a motion and their derivatives.
+
+        Parameters
+        ----------
+        q, v, a : array, shape (n_steps, n_joints)
+            Positions [rad or m], velocities [/s] and accelerations [/s²].
+
+        Returns
+        -------
+        tau : array, shape (n_steps, n_joints)
+            Joint torques [N·m] or forces [N].
+        dtau : array, shape (n_steps, n_joints, 3 n_joints)
+            ∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ (the mass matrix) side by side.
+        """
+        n = self.n_joints
+        q, v, a = self._in_order(q, v, a, n_dims=2)
+        tau = np.empty((len(q), n))
+        dtau = np.empty((len(q), 3, n, n))  # filled block by block: the innermost loop of planning
+        model, data, derivatives = self._model, self._data, pin.computeRNEADerivatives
+        by_q, by_v, by_a, efforts = self._results
+        for q_k, v_k, a_k, dtau_k, tau_k in zip(q, v, a, dtau, tau, strict=True):
+            derivatives(model, data, q_k, v_k, a_k)
+            dtau_k[0], dtau_k[1], dtau_k[2] = by_q, by_v, by_a
+            tau_k[:] = efforts
+        if self._mirror_mass_matrix:
+            upper = np.triu(dtau[:, 2])
+            dtau[:, 2] = upper + np.triu(upper, 1).transpose(0, 2, 1)
+        dtau = self._order.restored_matrix(dtau)
+        return self._order.restored(tau), dtau.transpose(0, 2, 1, 3).reshape(len(q), n, 3 * n)
+
+    def motion_equation(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mass matrix and bias efforts of one state: τ = M q̈ + h.
+
+        Parameters
+        ----------
+        q, v : array, shape (n_joints,)
+            Positions [rad or m] and velocities [/s].
+
+        Returns
+        -------
+        M : array, shape (n_joints, n_joints)
+            The mass matrix; only its upper triangle is sure to be filled.
+        h : array, shape (n_joints,)
+            Efforts of gravity, centrifugal and Coriolis forces.
+        """
+        model, data, order = self._model, self._data, self._order
+        q, v = self._in_order(q, v, n_dims=1)
+        M, h = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+        if not order.is_same:
+            M = order.restored_matrix(np.triu(M) + np.triu(M, 1).T)
+        return M, order.restored(h)
+
+    def gravity_efforts(self, q: FloatArray) -> FloatArray:
+        """Efforts that hold the robot still in one configuration, shape (n_joints,)."""
+        g = pin.computeGeneralizedGravity(self._model, self._data, *self._in_order(q, n_dims=1))
+        return self._order.restored(g)
+
+    def forward_dynamics(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> FloatArray:
+        """Accelerations [/s²] of one state under efforts, all of shape (n_joints,).
+
+        By Featherstone's articulated-body algorithm.
+        """
+        q, v, tau = self._in_order(q, v, tau, n_dims=1)
+        return self._order.restored(pin.aba(self._model, self._data, q, v, tau))
+
+    # Kinematics
+
+    def frame_positions(self, q: FloatArray, frames: Sequence[str]) -> FloatArray:
+        """Positions of frames in the base frame along a motion.
+
+        Parameters
+        ----------
+        q : array, shape (n_steps, n_joints)
+            Joint positions [rad or m].
+        frames : sequence of str
+            Names of n_frames frames (links).
+
+        Returns
+        -------
+        points : array, shape (n_steps, n_frames, 3)
+            Origins of the frames [m].
+
+        Raises
+        ------
+        RobotError
+            If there is no such frame, or the positions have another shape.
+        """
+        ids = self._frame_ids(frames)
+        (q,) = self._in_order(q, n_dims=2)
+        points = np.empty((len(q), len(ids), 3))
+        for k, configuration in enumerate(q):
+            pin.framesForwardKinematics(self._model, self._data, configuration)
+            for i, frame in enumerate(ids):
+                points[k, i] = self._data.oMf[frame].translation
+        return points
+
+    def chain_positions(self, q: FloatArray, frame: str) -> FloatArray:
+        """Positions of the joints from the base to a frame, and of the frame, along a motion.
+
+        Parameters
+        ----------
+        q : array, shape (n_steps, n_joints)
+            Joint positions [rad or m].
+        frame : str
+            Name of the frame (link).
+
+        Returns
+        -------
+        points : array, shape (n_steps, n_points, 3)
+            Origin of the base, of each moving joint up to the frame, and of the frame [m].
+
+        Raises
+        ------
+        RobotError
+            If there is no such frame.
+        """
+        (end,) = self._frame_ids([frame])
+        joints = [joint_of(self._model.frames[end])]
+        while joints[-1] > 0:
+            joints.append(int(self._model.parents[joints[-1]]))
+        (q,) = self._in_order(q, n_dims=2)
+        points = np.empty((len(q), len(joints) + 1, 3))
+        for k, configuration in enumerate(q):
+            pin.framesForwardKinematics(self._model, self._data, configuration)
+            for i, joint in enumerate(reversed(joints)):
+                points[k, i] = self._data.oMi[joint].translation
+            points[k, -1] = self._data.oMf[end].translation
+        return points
+
+    def attached_poses(
+        self, q: FloatArray, frames: Sequence[str], origins: FloatArray
+    ) -> FloatArray:
+        """Poses in the base frame of what is attached to frames, along a motion.
+
+        Parameters
+        ----------
+        q : array, shape (n_steps, n_joints)
+            Joint positions [rad or m].
+        frames : sequence of str
+            Names of the frames (links), one for each of n_bodies bodies.
+        origins : array, shape (n_bodies, 6)
+            Places on them as a URDF states them: x, y, z [m], roll, pitch, yaw [rad].
+
+        Returns
+        -------
+        poses : array, shape (n_steps, n_bodies, 7)
+            Positions [m] and unit quaternions (x, y, z, w).
+
+        Raises
+        ------
+        RobotError
+            If there is no such frame.
+        """
+        ids = self._frame_ids(frames)
+        places = [pin.SE3(pin.rpy.rpyToMatrix(origin[3:]), origin[:3]) for origin in origins]
+        poses = np.empty((len(q), len(ids), 7))
+        for k, configuration in enumerate(self._order.sorted(q)):
+            pin.framesForwardKinematics(self._model, self._data, configuration)
+            for i, (frame, place) in enumerate(zip(ids, places, strict=True)):
+                poses[k, i] = pin.SE3ToXYZQUAT(self._data.oMf[frame] * place)
+        return poses
+
+    def pose_error(
+        self, frame: str, q: FloatArray, position: FloatArray, orientation: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Distance of a frame from a pose, and its derivative by the joints.
+
+        Parameters
+        ----------
+        frame : str
+            Name of the frame (link).
+        q : array, shape (n_joints,)
+            Joint positions [rad or m].
+        position : array, shape (3,)
+            Target position of its origin in the base frame [m].
+        orientation : array, shape (4,), optional
+            Its orientation, a unit quaternion (x, y, z, w); any unless given.
+
+        Returns
+        -------
+        error : array, shape (3,) or (6,)
+            Distance along the axes of the base frame [m], then the rotation vector from the
+            expected to the actual orientation [rad].
+        jacobian : array, shape (3 or 6, n_joints)
+            Its derivative by the joint positions.
+
+        Raises
+        ------
+        RobotError
+            If there is no such frame.
+        """
+        model, data, frame_id = self._model, self._data, self._frame_ids([frame])[0]
+        pin.computeJointJacobians(model, data, self._order.sorted(np.reshape(q, -1)))
+        placement = pin.updateFramePlacement(model, data, frame_id)
+        aligned = pin.getFrameJacobian(
+            model, data, frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        error, jacobian = placement.translation - position, aligned[:3]
+        if orientation is not None:
+            x, y, z, w = orientation
+            expected = pin.Quaternion(w, x, y, z).toRotationMatrix()
+            turned = expected.T @ placement.rotation
+            own_axes = placement.rotation.T @ aligned[3:]
+            error = np.concatenate([error, pin.log3(turned)])
+            jacobian = np.concatenate([jacobian, pin.Jlog3(turned) @ own_axes])
+        return error, np.array(self._order.restored(jacobian))
+
+    def attach_points(self, frames: Sequence[str], offsets: FloatArray) -> AttachedPoints:
+        """Fix points to frames; the result computes their positions and Jacobians.
+
+        Parameters
+        ----------
+        frames : sequence of str
+            Names of the frames (links), one for each of n_points points.
+        offsets : array, shape (n_points, 3)
+            Positions of the points in their frames [m].
+
+        Raises
+        ------
+        RobotError
+            If there is no such frame.
+        """
+        model = self._model.copy()
+        ids = []
+        for i, (frame_id, offset) in enumerate(zip(self._frame_ids(frames), offsets, strict=True)):
+            frame = model.frames[frame_id]
+            placement = frame.placement * pin.SE3(np.eye(3), np.asarray(offset))
+            kind = pin.FrameType.OP_FRAME
+            ids.append(
+                model.addFrame(pin.Frame(f"point {i}", joint_of(frame), frame_id, placement, kind))
+            )
+        return AttachedPoints(model, ids, self._order)
+
+    def _in_order(self, *arrays: FloatArray, n_dims: int) -> list[FloatArray]:
+        """Values of the user's joints in Pinocchio's order, all of the shape of the first.
+
+        Pinocchio itself checks neither shapes nor types.
+        """
+        expected: tuple[int | None, ...] = (*(None,) * (n_dims - 1), self.n_joints)
+        found: list[FloatArray] = []
+        for x in arrays:
+            # The innermost loop of planning has arrays of floats.
+            is_array = isinstance(x, np.ndarray) and x.dtype == np.float64 and x.ndim == n_dims
+            is_usual = is_array and x.shape[-1] == self.n_joints and x.size <= MAX_SIZE
+            if not is_usual or (found and x.shape != expected):
+                x = frozen_array(x, expected, "values of the joints", RobotError)
+            expected = x.shape
+            found.append(self._order.sorted(x))
+        return found
+
+    def _frame_ids(self, frames: Sequence[str]) -> list[int]:
+        if isinstance(frames, str) or not isinstance(frames, Sequence):
+            raise RobotError(f"frames must be a list of names of links, got {shown(frames)}")
+        for name in frames:
+            if not isinstance(name, str) or name not in self._ids:
+                raise RobotError(f"{self._source}: {unknown_name('link', name, self.frame_names)}")
+        return [self._ids[name] for name in frames]
+
+
+class AttachedPoints:
+    """Points fixed to frames of a robot, made by :meth:`Robot.attach_points`."""
+
+    def __init__(self, model: Any, ids: Sequence[int], order: JointOrder) -> None:
+        self._model, self._data = model, model.createData()
+        self._ids, self._order = list(ids), order
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints that move."""
+        return int(self._model.nv)
+
+    def positions_and_jacobians(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions of the points in the base frame, and their derivatives by the joints.
+
+        Parameters
+        ----------
+        q : array, shape (n_steps, n_joints)
+            Joint positions [rad or m].
+
+        Returns
+        -------
+        points : array, shape (n_steps, n_points, 3)
+            Positions [m].
+        jacobians : array, shape (n_steps, n_points, 3, n_joints)
+            ∂points/∂q [m/rad, or 1].
+        """
+        model, data, ids = self._model, self._data, self._ids
+        points = np.empty((len(q), len(ids), 3))
+        jacobians = np.empty((len(q), len(ids), 3, self.n_joints))
+        for q_k, points_k, jacobians_k in zip(
+            self._order.sorted(q), points, jacobians, strict=True
+        ):
+            pin.computeJointJacobians(model, data, q_k)
+            pin.updateFramePlacements(model, data)
+            for i, frame in enumerate(ids):
+                points_k[i] = data.oMf[frame].translation
+                jacobians_k[i] = pin.getFrameJacobian(
+                    model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+                )[:3]
+        return points, self._order.restored(jacobians)
+
 
 def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple[str, ...]:
     """The names of joints, if they differ and can move."""
@@ -316,3 +712,11 @@ def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple
         if name not in movable:
             raise RobotError(f"{source}: {unknown_name('movable joint', name, movable)}")
     return tuple(names)
+
+
+def _depth(model: Any, link: Any) -> int:
+    """Number of joints that move a link."""
+    joint, depth = joint_of(link), 0
+    while joint > 0:
+        joint, depth = int(model.parents[joint]), depth + 1
+    return depth

@@ -22,7 +22,7 @@ from ..execution.serving.execution import NEVER_STARTED, REPLACED, Served
 from ..execution.threads import TimedLock
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
-from ..robot.urdf_elements import StatedShape, stated_shape
+from ..robot.urdf import StatedShape, stated_shape
 
 
 class LastMotion:

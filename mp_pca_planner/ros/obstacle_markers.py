@@ -17,11 +17,10 @@ from visualization_msgs.msg import Marker
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable
 from ..input_limits import INPUT_LIMITS
+from ..robot.bodies import solids_of
 from ..robot.mesh_files import find_mesh, scaled
 from ..robot.mesh_formats import MeshContent
-from ..robot.shapes import Box, Cylinder, Mesh, Shape, Sphere
-from ..robot.solids import solids_of
-from ..robot.world import Obstacle
+from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere
 from .serialised import MarkerData
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"

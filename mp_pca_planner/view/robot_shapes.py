@@ -17,12 +17,11 @@ import trimesh
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
-from ..robot.inertias import joint_of
+from ..robot.joints import joint_of
 from ..robot.mesh_files import find_mesh, scaled
 from ..robot.mesh_pieces import whole_piece
 from ..robot.model import Robot
-from ..robot.urdf import parse_xml
-from ..robot.urdf_elements import StatedShape, numbers_of, stated_shape
+from ..robot.urdf import StatedShape, numbers_of, parse_xml, stated_shape
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 Colour = tuple[float, float, float, float]

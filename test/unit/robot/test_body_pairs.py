@@ -11,7 +11,7 @@ from worlds import TETRAHEDRON, TRAY, plain_distances, random_world
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.robot.joint_poses import JointTree
+from mp_pca_planner.robot.distances import JointTree
 
 RADIUS = 0.1
 # A ball that slides along x, carries another one that turns about z at 0.5 m, and a third fixed to

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of mp_pca_planner.robot.effort_slopes."""
+"""Tests of mp_pca_planner.robot.inertias."""
 
 from pathlib import Path
 

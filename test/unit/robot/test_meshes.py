@@ -28,11 +28,10 @@ import mp_pca_planner as mp
 from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.input_limits import InputLimits
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.robot import mesh_process
-from mp_pca_planner.robot.mesh_files import read_mesh
+from mp_pca_planner.robot import mesh_files
+from mp_pca_planner.robot.bodies import link_solid
+from mp_pca_planner.robot.mesh_files import MeshProcess, read_mesh
 from mp_pca_planner.robot.mesh_pieces import THICKNESS, pieces_of, whole_piece
-from mp_pca_planner.robot.mesh_process import MeshProcess
-from mp_pca_planner.robot.solids import link_solid
 
 USED = {
     *("UPPER.STL", "floor.stl", "text floor.stl", "solid.stl", "needle.stl", "flat.stl"),
@@ -308,7 +307,7 @@ def test_a_process_that_ends_is_replaced():
     ],
 )
 def test_a_process_that_takes_too_long_is_ended(monkeypatch, changed, error, reason):
-    monkeypatch.setattr(mesh_process, "INPUT_LIMITS", InputLimits(**changed))
+    monkeypatch.setattr(mesh_files, "INPUT_LIMITS", InputLimits(**changed))
     process = MeshProcess()
     with pytest.raises(error, match=reason):
         process.parse(b"x" * (32 << 20), ".stl")

@@ -1,23 +1,57 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The model of some joints of a robot with the others locked, and its collision geometry."""
+"""The joints of a robot: their order, and the model of those that move with the others locked."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ..arrays import frozen_array
+from ..arrays import FloatArray, frozen_array
 from ..exceptions import RobotError
-from .inertias import joint_of
-from .link_shapes import LinkShapes
 from .urdf import Description
 
 _NOT_A_LINK = " (joint)"
+
+
+def joint_of(frame: Any) -> int:
+    """The joint that moves a frame; releases of Pinocchio name the attribute differently."""
+    return int(frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent)
+
+
+class JointOrder:
+    """Conversion between the order of the user's joints and that of Pinocchio's vectors.
+
+    Attributes
+    ----------
+    to_pin : array of int, shape (n_joints,)
+        Index of each of the user's joints in Pinocchio's vectors.
+    from_pin : array of int, shape (n_joints,)
+        The inverse permutation.
+    is_same : bool
+        Whether both orders are the same.
+    """
+
+    def __init__(self, model: Any, joint_names: Sequence[str]) -> None:
+        self.to_pin = np.array([model.joints[model.getJointId(n)].idx_v for n in joint_names])
+        self.from_pin = np.argsort(self.to_pin)
+        self.is_same = bool(np.array_equal(self.to_pin, np.arange(len(joint_names))))
+
+    def sorted(self, x: FloatArray) -> FloatArray:
+        """Values of the user's joints, along the last axis, in Pinocchio's order."""
+        return np.ascontiguousarray(x if self.is_same else x[..., self.from_pin])
+
+    def restored(self, x: FloatArray) -> FloatArray:
+        """Pinocchio's values, along the last axis, in the user's order."""
+        return np.asarray(x if self.is_same else x[..., self.to_pin])
+
+    def restored_matrix(self, x: FloatArray) -> FloatArray:
+        """The same along both of the last axes."""
+        return x if self.is_same else x[..., self.to_pin, :][..., self.to_pin]
 
 
 class LockedModel:
@@ -116,8 +150,11 @@ class LockedModel:
             reduced.names[joint] = name.removesuffix(_NOT_A_LINK)
         return reduced, geometries
 
-    def collision_geometry(self, shapes: LinkShapes) -> tuple[Any, Any]:
-        """The reduced model, and the collision geometry of its links with all distant pairs."""
+    def collision_geometry(self, shapes: Iterable[tuple[str, Any, Any]]) -> tuple[Any, Any]:
+        """The reduced model, and the collision geometry of its links with all distant pairs.
+
+        The shapes are those of :class:`.LinkShapes`.
+        """
         full, whole = self._full, pin.GeometryModel()
         for k, (link, placement, solid) in enumerate(shapes):
             frame = full.frames[full.getFrameId(link, pin.FrameType.BODY)]
