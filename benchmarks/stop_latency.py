@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
+import re
 import sys
 import tempfile
 import time
@@ -53,6 +54,7 @@ GOAL = 0.05
 PAUSE = 0.02  # between two calls [s]
 LOST = 5.0  # an answer that takes longer is lost [s]
 TRIANGLES = 180_000  # of an accepted mesh
+LINK_TRIANGLES = 10_000  # of each mesh of a link
 
 
 def main() -> int:
@@ -123,6 +125,10 @@ class Hostile:
         yield "parameters", self._change_parameters
         yield "robot descriptions", self._describe
         yield "the longest robot description", self._describe_chain
+        write_stl(self._folder / "link.stl", soup(LINK_TRIANGLES))
+        self._set_parameter("collision", True)
+        name = f"links with meshes of {LINK_TRIANGLES:,} triangles"
+        yield name, self._describe_meshes
         for name, topic, message in self._large_messages():
             content = bytes(serialize_message(message))
             yield name, lambda topic=topic, content=content: self._publish(topic, content)
@@ -176,22 +182,34 @@ class Hostile:
 
     def _change_parameters(self) -> None:
         k = next(self._numbers)
-        values = {"naturalness": 0.5 + 0.1 * (k % 5), "collision": bool(k % 2)}
-        for name, value in values.items():
-            message = Parameter(name, value=value).to_parameter_msg()
-            self._call(self._set, SetParameters.Request(parameters=[message]))
+        self._set_parameter("naturalness", 0.5 + 0.1 * (k % 5))
+        self._set_parameter("collision", bool(k % 2))
+
+    def _set_parameter(self, name: str, value: float | bool) -> None:
+        message = Parameter(name, value=value).to_parameter_msg()
+        self._call(self._set, SetParameters.Request(parameters=[message]))
 
     def _describe(self) -> None:
         text = URDF.read_text("utf-8") + f"<!-- {next(self._numbers)} -->"
+        self._client.publish("robot_description", String(data=text))
+
+    def _describe_meshes(self) -> None:
+        scale = f"0.001 0.001 {1e-3 + 1e-6 * next(self._numbers)}"  # none is known already
+        mesh = f'<mesh filename="{self._folder}/link.stl" scale="{scale}"/>'
+        text = URDF.read_text("utf-8")
+        for name in ("elbow", "shoulder"):
+            before, mark, after = text.partition(f'<collision name="{name}">')
+            after = re.sub(r"<sphere [^>]*>", mesh, after, count=1)
+            text = before + mark + after
         self._client.publish("robot_description", String(data=text))
 
     def _describe_chain(self) -> None:
         links = "".join(
             f'<link name="l{k}"/><joint name="j{k}" type="{"revolute" if k < 190 else "fixed"}">'
             f'<parent link="l{k}"/><child link="l{k + 1}"/><limit effort="1" velocity="1"/></joint>'
-            for k in range(1990)
+            for k in range(990)
         )
-        text = f'<robot name="chain{next(self._numbers)}">{links}<link name="l1990"/></robot>'
+        text = f'<robot name="chain{next(self._numbers)}">{links}<link name="l990"/></robot>'
         self._client.publish("robot_description", String(data=text))
 
     def _large_messages(self) -> Iterator[tuple[str, str, Any]]:
@@ -287,18 +305,28 @@ def stop_client() -> Iterator[Connection]:
 
 
 def _stop_again_and_again(times: Connection) -> None:
+    """Call the service and take the answers as they arrive.
+
+    An executor of rclpy would add up to 80 ms of its own.
+    """
     with silent_node("operator") as node:
         client = node.create_client(Trigger, "mp_pca_planner/stop")
         client.wait_for_service(120.0)
         time.sleep(1.0)  # the service discovers the client, too
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
         while True:
             began = time.monotonic()
-            future = client.call_async(Trigger.Request())
-            executor.spin_until_future_complete(future, LOST)
+            client.call_async(Trigger.Request())
+            while not has_answer(client) and time.monotonic() - began < LOST:
+                time.sleep(0.0005)
             times.send(time.monotonic() - began)
             time.sleep(PAUSE)
+
+
+def has_answer(client: Any) -> bool:
+    """Whether an answer of the service has arrived, which is taken."""
+    with client.handle:
+        header, _ = client.handle.take_response(Trigger.Response)
+    return header is not None
 
 
 def soup(n: int) -> np.ndarray:

@@ -100,7 +100,7 @@ class InputLimits:
     primitive_precision: float = 1e15
     segments: int = 10_000
     segment_time: float = 1e9
-    links: int = 2000
+    links: int = 1000
     movable_joints: int = 200
     description_depth: int = 50
     description_value: float = 1e9
