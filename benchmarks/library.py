@@ -24,9 +24,9 @@ from tables import Table, benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.primitives.build import build_from_statistics
-from mp_pca_planner.primitives.conditional_model import in_span_score
 from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences
+from mp_pca_planner.primitives.in_span import in_span_score
 from mp_pca_planner.primitives.kinds import OUTLIER, find_kinds
 from mp_pca_planner.primitives.library_building import adjusted_rand_index
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics

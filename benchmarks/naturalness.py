@@ -46,10 +46,10 @@ from mp_pca_planner.evaluation.naturalness import (
 )
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.primitives.alignment import arc_length_warp
-from mp_pca_planner.primitives.basis import PolynomialBasis
+from mp_pca_planner.primitives.basis import legendre_values
 from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.differences import FINE_PHASES, MEASURES, by_way
-from mp_pca_planner.primitives.pace import PacedBasis, fit_paces
+from mp_pca_planner.primitives.pace import fit_paces, time_scaling
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.robot.model import Robot
@@ -182,8 +182,7 @@ def promp(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
 
 def _paced(pace: FloatArray) -> FloatArray:
     """Aligned phases on the fine grid of phases."""
-    nothing = PolynomialBasis(np.zeros((1, 7)), np.zeros((0, 1, 7)), np.zeros(0))
-    return PacedBasis(nothing, np.zeros(1), pace).aligned_phases(FINE_PHASES)
+    return np.clip(legendre_values(time_scaling(pace), FINE_PHASES), 0.0, 1.0)
 
 
 def ledoit_wolf(samples: FloatArray) -> FloatArray:

@@ -34,7 +34,7 @@ from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
 from ..primitives.basis import end_vanishing_coefficients, legendre_values
 from ..primitives.boundary import hermite_functions
-from ..primitives.pace import PacedBasis
+from ..primitives.pace import time_scaling
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
 
@@ -328,9 +328,7 @@ def _shape_coefficients(
     (segment,) = motion.segments
     aligned = phases
     if np.any(pace):
-        aligned = PacedBasis(primitive.basis, np.zeros(primitive.n_joints), pace).aligned_phases(
-            phases
-        )
+        aligned = np.clip(legendre_values(time_scaling(pace), phases), 0.0, 1.0)
     q, _, _ = motion.evaluate(phases * motion.duration)
     shape = q - hermite_functions(aligned) @ replace(segment, duration=motion.duration).boundary
     admissible = end_vanishing_coefficients(primitive.degree)

@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
 from ..motion.goal import JointState, Pose
-from ..primitives.conditional_model import ConditionalDistribution
+from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
 
 if TYPE_CHECKING:

@@ -14,7 +14,6 @@ from ..arrays import FloatArray, by_name
 from ..planning.plan import Plan
 from ..planning.report import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.differences import PHASES
-from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
 from .motion import Curve, MotionContext, motion_figure, plot_motion
 from .primitive import plot_components, primitive_figure
@@ -99,7 +98,7 @@ def nearest_curves(
     times = begin + duration * PHASES
     return [
         (times, primitive.reproduction(int(i), primitive.durations[i] * PHASES)[:, order])
-        for i in nearest_demonstrations(primitive, own_ends)[: FIGURES.max_behind]
+        for i in primitive.nearest_demonstrations(own_ends)[: FIGURES.max_behind]
     ]
 
 

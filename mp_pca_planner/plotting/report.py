@@ -23,7 +23,6 @@ from ..primitives.differences import PHASES
 from ..primitives.kinds import OUTLIER
 from ..primitives.library_building import LibraryContent
 from ..primitives.options import PrimitiveOptions
-from ..primitives.prediction import nearest_demonstrations
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.recording_set import RecordingReport, RecordingSet, Refusal
@@ -160,7 +159,7 @@ def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: Primitiv
     """The figure of the robot among the goals of its demonstrations."""
     tip = robot.end_effector
     ends = primitive.boundary_states[:, [0, 3]]
-    typical, *_ = nearest_demonstrations(primitive, ends.mean(axis=0))
+    typical, *_ = primitive.nearest_demonstrations(ends.mean(axis=0))
     times = np.linspace(0.0, primitive.durations[typical], PHASES.size)
     chain = robot.chain_positions(primitive.reproduction(int(typical), times), tip)
     shown = {

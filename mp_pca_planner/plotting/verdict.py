@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..primitives.conditional_model import in_span_score
 from ..primitives.cross_validation import HeldOutErrors
 from ..primitives.differences import MEASURES
+from ..primitives.in_span import in_span_score
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
 from .units import METRES, Unit, primitive_unit, prismatic_joints, unit_of

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.polynomial import chebyshev, legendre
+from numpy.polynomial import chebyshev, legendre, polynomial
 
 from ..arrays import FloatArray
 
@@ -97,6 +97,61 @@ class PolynomialBasis(Basis):
         weighted = weights @ self.component_coefficients.reshape(self.n_weights, mean.size)
         series = mean + weighted.reshape(mean.shape)
         return legendre_derivatives(series, phases, highest)
+
+
+class PacedBasis(Basis):
+    """A basis for motions between two end points with a time scaling.
+
+    A motion along the path q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) from rest to rest at the aligned
+    phase s = σ(p) is h(p) + [h(σ(p)) − h(p)] + μ(σ(p)) + Σ wₖ φₖ(σ(p)): linear in the weights. All
+    terms except h(p) vanish at both ends with two derivatives, as the compiler requires.
+
+    Parameters
+    ----------
+    basis : PolynomialBasis
+        The basis by aligned phase.
+    displacement : array, shape (n_joints,)
+        Goal minus start [rad or m].
+    scaling : array, shape (degree + 1,)
+        Legendre coefficients of σ, see :func:`.time_scaling`.
+    """
+
+    def __init__(
+        self, basis: PolynomialBasis, displacement: FloatArray, scaling: FloatArray
+    ) -> None:
+        # h minus the start is a polynomial like the mean shape.
+        going = displacement[:, None] * _minimum_jerk_series(basis.mean_coefficients.shape[1])
+        self._going = PolynomialBasis(
+            basis.mean_coefficients + going, basis.component_coefficients, basis.scales
+        )
+        self._displacement = displacement
+        self.n_joints, self.n_weights = basis.n_joints, basis.n_weights
+        self.scales, self.breakpoints = basis.scales, basis.breakpoints
+        self._courses_series = np.array([scaling, _minimum_jerk_series(scaling.size)])
+
+    def tables(self, phases: FloatArray, highest: int) -> FloatArray:
+        """All values and derivatives, shape (highest + 1, n_steps, n_joints, 1 + n_weights)."""
+        courses, aligned = self._courses(phases, highest)
+        tables = self._going.combined(_by_share(self._going.terms(aligned, highest), courses))
+        tables[..., 0] -= courses[:, :, 1:] * self._displacement
+        return tables
+
+    def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
+        """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
+        courses, aligned = self._courses(phases, highest)
+        values = _by_share(self._going.shapes(weights, aligned, highest), courses)
+        values -= courses[:, :, 1:] * self._displacement
+        return values
+
+    def _courses(self, phases: FloatArray, highest: int) -> tuple[FloatArray, FloatArray]:
+        """σ and the minimum-jerk course with derivatives, and σ within 0 and 1.
+
+        The shapes are (highest + 1, n_steps, 2) and (n_steps,).
+        """
+        if highest > 3:
+            raise ValueError(f"derivative must be 0 to 3, got {highest}")
+        courses = legendre_derivatives(self._courses_series, phases, highest)
+        return courses, np.clip(courses[0, :, 0], 0.0, 1.0)
 
 
 class BSplineBasis(Basis):
@@ -282,3 +337,36 @@ def end_vanishing_coefficients(degree: int) -> FloatArray:
     values /= np.sqrt(values**2 @ (quadrature / 2.0))[:, None]
     norms = (2.0 * np.arange(degree + 1) + 1.0) / 2.0
     return np.asarray((values * quadrature) @ legendre.legvander(x, degree) * norms)
+
+
+@lru_cache(maxsize=16)
+def _minimum_jerk_series(n_coefficients: int) -> FloatArray:
+    """Legendre coefficients of 10s³ − 15s⁴ + 6s⁵, the minimum-jerk course from 0 to 1."""
+    series = polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+    by_x = series(polynomial.Polynomial([0.5, 0.5]))
+    found = np.zeros(n_coefficients)
+    found[:6] = legendre.poly2leg(by_x.coef)
+    return found
+
+
+def _by_share(values: FloatArray, courses: FloatArray) -> FloatArray:
+    """Derivatives by p, up to the third, of functions of σ(p), by the chain rule.
+
+    Parameters
+    ----------
+    values : array, shape (highest + 1, n_steps, n_functions)
+        The functions and their derivatives by σ at σ(p).
+    courses : array, shape (highest + 1, n_steps, 2)
+        σ and its derivatives in the first column.
+    """
+    rates, chained = courses[:, :, :1], values.copy()
+    if len(values) > 1:
+        chained[1] *= rates[1]
+    if len(values) > 2:
+        chained[2] *= rates[1] ** 2
+        chained[2] += values[1] * rates[2]
+    if len(values) > 3:
+        chained[3] *= rates[1] ** 3
+        chained[3] += values[2] * (3.0 * rates[1] * rates[2])
+        chained[3] += values[1] * rates[3]
+    return chained

@@ -15,11 +15,12 @@ from ..arrays import FloatArray, check_type
 from ..exceptions import PrimitiveError, shown
 from ..recordings.demonstration import Demonstration
 from ..rows import empty_rows, row_blocks, row_mean
-from .conditional_model import ConditionalModel, left_out_squares, thinned
+from .in_span import request_precision
 from .motion_sources import MotionSources
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 from .options import PrimitiveOptions as PrimitiveOptions
 from .pca import components_for_share, fit_components, largest_signs
+from .prediction import ConditionalModel, left_out_squares
 from .primitive import MovementPrimitive
 
 _DEFAULTS = PrimitiveOptions()
@@ -165,10 +166,10 @@ def left_out_error(statistics: MotionStatistics, n_phases: int) -> float:
 
     NaN for a single motion, and at most 200 motions.
     """
-    used = statistics.chosen(thinned(statistics.requests()))
+    used = statistics.thinned()
     if len(used.durations) < 2:
         return float("nan")
-    squares = left_out_squares(*used.requests_and_shapes())
+    squares = left_out_squares(used.requests(), used.both_shapes())
     squares = squares + used.shape_remainders.sum(axis=1)
     return float(np.sqrt(squares.mean() / (n_phases * len(statistics.joint_names))))
 
@@ -215,13 +216,15 @@ def _fit_model(
     """Regress the weights, time scalings and durations on the requests."""
     n_components, n_joints, n_functions = directions.shape
     rows = directions.reshape(n_components, n_joints * n_functions)  # there may be no component
-    requests = statistics.requests()
-    fitted = statistics.chosen(thinned(requests))
-    _, there, back = fitted.requests_and_shapes()
-    straight = -rows @ mean.ravel()
+    fitted, straight = statistics.thinned(), -rows @ mean.ravel()
     labels = [motion.label for motion in fitted.motions]
     return ConditionalModel.fit(
-        requests, there @ rows.T, back @ rows.T, straight, fitted.paces, labels
+        fitted.requests(),
+        fitted.both_shapes() @ rows.T,
+        straight,
+        fitted.paces,
+        labels,
+        request_precision(statistics.requests()),
     )
 
 

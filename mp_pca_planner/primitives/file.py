@@ -26,10 +26,11 @@ from ..files import open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 from ..json_content import check_form, load_json
 from ..rows import BLOCK, row_blocks
-from .conditional_model import ConditionalModel, thinned
+from .in_span import request_precision
 from .motion_sources import MotionSource, MotionSources, source_rows
-from .motion_statistics import MotionStatistics
+from .motion_statistics import MotionStatistics, thinned
 from .pace import PACE_DEGREE, fit_paces
+from .prediction import ConditionalModel
 from .primitive import MovementPrimitive
 from .primitive_values import ARRAY_SHAPES
 
@@ -222,7 +223,12 @@ def _model_of_version_1(
     straight = own["straight_weights"]
     labels = [metadata["demonstrations"][i]["label"] for i in used]
     return ConditionalModel.fit(
-        requests, own["weights"][used] - straight, weights, straight, arrays["paces"][used], labels
+        requests[used],
+        np.array([own["weights"][used] - straight, weights]),
+        straight,
+        arrays["paces"][used],
+        labels,
+        request_precision(requests),
     )
 
 

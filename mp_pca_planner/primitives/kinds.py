@@ -31,9 +31,9 @@ from scipy.stats import multivariate_t
 
 from ..arrays import FloatArray
 from ..rows import empty_rows, release, row_blocks
-from .conditional_model import left_out_squares
 from .motion_statistics import MotionStatistics
 from .pca import components_for_share, fit_components
+from .prediction import left_out_squares
 
 OUTLIER = -1
 """Kind of motions that belong to none."""
@@ -327,7 +327,7 @@ class _Tree:
         used = np.asarray(members)[first]
         statistics = self._statistics.chosen(used)
         squares = np.full(len(self._features), np.nan)
-        squares[used] = left_out_squares(*statistics.requests_and_shapes())
+        squares[used] = left_out_squares(statistics.requests(), statistics.both_shapes())
         squares[used] += statistics.shape_remainders.sum(axis=1)
         return squares
 

@@ -16,13 +16,13 @@ import numpy as np
 from ..arrays import FloatArray
 from ..robot.model import Robot
 from .build import build_from_statistics
-from .conditional_model import left_out_squares
 from .file import load_primitive, write_primitive
 from .kind_names import kind_names
 from .kinds import OUTLIER, Indices, KindOptions, Kinds, find_kinds
 from .library_journal import Change
 from .motion_statistics import MotionStatistics
 from .options import PrimitiveOptions
+from .prediction import left_out_squares
 from .primitive import MovementPrimitive
 from .versioned_library import VersionedLibrary
 
@@ -225,7 +225,7 @@ def _left_out_errors(statistics: MotionStatistics, members: Indices) -> FloatArr
     errors = []
     for used in (inside, np.concatenate([inside, outside])):
         chosen = statistics.chosen(used)
-        squares = left_out_squares(*chosen.requests_and_shapes())
+        squares = left_out_squares(chosen.requests(), chosen.both_shapes())
         squares = squares + chosen.shape_remainders.sum(axis=1)
         errors.append(np.sqrt(squares[: len(inside)].mean()))
     return np.array(errors)

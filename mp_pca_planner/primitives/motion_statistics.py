@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 # Highest degree of the polynomials that represent joint angles over time. Only the first components
 # are reported, which are much smoother.
 _ANGLE_DEGREE = 30
+# Predictions are fitted to fewer: the time grows with the cube of their number.
+_MAX_FITTED = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,12 +162,16 @@ class MotionStatistics:
         rows = (np.column_stack([s[:, 0], s[:, 3], np.log(duration)]) for s, duration in blocks)
         return np.concatenate(list(rows))
 
-    def requests_and_shapes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Requests, shapes, and shapes of the reversed motions, as rows."""
+    def both_shapes(self) -> FloatArray:
+        """Shapes, and shapes of the reversed motions, as rows: (2, n_demonstrations, n_values)."""
         # The functions of the shapes are alternately even and odd.
         reversed_shapes = self.shapes * (-1.0) ** np.arange(self.shapes.shape[2])
-        there, back = (x.reshape(len(self.durations), -1) for x in (self.shapes, reversed_shapes))
-        return self.requests(), there, back
+        return np.array([self.shapes, reversed_shapes]).reshape(2, len(self.durations), -1)
+
+    def thinned(self) -> MotionStatistics:
+        """At most 200 of the motions, the same whatever their order."""
+        used = thinned(self.requests())
+        return self if len(used) == len(self.durations) else self.chosen(used)
 
     def blocks(self) -> Iterator[MotionStatistics]:
         """Some motions at a time, in order; arrays in a file take memory for these only."""
@@ -226,6 +232,12 @@ class MotionStatistics:
         if not kept:
             raise PrimitiveError("nothing would be left: at least one recording must stay")
         return self.chosen(kept)
+
+
+def thinned(requests: FloatArray) -> NDArray[np.intp]:
+    """Indices of at most 200 motions, the same motions whatever their order."""
+    step = -(-len(requests) // _MAX_FITTED)
+    return np.lexsort(requests.T[::-1])[::step] if step > 1 else np.arange(len(requests))
 
 
 _ARRAYS = tuple(x.name for x in fields(MotionStatistics)[1:])

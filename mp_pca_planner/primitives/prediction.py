@@ -1,133 +1,395 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions that a primitive predicts for a request, as trajectories."""
+"""Prediction of weights, time scaling and duration for a request.
+
+Gaussian-process regression on requests. A few demonstrations don't determine their smoothness and
+noise. They don't determine, either, whether a return motion repeats the forward motion in reversed
+time (waving) or mirrors it (circles). Predictions are averages over :data:`KERNELS`, weighted by
+their density of left-out demonstrations: pseudo-Bayes factors (Gelfand and Dey, 1994; Rasmussen and
+Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.2 and 5.4.2). The prior mean
+is the minimum-jerk motion.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, check_number
-from ..exceptions import GoalError
-from ..input_limits import INPUT_LIMITS
-from ..motion.goal import StateLike, joint_positions
-from ..motion.trajectory import Trajectory
-from .boundary import boundary_values, quintics
+from ..arrays import FloatArray
+from .in_span import in_span_score
+from .pace import reversed_paces
 
-if TYPE_CHECKING:
-    from .conditional_model import ConditionalDistribution
-    from .primitive import MovementPrimitive
+OFFSET = 10.0
+"""Variance of the common offset of all outputs, in units of the variance of outputs that depends
+on the request."""
 
-_MAX_DRAWS = 10_000
+INVERSE_LENGTHS = (1.0, 0.25)
+"""Inverse lengths of the similarities in units of the spread of the requests. Fits use the first;
+the coefficients of the second are zero but in files of earlier releases."""
+
+KERNELS = tuple(product((0.8, -0.8), (0.02, 0.2, 2.0, 200.0)))
+"""Time-reversal correlation and noise of each; the largest noise leaves the prior mean."""
+
+# Share of the mean squared distance from start to goal that is added to each squared distance.
+_MIN_SQUARE = 0.09
+# Power of the densities, below 1 because demonstrations are not independent.
+_TEMPER = 0.7
+# With fewer demonstrations, kernels are not ranked.
+_MIN_RANKED = 3
+# Predicted durations stay within this many standard deviations of the demonstrated ones.
+_MAX_DEVIATIONS = 3.0
+# The second fit counts alone where the novelty is at least the inverse of this.
+_FAR = 4.0
+# Growth of the standard deviation of motions from a demonstrated request to one far from all.
+_GROWTH = 5.0
+_TINY = 1e-300
+
+Groups = Sequence[NDArray[np.intp]]
+"""Indices of demonstrations that are left out together, in arrays of groups of one size."""
 
 
-def expected_motion(
-    primitive: MovementPrimitive, start: StateLike, goal: StateLike, duration: float | None = None
-) -> Trajectory:
-    """The motion that a primitive expects from rest to rest.
+@dataclass(frozen=True, eq=False)
+class ConditionalDistribution:
+    """The distribution of motions for a request.
 
-    Limits of a robot are not considered: the planner does that.
+    Attributes
+    ----------
+    weights : array, shape (n_weights,)
+        Expected weights ŵ.
+    covariance : array, shape (n_weights, n_weights)
+        Covariance Λ of the errors of left-out demonstrations, positive definite; the same for all
+        requests.
+    precision : array, shape (n_weights, n_weights)
+        Λ⁻¹.
+    variance : float
+        Factor of Λ for the errors to expect at this request. It grows with the size of the motion
+        and with the distance from the demonstrations; more so, the fewer there are.
+    pace : array, shape (n_pace,)
+        Expected time scaling, see :mod:`.pace`; zero: even.
+    duration : float
+        The duration of the request, or else the expected one [s].
+    in_span_score : float
+        Distance of the request from the demonstrations, see :func:`.in_span_score`; about 1 for a
+        request like the demonstrations, whatever their number.
+    """
+
+    weights: FloatArray
+    covariance: FloatArray
+    precision: FloatArray
+    variance: float
+    pace: FloatArray
+    duration: float
+    in_span_score: float
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionalModel:
+    """A fitted regression of motions on requests (q0, qT, log T).
+
+    Shapes and durations grow with the square root of the distance from start to goal: small
+    motions are straighter. Expected errors grow likewise, and with the distance from the
+    demonstrations. Demonstrations of several activities are fitted twice, with kernels
+    ranked by left-out motions and by left-out activities. The second fit is used for requests
+    out of distribution.
+
+    Attributes
+    ----------
+    requests : array, shape (n_demonstrations, 2 n_joints + 1)
+        q0, qT [rad or m] and log T of the demonstrations that the model is fitted to.
+    shape_coefficients : array, shape (n_fits, n_lengths, 2, n_demonstrations, n_weights)
+        Of weights minus the straight ones: a prediction is the sum of their products with the
+        similarities of the request to the demonstrations and to the reversed ones.
+    straight_weights : array, shape (n_weights,)
+        Weights of a minimum-jerk motion, which is the prior mean.
+    pace_coefficients : array, shape (n_fits, n_lengths, 2, n_demonstrations, n_pace)
+        Of time scalings.
+    duration_coefficients : array, shape (1, n_lengths, 2, n_demonstrations, 1)
+        Of log T minus its mean, by the end points alone.
+    weight_covariance, weight_precision : array, shape (n_weights, n_weights)
+        Covariance of the errors of the weights of left-out demonstrations, and its inverse.
+    error_variance : array, shape (1,)
+        Factor of this covariance for a demonstrated request of usual size, widened to the variance
+        of Student's t distribution with as many degrees of freedom as demonstrations.
+    request_precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
+        Inverse covariance of the requests.
+    """
+
+    requests: FloatArray
+    shape_coefficients: FloatArray
+    straight_weights: FloatArray
+    pace_coefficients: FloatArray
+    duration_coefficients: FloatArray
+    weight_covariance: FloatArray
+    weight_precision: FloatArray
+    error_variance: FloatArray
+    request_precision: FloatArray
+
+    @classmethod
+    def fit(
+        cls,
+        requests: FloatArray,
+        shapes: FloatArray,
+        straight_weights: FloatArray,
+        paces: FloatArray,
+        labels: Sequence[str],
+        precision: FloatArray,
+    ) -> Self:
+        """Fit a model to demonstrations.
+
+        Parameters
+        ----------
+        requests, straight_weights :
+            See the attributes; the time grows with the cube of the number of requests.
+        shapes : array, shape (2, n_demonstrations, n_weights)
+            Weights of the demonstrations minus the straight ones, and of the same motions in
+            reversed time.
+        paces : array, shape (n_demonstrations, n_pace)
+            Their time scalings.
+        labels : sequence of str
+            Activity of each.
+        precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
+            See :func:`.request_precision`; of all demonstrations, if only some are fitted.
+        """
+        activities = np.asarray(labels)
+        partitions: list[Groups] = [[np.arange(len(requests))[:, None]]]
+        if np.any(activities != activities[0]):
+            partitions.append([np.argwhere(activities == x).T for x in np.unique(activities)])
+        similar, distances = RequestFeatures(requests)(requests)
+        roots = np.sqrt(distances)[:, None]
+        shape, residuals = _fit(similar, shapes / roots, partitions)
+        pace, _ = _fit(similar, np.array([paces, reversed_paces(paces)]), partitions)
+        of_ends, _ = RequestFeatures(requests[:, :-1])(requests[:, :-1])
+        times = requests[:, -1:] - requests[:, -1].mean() - np.log(roots)
+        duration, _ = _fit(of_ends, np.array([times, times]), partitions[:1])
+        errors = _error_covariance(residuals * roots, distances, similar[0, 0])
+        return cls(requests, shape, straight_weights, pace, duration, *errors, precision)
+
+    def predict(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> ConditionalDistribution:
+        """Predict motions for a request.
+
+        Parameters
+        ----------
+        start, goal : array, shape (n_joints,)
+            End points [rad or m].
+        duration : float, optional
+            Duration [s]; the expected one unless given.
+        """
+        ends, score = np.concatenate([start, goal]), self.in_span_score(start, goal, duration)
+        of_requests, of_ends, near, far = self._prepared
+        if duration is None:
+            similar, distance = of_ends(ends)
+            residual = float(similar.ravel() @ self.duration_coefficients.ravel())
+            # Bounded, because a distant request may extrapolate the trend to implausible durations.
+            reach = float(_MAX_DEVIATIONS * self.requests[:, -1].std())
+            deviation = min(max(math.log(distance) / 2.0 + residual, -reach), reach)
+            duration = math.exp(self.mean[-1] + deviation)
+        similar, distance = of_requests(np.append(ends, math.log(duration)))
+        share = min(1.0, _FAR * float(_novelty(similar[0, 0])))
+        both = similar.ravel() @ (near + share * far if far.any() else near)
+        shape, pace = np.split(both, [self.straight_weights.size])
+        weights = self.straight_weights + math.sqrt(distance) * shape
+        variance = float(self.error_variance[0] * _variance(distance, similar[0, 0]))
+        of_weights = self.weight_covariance, self.weight_precision, variance
+        return ConditionalDistribution(weights, *of_weights, pace, duration, score)
+
+    def in_span_score(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> float:
+        """Distance of a request from the demonstrations, see :class:`ConditionalDistribution`."""
+        request = np.concatenate([start, goal, [] if duration is None else [math.log(duration)]])
+        return in_span_score(request, self.mean, self.request_precision)
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        """Mean request, shape (2 n_joints + 1,)."""
+        return np.asarray(self.requests.mean(axis=0))
+
+    @cached_property
+    def _prepared(self) -> tuple[RequestFeatures, RequestFeatures, FloatArray, FloatArray]:
+        """What all predictions share.
+
+        Features of requests and of their ends, the coefficients of shapes and time scalings near
+        the demonstrations, and their change far from them.
+        """
+        both = np.concatenate([self.shape_coefficients, self.pace_coefficients], axis=-1)
+        near, far = (both[i].reshape(-1, both.shape[-1]) for i in (0, -1))
+        features = (RequestFeatures(x) for x in (self.requests, self.requests[:, :-1]))
+        return *features, near, far - near
+
+
+class RequestFeatures:
+    """Similarities of requests with those of the demonstrations, and their sizes.
 
     Parameters
     ----------
-    primitive : MovementPrimitive
-        Any primitive.
-    start, goal : JointState, mapping or array, shape (n_joints,)
-        End points [rad or m]. Joints that the goal doesn't name keep their position.
-    duration : float, optional
-        Duration [s]; the expected one unless given.
-
-    Raises
-    ------
-    GoalError
-        If an end point is none of these or not finite, or the duration is out of its range.
+    requests : array, shape (n_demonstrations, n_entries)
+        Start, goal, and at most one entry that is the same in both directions.
     """
-    ends, expected = _request(primitive, start, goal, duration)
-    return _motion(primitive, ends, expected, expected.weights)
+
+    def __init__(self, requests: FloatArray) -> None:
+        n = requests.shape[1] // 2
+        self._swapped = np.r_[n : 2 * n, :n, 2 * n : requests.shape[1]]
+        # For a spread or distance of zero, the unit has no effect.
+        self._spread = float(np.sqrt(np.sum(requests.var(axis=0)))) or 1.0
+        self._both_directions = np.array([requests, requests[:, self._swapped]])
+        squares = np.sum((requests - requests[:, self._swapped]) ** 2, axis=1)
+        self._floor = _MIN_SQUARE * float(squares.mean()) or 1.0
+        self._unit = float(np.exp(np.mean(np.log(squares + self._floor))))
+
+    def __call__(self, requests: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Prior covariances with the demonstrations, and the distances from start to goal.
+
+        The covariances are those of Matérn with smoothness 5/2 (Rasmussen and Williams, equation
+        4.17) and a constant. Squared exponentials, which are smoother, overshoot between and beyond
+        demonstrations.
+
+        Parameters
+        ----------
+        requests : array, shape (..., n_entries)
+            Any request, or several.
+
+        Returns
+        -------
+        similarities : array, shape (n_lengths, 2, ..., n_demonstrations)
+            By inverse length, with motions and with reversed ones.
+        distances : array, shape (...)
+            Bounded from below, in units of the geometric mean of all.
+        """
+        change = requests - requests[..., self._swapped]
+        squares = np.einsum("...i,...i->...", change, change)
+        several = np.expand_dims(self._both_directions, tuple(range(1, requests.ndim)))
+        deviations = several - requests[..., None, :]
+        apart = np.sqrt(5.0 * np.einsum("...i,...i->...", deviations, deviations)) / self._spread
+        ratios = np.multiply.outer(INVERSE_LENGTHS, apart)
+        similar = (1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + OFFSET
+        return similar, np.sqrt((squares + self._floor) / self._unit)
 
 
-def drawn_motions(
-    primitive: MovementPrimitive, n: int, start: StateLike, goal: StateLike, seed: int = 0
-) -> list[Trajectory]:
-    """Draw motions from the conditional distribution of a request.
-
-    Weights are drawn; duration and time scaling are the expected ones.
+def left_out_squares(requests: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Squared errors of shapes that are left out and predicted from the others.
 
     Parameters
     ----------
-    primitive : MovementPrimitive
-        Any primitive.
-    n : int
-        Number of motions.
-    start, goal : JointState, mapping or array, shape (n_joints,)
-        End points [rad or m]. Joints that the goal doesn't name keep their position.
-    seed : int
-        Seed of the random numbers.
+    requests : array, shape (n_demonstrations, 2 n_joints + 1)
+        q0, qT [rad or m] and log T; the time grows with the cube of their number.
+    shapes : array, shape (2, n_demonstrations, n_functions)
+        Coefficients of the shapes, and of the same motions in reversed time.
 
-    Raises
-    ------
-    GoalError
-        If an end point is none of these or not finite, or `n` or `seed` is no whole number of at
-        least 0; at most 10,000 motions.
+    Returns
+    -------
+    squares : array, shape (n_demonstrations,)
+        Sums of squares over the coefficients.
     """
-    check_number(n, "the number of motions", GoalError, 0, is_whole=True)
-    if n > _MAX_DRAWS:
-        raise GoalError(f"at most {_MAX_DRAWS} motions are drawn at once, got {n}")
-    check_number(seed, "the seed", GoalError, 0, is_whole=True)
-    ends, expected = _request(primitive, start, goal, None)
-    rng = np.random.default_rng(seed)
-    draws = rng.multivariate_normal(expected.weights, expected.variance * expected.covariance, n)
-    return [_motion(primitive, ends, expected, weights) for weights in draws]
+    similar, distances = RequestFeatures(requests)(requests)
+    roots = np.sqrt(distances)[:, None]
+    _, residuals = _fit(similar, shapes / roots, [[np.arange(len(requests))[:, None]]])
+    return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
 
 
-def _request(
-    primitive: MovementPrimitive, start: StateLike, goal: StateLike, duration: float | None
-) -> tuple[FloatArray, ConditionalDistribution]:
-    """End points, shape (2, n_joints), and the prediction for them."""
-    first = joint_positions(start, primitive.joint_names, "the start")
-    last = joint_positions(goal, primitive.joint_names, "the goal", first)
-    for position in (*first.tolist(), *last.tolist()):
-        limit = INPUT_LIMITS.position
-        check_number(position, "a position of the start or the goal", GoalError, -limit, limit)
-    if duration is not None:
-        check_number(duration, "the duration [s]", GoalError, 1e-3, INPUT_LIMITS.duration)
-    expected = primitive.model.predict(first, last, duration)
-    longest = INPUT_LIMITS.duration
-    check_number(expected.duration, "the predicted duration [s]", GoalError, 0.0, longest)
-    return np.array([first, last]), expected
+def _error_covariance(
+    errors: FloatArray, distances: FloatArray, similarities: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Covariance of left-out errors about zero, its inverse, and its factor, shape (1,).
 
-
-def _motion(
-    primitive: MovementPrimitive,
-    ends: FloatArray,
-    expected: ConditionalDistribution,
-    weights: FloatArray,
-    sample_period: float = 0.01,
-) -> Trajectory:
-    """A motion with points at most `sample_period` apart [s], as the planner's by default."""
-    duration = expected.duration
-    phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / sample_period)), 1) + 1)
-    rest = np.zeros(primitive.n_joints)
-    boundary = boundary_values((ends[0], rest, rest), (ends[1], rest, rest), duration)
-    shapes = primitive.paced_basis(ends[0], ends[1], expected.pace).shapes(weights, phases, 2)
-    q, v, a = (quintics(phases, boundary, 2) + shapes) / duration ** np.arange(3.0)[:, None, None]
-    # A controller refuses a final velocity of 1e-17.
-    q[[0, -1]], v[[0, -1]], a[[0, -1]] = ends, 0.0, 0.0
-    return Trajectory(primitive.joint_names, duration * phases, q, v, a)
-
-
-def nearest_demonstrations(primitive: MovementPrimitive, ends: FloatArray) -> NDArray[np.intp]:
-    """Indices of the demonstrations by the distance of their ends from given ones.
+    The covariance is positive definite, and shrunk towards its diagonal, more strongly with fewer
+    errors. With the factor, variances of 1 are as predicted. It is widened as Student's t
+    distribution is, with at least three degrees of freedom.
 
     Parameters
     ----------
-    primitive : MovementPrimitive
-        The primitive.
-    ends : array, shape (2, n_joints)
-        Start and goal [rad or m]; distances are in units of the demonstrations' spread.
+    errors : array, shape (n_demonstrations, n_weights)
+        The errors.
+    distances, similarities : array, shape (n_demonstrations,) and with another such axis
+        Features of the requests, see :class:`RequestFeatures`.
     """
-    own = primitive.boundary_states[:, [0, 3]]
-    spread = own.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
-    return np.argsort(np.sum(((own - ends) / spread) ** 2, axis=(1, 2)))
+    n, size = errors.shape
+    covariance = errors.T @ errors / n
+    variances = np.diag(covariance)
+    floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
+    shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
+    positive = np.asarray(shrunk + floor * np.eye(size))
+    others = similarities if n == 1 else np.where(np.eye(n, dtype=bool), -np.inf, similarities)
+    squares, freedom = np.sum(errors**2, axis=1), max(n, 3)
+    unit = np.sum(squares / _variance(distances, others)) + _TINY
+    factor = freedom / (freedom - 2.0) * unit / (np.sum(squares) + _TINY)
+    return positive, np.asarray(np.linalg.inv(positive)), np.array([factor])
+
+
+def _novelty(similarities: FloatArray) -> FloatArray:
+    """0 at a demonstrated request, 1 far from all, given similarities in the last axis."""
+    return np.asarray(1.0 + OFFSET - similarities.max(axis=-1)).clip(0.0, 1.0)
+
+
+def _variance(distances: FloatArray | float, similarities: FloatArray) -> FloatArray:
+    """Variance of errors, in units of that at a demonstrated request of usual size."""
+    return np.asarray(distances * (1.0 + _GROWTH * _novelty(similarities)) ** 2)
+
+
+def _fit(
+    similarities: FloatArray, outputs: FloatArray, partitions: Sequence[Groups]
+) -> tuple[FloatArray, FloatArray]:
+    """Fit averages of Gaussian processes, one for each partition.
+
+    Parameters
+    ----------
+    similarities : array, shape (n_lengths, 2, n_demonstrations, n_demonstrations)
+        Of the demonstrations with each other, and with the reversed ones.
+    outputs : array, shape (2, n_demonstrations, n_outputs)
+        Outputs of the demonstrations, and of the same motions in reversed time.
+    partitions : sequence of Groups
+        Groups of demonstrations that are left out together to rank the kernels.
+
+    Returns
+    -------
+    coefficients : array, shape (n_partitions, n_lengths, 2, n_demonstrations, n_outputs)
+        A prediction is the sum of their products with the similarities of a request.
+    residuals : array, shape (n_demonstrations, n_outputs)
+        Outputs minus predictions from the other groups of the first partition.
+    """
+    # Parts that are even in reversed time, then those that are odd.
+    parts = np.array([outputs[0] + outputs[1], outputs[0] - outputs[1]]) / 2.0
+    reversals, noises = np.array(KERNELS).T[:, :, None, None]
+    there, back = similarities[0]
+    signs = reversals[..., None] * np.array([1.0, -1.0])[:, None, None]
+    inverse = np.linalg.inv(there + signs * back + noises[..., None] * np.eye(len(there)))
+    solved = inverse @ parts
+    shares = np.array([solved[:, 0] + solved[:, 1], reversals * (solved[:, 0] - solved[:, 1])])
+    left = [_leave_out(inverse, solved, partition) for partition in partitions]
+    squares = outputs[0] @ outputs[0].T
+    # Effective number of independent outputs.
+    freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
+    scores = np.array([score for _, score in left])
+    probabilities = np.exp(_TEMPER * freedom * (scores - scores.max(axis=1, keepdims=True)))
+    if len(squares) < _MIN_RANKED:
+        probabilities[:, 1:] = 0.0
+    probabilities /= probabilities.sum(axis=1, keepdims=True)
+    coefficients = np.zeros((len(partitions), len(similarities), *outputs.shape))
+    coefficients[:, 0] = np.einsum("pk,dkno->pdno", probabilities, shares)
+    return coefficients, np.tensordot(probabilities[0], left[0][0], axes=1)
+
+
+def _leave_out(
+    inverse: FloatArray, solved: FloatArray, groups: Groups
+) -> tuple[FloatArray, FloatArray]:
+    """Residuals of groups that are left out, and the logarithm of their density, by kernel.
+
+    Without refitting (Rasmussen and Williams, equations 5.10 to 5.12, for groups). The density is
+    that of one output, with the variance that makes it highest, up to a constant.
+    """
+    residuals, variances = np.empty_like(solved), np.empty(solved.shape[:3])
+    for group in groups:
+        covariance = np.linalg.inv(inverse[:, :, group[..., None], group[:, None]])
+        residuals[:, :, group] = covariance @ solved[:, :, group]
+        variances[:, :, group] = np.diagonal(covariance, axis1=3, axis2=4)
+    square = np.sum(residuals**2 / variances[..., None], axis=(1, 2, 3))
+    logs = 0.5 * np.sum(np.log(variances), axis=(1, 2)) + solved.shape[2] * np.log(square + _TINY)
+    return np.sum(residuals, axis=1), -0.5 * logs

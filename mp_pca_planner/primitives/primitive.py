@@ -12,25 +12,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, check_number, frozen_array
-from ..exceptions import PrimitiveError, PrimitiveFileError
+from ..exceptions import GoalError, PrimitiveError, PrimitiveFileError
 from ..files import as_path
-from ..motion.goal import StateLike
+from ..input_limits import INPUT_LIMITS
+from ..motion.goal import StateLike, joint_positions
 from ..motion.trajectory import Trajectory
 from .alignment import aligned_phases
-from .basis import Basis, PolynomialBasis
-from .boundary import boundary_values, hermite_functions
-from .conditional_model import ConditionalDistribution, ConditionalModel
-from .pace import PacedBasis
-from .prediction import drawn_motions, expected_motion
+from .basis import Basis, PacedBasis, PolynomialBasis
+from .boundary import boundary_values, hermite_functions, quintics
+from .pace import time_scaling
+from .prediction import ConditionalDistribution, ConditionalModel
 from .primitive_values import ARRAY_SHAPES, freeze_values
 from .primitive_values import COUPLINGS as COUPLINGS
 
 if TYPE_CHECKING:
     from ..recordings.demonstration import Demonstration
     from .motion_statistics import MotionStatistics
+
+
+_MAX_DRAWS = 10_000
 
 
 class DemonstrationSet(Protocol):
@@ -191,13 +194,85 @@ class MovementPrimitive:
     ) -> Trajectory:
         """The expected motion from rest to rest, without regard to limits.
 
-        Start and goal are arrays or dicts, as for a planner; see :func:`.expected_motion`.
+        Limits of a robot are not considered: the planner does that.
+
+        Parameters
+        ----------
+        start, goal : JointState, mapping or array, shape (n_joints,)
+            End points [rad or m]. Joints that the goal doesn't name keep their position.
+        duration : float, optional
+            Duration [s]; the expected one unless given.
+
+        Raises
+        ------
+        GoalError
+            If an end point is none of these or not finite, or the duration is out of its range.
         """
-        return expected_motion(self, start, goal, duration)
+        ends, expected = self._predicted(start, goal, duration)
+        return self._motion(ends, expected, expected.weights)
 
     def sample(self, n: int, start: StateLike, goal: StateLike, seed: int = 0) -> list[Trajectory]:
-        """Draw motions from the conditional distribution, see :func:`.drawn_motions`."""
-        return drawn_motions(self, n, start, goal, seed)
+        """Draw motions from the conditional distribution of a request.
+
+        Weights are drawn; duration and time scaling are the expected ones.
+
+        Parameters
+        ----------
+        n : int
+            Number of motions.
+        start, goal : JointState, mapping or array, shape (n_joints,)
+            End points [rad or m]. Joints that the goal doesn't name keep their position.
+        seed : int
+            Seed of the random numbers.
+
+        Raises
+        ------
+        GoalError
+            If an end point is none of these or not finite, or `n` or `seed` is no whole number of
+            at least 0; at most 10,000 motions.
+        """
+        check_number(n, "the number of motions", GoalError, 0, is_whole=True)
+        if n > _MAX_DRAWS:
+            raise GoalError(f"at most {_MAX_DRAWS} motions are drawn at once, got {n}")
+        check_number(seed, "the seed", GoalError, 0, is_whole=True)
+        ends, expected = self._predicted(start, goal, None)
+        covariance = expected.variance * expected.covariance
+        draws = np.random.default_rng(seed).multivariate_normal(expected.weights, covariance, n)
+        return [self._motion(ends, expected, weights) for weights in draws]
+
+    def _predicted(
+        self, start: StateLike, goal: StateLike, duration: float | None
+    ) -> tuple[FloatArray, ConditionalDistribution]:
+        """End points, shape (2, n_joints), and the prediction for them."""
+        first = joint_positions(start, self.joint_names, "the start")
+        last = joint_positions(goal, self.joint_names, "the goal", first)
+        for position in (*first.tolist(), *last.tolist()):
+            limit = INPUT_LIMITS.position
+            check_number(position, "a position of the start or the goal", GoalError, -limit, limit)
+        if duration is not None:
+            check_number(duration, "the duration [s]", GoalError, 1e-3, INPUT_LIMITS.duration)
+        expected = self.model.predict(first, last, duration)
+        longest = INPUT_LIMITS.duration
+        check_number(expected.duration, "the predicted duration [s]", GoalError, 0.0, longest)
+        return np.array([first, last]), expected
+
+    def _motion(
+        self,
+        ends: FloatArray,
+        expected: ConditionalDistribution,
+        weights: FloatArray,
+        sample_period: float = 0.01,
+    ) -> Trajectory:
+        """A motion with points at most `sample_period` apart [s], as the planner's by default."""
+        duration, rest = expected.duration, np.zeros(self.n_joints)
+        phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / sample_period)), 1) + 1)
+        boundary = boundary_values((ends[0], rest, rest), (ends[1], rest, rest), duration)
+        shapes = self.paced_basis(ends[0], ends[1], expected.pace).shapes(weights, phases, 2)
+        scales = duration ** np.arange(3.0)[:, None, None]
+        q, v, a = (quintics(phases, boundary, 2) + shapes) / scales
+        # A controller refuses a final velocity of 1e-17.
+        q[[0, -1]], v[[0, -1]], a[[0, -1]] = ends, 0.0, 0.0
+        return Trajectory(self.joint_names, duration * phases, q, v, a)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the primitive to a file, see :func:`.save_primitive`."""
@@ -241,7 +316,9 @@ class MovementPrimitive:
 
     def paced_basis(self, start: FloatArray, goal: FloatArray, pace: FloatArray) -> Basis:
         """The basis for motions between two positions, shape (n_joints,), at a time scaling."""
-        return PacedBasis(self.basis, goal - start, pace) if np.any(pace) else self.basis
+        if not np.any(pace):
+            return self.basis
+        return PacedBasis(self.basis, goal - start, time_scaling(pace))
 
     @property
     def joint_of_component(self) -> tuple[int, ...]:
@@ -272,6 +349,18 @@ class MovementPrimitive:
         rows = series.reshape(self.n_components, -1)
         square = expected.variance * float(np.sum((rows @ rows.T) * expected.covariance))
         return float(np.sqrt(square / self.n_joints + np.mean(self.fit_residual**2)))
+
+    def nearest_demonstrations(self, ends: FloatArray) -> NDArray[np.intp]:
+        """Indices of the demonstrations by the distance of their ends from given ones.
+
+        Parameters
+        ----------
+        ends : array, shape (2, n_joints)
+            Start and goal [rad or m]; distances are in units of the demonstrations' spread.
+        """
+        own = self.boundary_states[:, [0, 3]]
+        spread = own.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
+        return np.argsort(np.sum(((own - ends) / spread) ** 2, axis=(1, 2)))
 
     def reproduction(self, demonstration: int, times: FloatArray) -> FloatArray:
         """Positions of a demonstration as its weights and its own timing reproduce it.

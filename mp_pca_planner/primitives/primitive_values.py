@@ -13,8 +13,8 @@ from ..arrays import frozen_array, unique_names
 from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names, shown
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
-from .conditional_model import INVERSE_LENGTHS
 from .pace import PACE_DEGREE
+from .prediction import INVERSE_LENGTHS
 
 if TYPE_CHECKING:
     from .primitive import MovementPrimitive

@@ -11,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..primitives.conditional_model import LEAST_NOISE, OFFSET, RequestFeatures
 from ..primitives.cross_validation import leave_one_out
 from ..primitives.options import PrimitiveOptions
+from ..primitives.prediction import OFFSET, RequestFeatures
 from ..recordings.demonstration import Demonstration
 from ..robot.limits import JointLimits
+
+# Variance of the noise of a demonstration.
+_NOISE = 0.02
 
 
 @dataclass(frozen=True)
@@ -172,9 +175,9 @@ def remaining_covariance(demonstrated: FloatArray, requests: FloatArray) -> Floa
         On its diagonal, 0 is at a demonstration and 1 far from all.
     """
     every, n = np.concatenate([demonstrated, requests]), len(demonstrated)
-    similar, _ = RequestFeatures(every).of(every)
+    similar, _ = RequestFeatures(every)(every)
     prior = similar[0, 0] - OFFSET
-    gram = prior[:n, :n] + LEAST_NOISE * np.eye(n)
+    gram = prior[:n, :n] + _NOISE * np.eye(n)
     return np.asarray(prior[n:, n:] - prior[n:, :n] @ np.linalg.solve(gram, prior[:n, n:]))
 
 
@@ -192,6 +195,6 @@ def _least_known(covariance: FloatArray, n: int) -> list[int]:
     for _ in range(min(n, len(covariance))):
         best = int(np.argmax(np.diag(covariance)))
         column = covariance[:, best]
-        covariance = covariance - np.outer(column, column) / (column[best] + LEAST_NOISE)
+        covariance = covariance - np.outer(column, column) / (column[best] + _NOISE)
         chosen.append(best)
     return chosen

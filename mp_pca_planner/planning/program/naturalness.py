@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import FloatArray
-from ...primitives.conditional_model import ConditionalDistribution
+from ...primitives.prediction import ConditionalDistribution
 from ..options import SearchOptions
 from .bases import MotionBasis
 from .segment import SegmentProgram

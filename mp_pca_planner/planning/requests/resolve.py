@@ -17,7 +17,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...exceptions import GoalError
 from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ...primitives.conditional_model import ConditionalDistribution
+from ...primitives.prediction import ConditionalDistribution
 from ..configurations import configurations_at, starts_near
 from ..context import Context
 from ..options import SHORTEST

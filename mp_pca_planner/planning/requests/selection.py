@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...exceptions import quote_names
 from ...motion.goal import JointState
-from ...primitives.conditional_model import ConditionalDistribution
+from ...primitives.in_span import RequestIndex
+from ...primitives.prediction import ConditionalDistribution
 from ...primitives.primitive import MovementPrimitive
 from ...primitives.primitive_library import PrimitiveLibrary
-from ...primitives.request_index import RequestIndex
 from ...robot.model import Robot
 from ..motion import Motion
 from ..objectives import Effort, Objective

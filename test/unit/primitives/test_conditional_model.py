@@ -10,14 +10,11 @@ from arm import arm_demonstrations, arm_primitive
 from scipy.stats import norm
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.conditional_model import (
-    ConditionalModel,
-    in_span_score,
-    request_precision,
-    thinned,
-)
 from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences
+from mp_pca_planner.primitives.in_span import in_span_score, request_precision
+from mp_pca_planner.primitives.motion_statistics import thinned
+from mp_pca_planner.primitives.prediction import ConditionalModel
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 # Of the second of two weights; it changes its sign where a motion is reversed in time.
@@ -30,12 +27,12 @@ def fit(requests, shapes, reversed_shapes=None, paces=None, labels=None):
     n, size = shapes.shape
     used = thinned(requests)
     return ConditionalModel.fit(
-        requests,
-        shapes[used],
-        (shapes if reversed_shapes is None else reversed_shapes)[used],
+        requests[used],
+        np.array([shapes, shapes if reversed_shapes is None else reversed_shapes])[:, used],
         STRAIGHT if size == 2 else np.zeros(size),
         (np.zeros((n, 1)) if paces is None else paces)[used],
         np.asarray([""] * n if labels is None else labels)[used],
+        request_precision(requests),
     )
 
 
@@ -61,24 +58,24 @@ def textbook(x, y, request, groups):
     def root(a):
         return (np.sum((a - swapped(a)) ** 2) / mean_square + 0.09) ** 0.25
 
-    def similar(a, b, inverse_length):
-        r = np.sqrt(5.0) * np.linalg.norm(a - b) / spread * inverse_length
+    def similar(a, b):
+        r = np.sqrt(5.0) * np.linalg.norm(a - b) / spread
         return 10.0 + (1.0 + r + r**2 / 3.0) * np.exp(-r)
 
-    def prior(a, b, length, reversal, output):
-        there, back = similar(a, b, length), similar(a, swapped(b), length)
+    def prior(a, b, reversal, output):
+        there, back = similar(a, b), similar(a, swapped(b))
         return there + SIGNS[output] * reversal * back
 
     def posterior(known, at, kernel, output):
-        *shape, noise = kernel
-        gram = np.array([[prior(x[i], x[j], *shape, output) for j in known] for i in known])
-        cross = np.array([prior(at, x[j], *shape, output) for j in known])
+        reversal, noise = kernel
+        gram = np.array([[prior(x[i], x[j], reversal, output) for j in known] for i in known])
+        cross = np.array([prior(at, x[j], reversal, output) for j in known])
         solved = np.linalg.solve(gram + noise * np.eye(len(known)), cross)
         scaled = y[known, output] / [root(x[i]) for i in known]
-        variance = prior(at, at, *shape, output) + noise - solved @ cross
+        variance = prior(at, at, reversal, output) + noise - solved @ cross
         return solved @ scaled, variance
 
-    kernels = list(product((1.0, 0.25), (0.0, -0.8, 0.8), (0.02, 0.2, 2.0, 200.0)))
+    kernels = list(product((-0.8, 0.8), (0.02, 0.2, 2.0, 200.0)))
     scores, predictions = [], []
     for kernel in kernels:
         left, variances = np.empty_like(y), np.empty_like(y)

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_kinds import generate_kinds
 
-from mp_pca_planner.primitives.conditional_model import left_out_squares
 from mp_pca_planner.primitives.kind_names import kind_names
 from mp_pca_planner.primitives.kinds import OUTLIER, KindOptions, find_kinds
 from mp_pca_planner.primitives.library_building import (
@@ -23,6 +22,7 @@ from mp_pca_planner.primitives.library_journal import check_name
 from mp_pca_planner.primitives.motion_sources import source_rows
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
+from mp_pca_planner.primitives.prediction import left_out_squares
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.robot.model import Robot
 
@@ -101,10 +101,11 @@ def test_few_motions_are_one_kind(n):
 
 
 def test_left_out_squares_are_those_of_separate_fits():
-    requests, shapes, backward = statistics(60).chosen(range(0, 60, 6)).requests_and_shapes()
-    found = left_out_squares(requests, shapes, backward)
+    chosen = statistics(60).chosen(range(0, 60, 6))
+    shapes = chosen.both_shapes()
+    found = left_out_squares(chosen.requests(), shapes)
     # Only the weights of the kernels come from all motions: leaving one out hardly changes them.
-    assert np.all(found < np.sum(shapes**2, axis=1))
+    assert np.all(found < np.sum(shapes[0] ** 2, axis=1))
 
 
 def test_the_adjusted_rand_index_is_that_of_its_paper():

@@ -5,8 +5,7 @@
 import numpy as np
 import pytest
 
-from mp_pca_planner.primitives.conditional_model import in_span_score, request_precision
-from mp_pca_planner.primitives.request_index import RequestIndex
+from mp_pca_planner.primitives.in_span import RequestIndex, in_span_score, request_precision
 
 N_JOINTS, N_PRIMITIVES = 3, 2000
 
@@ -42,7 +41,7 @@ def test_the_nearest_are_those_of_the_scores_one_by_one(
 ) -> None:
     means, precisions, rng = random_requests(spread)
     continuous = np.isin(np.arange(N_JOINTS), turning)
-    index = RequestIndex(means, precisions, continuous, n_exact=64)
+    index = RequestIndex(means, precisions, continuous)
     for _ in range(5):
         request = (spread + 0.3) * rng.normal(size=n_entries)
         request[turning] += 2.0 * np.pi * rng.integers(-2, 3, len(turning))
