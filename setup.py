@@ -100,7 +100,7 @@ setup(
             "pytransform3d>=3.5",  # movement_primitives imports it, but doesn't ask for it
             "crocoddyl>=3.2",
             "toppra>=0.6.9",
-            "example-robot-data>=4.3",
+            "example-robot-data-loaders>=4.4",  # brings the models, example-robot-data
         ],
         # Part of the requirements; the name stays for a release.
         "ompl": ["ompl>=2.0; python_version < '3.14'"],
@@ -111,7 +111,7 @@ setup(
         # Datasets of LeRobot as demonstrations: their Parquet files are read.
         "lerobot": ["pyarrow>=15.0"],
         # The panda of the command `example`, with meshes.
-        "example": ["example-robot-data>=4.3"],
+        "example": ["example-robot-data-loaders>=4.4"],
         # Completion of commands and options in the shell.
         "completion": ["argcomplete>=3.1"],
         # The documentation site.

@@ -121,8 +121,10 @@ def require(module: str, extra: str, purpose: str) -> Any:
     """
     try:
         return import_module(module)
-    except ImportError:
-        raise MissingDependencyError(module.partition(".")[0], extra, purpose) from None
+    except ImportError as error:
+        # An installed module may itself lack another one.
+        missing = error.name if isinstance(error, ModuleNotFoundError) and error.name else module
+        raise MissingDependencyError(missing.partition(".")[0], extra, purpose) from None
 
 
 def _how_to_install(extra: str) -> str:
