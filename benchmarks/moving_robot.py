@@ -346,7 +346,7 @@ def untrue(run: Run) -> list[str]:
     robot, problems = run.node.robot, []
     record, taken = robot.record, np.array([tick for tick, _ in robot.taken])
     for now, report, execution in run.node.reported:
-        began, here = np.searchsorted(record.times, [execution.published, now])
+        began, here = np.searchsorted(record.times, [execution.motion.time, now])
         away = np.abs(record.q[min(here, len(record) - 1)] - execution.motion.end).max()
         was_taken = ((taken >= began) & (taken < here)).any()
         # Of a robot that is held, the node can't know whether it took the motion.

@@ -79,14 +79,14 @@ class Course:
         start, goal = self._ends[random.integers(len(self._ends))]
         world = self._world(np.array([start, goal]), random)
         node = VirtualNode(self._model, start, seed=int(random.integers(1_000_000)))
-        surroundings, faults = node.server.surroundings, node.robot.faults
+        surroundings, faults = node.monitor.surroundings, node.robot.faults
         surroundings.replace(world, self._model)
         node.run(0.2)
         node.goal(JointGoal(JointState(self._robot.joint_names, goal)), "goal")
         node.run(0.01)
-        if node.server.served is None:
+        if node.monitor.served is None:
             return None
-        motion = node.server.served.motion
+        motion = node.monitor.served.motion
         node.run(random.uniform(0.2, 0.7) * motion.duration)
         if kind == "new obstacle":
             ahead = motion.state(node.now - motion.began + random.uniform(*AHEAD)).positions

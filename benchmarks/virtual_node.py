@@ -24,10 +24,11 @@ from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.serving.assembly import Model, assemble_model
 from mp_pca_planner.execution.serving.execution import Execution, ExecutionReport
 from mp_pca_planner.execution.serving.goal_planner import GoalRequest
+from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
 from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.threads import CancelledError
+from mp_pca_planner.execution.tracking.following import MotionFollower
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
-from mp_pca_planner.execution.tracking.start_state import StartStates
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.simulation import SimulatedRobot
@@ -143,11 +144,10 @@ class VirtualNode:
         """Restart the node; it forgets what was published."""
         self.restarts.append(self.now)
         self._pending, self._may_cancel = None, True
-        self.states = StartStates(MeasuredStates(lambda: self.now, lambda: self.now))
-        self.states.expect(self._model.robot.joint_names)
-        self.server = MotionServer(
-            self.states, GoalStatistics(), self._send, lambda: self.now, self._report, self.advance
-        )
+        self.follower = MotionFollower(MeasuredStates(lambda: self.now, lambda: self.now))
+        self.follower.expect(self._model.robot.joint_names)
+        self.monitor = MotionMonitor(self.follower, self._send, lambda: self.now, self._report)
+        self.server = MotionServer(self.monitor, GoalStatistics(), self.advance)
 
     def at(self, delay: float, action: Callable[[], None]) -> None:
         """Call a function after a delay [s]."""
@@ -167,7 +167,7 @@ class VirtualNode:
         self._is_cancelled = True
         self.stops.append(self.now)
         try:
-            return self.server.stop(self._model)
+            return self.monitor.stop(self._model)
         except PlannerError as error:
             return f"nothing was published: {error}"
 
@@ -248,12 +248,12 @@ class VirtualNode:
             return
         if self.now >= self._held_back:
             for state in self._waiting:
-                receive(self.states.measured, *state)
+                receive(self.follower.measured, *state)
             self._waiting.clear()
         if self._ticks % WATCH_PERIOD == 0:
             with suppress(PlannerError):
-                self.server.surroundings.look_ahead(self._model)
-            self.server.watch(self._model)
+                self.monitor.surroundings.look_ahead(self._model)
+            self.monitor.watch(self._model)
         while self._events and self._events[0][0] <= self.now:
             heapq.heappop(self._events)[2]()
 
@@ -274,7 +274,7 @@ class VirtualNode:
 
     def _report(self, report: ExecutionReport) -> None:
         self.execution_reports.append((self.now, report))
-        execution = self.states.execution
+        execution = self.follower.execution
         if execution is not None:
             self.reported.append((self.now, report, execution))
 

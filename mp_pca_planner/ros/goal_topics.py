@@ -22,7 +22,7 @@ from ..exceptions import GoalError, unknown_name
 from ..execution.serving.assembly import Model, is_outdated
 from ..execution.serving.execution import Served
 from ..execution.serving.goal_planner import GoalRequest, UnexecutablePlanError
-from ..execution.serving.motion_server import GoalStatistics, MotionServer, avoid_obstacle, go_on
+from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.threads import CancelledError, IsCancelled, PreemptiveWorker
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.requests.states import in_order
@@ -179,7 +179,7 @@ class GoalTopics:
         try:
             # Whatever prevents goals, the robot that was given one can be stopped.
             context = self._setup.last_context or self._setup.ready()
-            response.message = self._server.stop(context)
+            response.message = self._server.monitor.stop(context)
         except Exception as error:
             response.message = f"nothing was published: {self._node.explain(error)}"
         else:
@@ -204,13 +204,13 @@ class GoalTopics:
         """Serve a goal, then react to an obstacle that the running motion would hit."""
         if isinstance(request, _Request):
             self._serve_goal(request, is_cancelled)
-        has_threat = self._server.surroundings.threat is not None
+        has_threat = self._server.monitor.surroundings.threat is not None
         if not has_threat and isinstance(request, _Request):
             return
-        react = avoid_obstacle if has_threat else go_on
+        react = self._server.avoid_obstacle if has_threat else self._server.go_on
         logger = self._node.get_logger()
         try:
-            text, served = react(self._server, self._setup.ready(), is_cancelled)
+            text, served = react(self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:
@@ -263,7 +263,8 @@ class GoalTopics:
 
         The thread of parameters makes that model; while joints keep moving, the newest one counts.
         """
-        measured, world = self._server.states.measured, self._server.surroundings.world
+        monitor = self._server.monitor
+        measured, world = monitor.follower.measured, monitor.surroundings.world
         deadline = time.monotonic() + _LONGEST_WAIT
         while time.monotonic() < deadline and not is_cancelled():
             if not is_outdated(self._setup.ready(), measured.others, world):
@@ -285,7 +286,7 @@ class GoalTopics:
             return
         # A cost may follow the report at once.
         self._last_motion.replace(served)
-        missing = self._server.surroundings.missing
+        missing = self._server.monitor.surroundings.missing
         report = messages.to_plan_report(
             plan, stamp, served.primitives, request.ignored_joints, missing
         )

@@ -25,10 +25,11 @@ from ..exceptions import quote_names
 from ..execution.parameters import ParameterError
 from ..execution.serving.assembly import unknown_positions
 from ..execution.serving.execution import ExecutionReport
+from ..execution.serving.motion_monitor import MotionMonitor
 from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.threads import SAFETY_WAIT, BusyError, TimedLock
+from ..execution.tracking.following import MotionFollower
 from ..execution.tracking.measured import MeasuredStates
-from ..execution.tracking.start_state import StartStates
 from ..motion.trajectory import Trajectory
 from ..robot.world import World
 from .goal_topics import GoalTopics
@@ -72,13 +73,15 @@ class PlannerNode(GuardedNode):
         self._statistics = GoalStatistics()
         self._polling, self._polled = TimedLock(), time.monotonic()
         self._clocks, self._failures = (True, False), SimpleQueue[str]()
-        self._states = StartStates(MeasuredStates(time.monotonic, self._seconds, self._poll_states))
-        self._server = MotionServer(
-            self._states, self._statistics, self._send, time.perf_counter, self._report_execution
+        measured = MeasuredStates(time.monotonic, self._seconds, self._poll_states)
+        self._follower = MotionFollower(measured)
+        self._monitor = MotionMonitor(
+            self._follower, self._send, time.perf_counter, self._report_execution
         )
+        self._server = MotionServer(self._monitor, self._statistics)
         self._declared = NodeParameters(self)
         topic = self.resolve_topic_name("robot_description")
-        self._setup = PlanningSetup(self._declared, self.explain, self._server.expect, topic)
+        self._setup = PlanningSetup(self._declared, self.explain, self._monitor.expect, topic)
         self._setup.hold = hold
         for problem in self._declared.unknown():
             self.get_logger().warning(f"ignored: {to_text(problem)}")
@@ -87,10 +90,11 @@ class PlannerNode(GuardedNode):
         # Registered after the declarations, because the initial values are checked together.
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
-        served_by = self._setup, self._server
-        self._obstacles = ObstacleTopic(self, *served_by)
-        self._server.surroundings.settle = self._obstacles.settle
-        self._goals = GoalTopics(self, *served_by, self._statistics, self._last_motion)
+        self._obstacles = ObstacleTopic(self, self._setup, self._monitor.surroundings)
+        self._monitor.surroundings.settle = self._obstacles.settle
+        self._goals = GoalTopics(
+            self, self._setup, self._server, self._statistics, self._last_motion
+        )
         self._safety = SafetyThread(self, self._watch, self._goals.stop)
         # A steady clock, because these are needed even if simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -126,7 +130,7 @@ class PlannerNode(GuardedNode):
         self._goals.cancel()
         try:
             if self._setup.last_context is not None:
-                self._server.release(self._setup.last_context, hold)
+                self._monitor.release(self._setup.last_context, hold)
         except Exception as error:  # the transition must not fail
             self.get_logger().error(f"the robot was not stopped: {self.explain(error)}")
 
@@ -184,17 +188,17 @@ class PlannerNode(GuardedNode):
         self._poll_states()
         context = self._setup.last_context
         if context is not None:
-            self._server.watch(context)
-        if self._server.surroundings.threat is not None or self._server.resumption is not None:
+            self._monitor.watch(context)
+        if self._monitor.surroundings.threat is not None or self._monitor.resumption is not None:
             self._goals.react()
 
     def _lock_joints(self) -> None:
         """Lock the joints that the primitives do not move where they are measured."""
-        self._setup.lock(self._states.measured.others, self._server.surroundings.world)
+        self._setup.lock(self._follower.measured.others, self._monitor.surroundings.world)
 
     def _log_clocks(self) -> None:
         """Log when the judgement of the robot's clock changes."""
-        clock = self._states.measured.clock
+        clock = self._follower.measured.clock
         state = clock.is_usable, clock.offset != 0.0
         if state == self._clocks:
             return
@@ -219,7 +223,7 @@ class PlannerNode(GuardedNode):
         # Another thread that polls takes them, too.
         with suppress(BusyError), self._polling.within(SAFETY_WAIT):
             last, self._polled = self._polled, time.monotonic()
-            measured = self._states.measured
+            measured = self._follower.measured
             deadline, waiting = time.monotonic() + _READING_TIME, self._joint_states.poll()
             for k, (content, facts) in enumerate(waiting, start=1):
                 if k < len(waiting) and time.monotonic() > deadline:
@@ -264,7 +268,7 @@ class PlannerNode(GuardedNode):
             "locked_joints": self._setup.locked_joints,
             **self._obstacles.facts,
         }
-        measured, world = self._states.measured, self._server.surroundings.world
+        measured, world = self._follower.measured, self._monitor.surroundings.world
         status = _status(name, self._setup, measured, self._statistics, world, values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()

@@ -19,8 +19,7 @@ from rclpy.time import Time
 from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError, WorldError
 from ..execution.parameters import fixed_frames
-from ..execution.serving.motion_server import MotionServer
-from ..execution.serving.surroundings import Poses, foreign_poses, is_same, placed
+from ..execution.serving.surroundings import Poses, Surroundings, foreign_poses, is_same, placed
 from ..execution.threads import CancelledError, IsCancelled
 from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
@@ -74,7 +73,7 @@ class ObstacleTopic:
         The node.
     setup : PlanningSetup
         Has the robot whose links markers may be attached to.
-    server : MotionServer
+    surroundings : Surroundings
         Keeps the obstacles.
     """
 
@@ -90,8 +89,8 @@ class ObstacleTopic:
     mesh_timeout = 5.0
     """Longest time that a goal waits for meshes [s]."""
 
-    def __init__(self, node: GuardedNode, setup: PlanningSetup, server: MotionServer) -> None:
-        self._node, self._setup, self._server = node, setup, server
+    def __init__(self, node: GuardedNode, setup: PlanningSetup, surroundings: Surroundings) -> None:
+        self._node, self._setup, self._surroundings = node, setup, surroundings
         self._markers = MarkerMessages()
         self._subscription = MarkerSubscription(node, "~/obstacles")
         # Notes on the present obstacles, each of which is logged once.
@@ -113,8 +112,8 @@ class ObstacleTopic:
     def facts(self) -> dict[str, str | int]:
         """The number of obstacles, and why one is not avoided, for the diagnostics."""
         return {
-            "obstacles": len(self._server.surroundings.world),
-            "obstacle_rejected": self._server.surroundings.missing or "none",
+            "obstacles": len(self._surroundings.world),
+            "obstacle_rejected": self._surroundings.missing or "none",
         }
 
     def settle(self, is_cancelled: IsCancelled) -> None:
@@ -178,7 +177,7 @@ class ObstacleTopic:
         if context is not None and time.monotonic() - self._looked >= self.look_period:
             self._looked = time.monotonic()
             try:
-                self._server.surroundings.look_ahead(context)
+                self._surroundings.look_ahead(context)
             except PlannerError as error:
                 self._log(str(error))
 
@@ -223,7 +222,7 @@ class ObstacleTopic:
 
     def _place(self, stated: Sequence[Obstacle], poses: Poses, problems: list[str]) -> None:
         """Use obstacles with poses of their frames; log problems."""
-        surroundings, missing = self._server.surroundings, list(self._markers.rejected.values())
+        surroundings, missing = self._surroundings, list(self._markers.rejected.values())
         try:
             world = World(placed(stated, poses)[0])
             surroundings.replace(world, self._setup.context)

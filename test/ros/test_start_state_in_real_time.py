@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.tracking.following import MotionFollower
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
-from mp_pca_planner.execution.tracking.published_motion import Joined
-from mp_pca_planner.execution.tracking.start_state import StartStates
+from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
+from mp_pca_planner.execution.tracking.start_state import choose_start, join
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 
@@ -25,15 +26,15 @@ class World:
 
     def __init__(self) -> None:
         self.now, self.tick = 100.0, 0.0
-        self.states = StartStates(MeasuredStates(self.clock, self.clock))
-        self.states.expect(JOINTS)
+        self.follower = MotionFollower(MeasuredStates(self.clock, self.clock))
+        self.follower.expect(JOINTS)
 
     def clock(self) -> float:
         self.now += self.tick
         return self.now
 
     def measure(self, q: float) -> None:
-        self.states.measured.receive(JOINTS, lambda _: JointState(JOINTS, [q]))
+        self.follower.measured.receive(JOINTS, lambda _: JointState(JOINTS, [q]))
 
 
 def minimum_jerk(start: float, goal: float, duration: float) -> Trajectory:
@@ -54,34 +55,32 @@ def world() -> World:
 
 
 def test_stamp_is_that_of_the_first_point_however_long_computing_takes(world: World) -> None:
-    begun = Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
-    world.states.command(begun)
-    motion = begun.motion
+    motion = PublishedMotion.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.follower.motion_time)
+    world.follower.command(motion)
     for _ in range(100):
         world.now += 0.01
         world.measure(float(motion.state(world.now - motion.began).positions[0]))
     world.tick = 0.002
-    start = world.states.choose(SETTINGS, 0.1)
+    start = choose_start(world.follower, SETTINGS, 0.1)
     assert start.is_in_motion
     rest = minimum_jerk(float(start.state.positions[0]), 2.0, 2.0)
-    joined = world.states.join(rest, start, SETTINGS)
+    joined = join(world.follower, rest, start, SETTINGS)
     assert joined.is_timed
     there = motion.state(joined.time - motion.began).positions
-    np.testing.assert_allclose(joined.trajectory.positions[0], there, atol=2e-6)
+    np.testing.assert_allclose(joined.sent.positions[0], there, atol=2e-6)
 
 
 def test_robot_that_was_last_heard_of_before_its_motion_ended_has_not_arrived(
     world: World,
 ) -> None:
-    begun = Joined.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.states.motion_time)
-    world.states.command(begun)
-    motion = begun.motion
+    motion = PublishedMotion.after_wait(minimum_jerk(0.0, 1.0, 2.0), world.follower.motion_time)
+    world.follower.command(motion)
     world.now += 10.0
-    following = world.states.follow(replace(SETTINGS, state_timeout=0.0))
+    following = world.follower.follow(replace(SETTINGS, state_timeout=0.0))
     assert following is not None
     assert not following.at_rest
     world.measure(float(motion.end[0]))
-    following = world.states.follow(replace(SETTINGS, state_timeout=0.0))
+    following = world.follower.follow(replace(SETTINGS, state_timeout=0.0))
     assert following is not None
     assert following.is_over
     assert following.at_rest

@@ -15,8 +15,8 @@ from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, Sequence
 from ...planning.requests.states import in_order
 from ...primitives.primitive import MovementPrimitive
 from ..options import ServingOptions
-from ..tracking.following import HELD, OFF, Following
-from ..tracking.published_motion import Joined, PublishedMotion
+from ..tracking.following import Following, How
+from ..tracking.published_motion import PublishedMotion
 from ..tracking.start_state import MotionStart
 from .assembly import Model
 
@@ -109,8 +109,6 @@ class Execution:
         Identifies the goal in the report.
     motion : PublishedMotion
         The motion.
-    published : float
-        When it was published [s].
     served : Served or None
         The goal; None for a stop.
     is_stop : bool
@@ -125,7 +123,7 @@ class Execution:
         How the robot followed the motion last, and stopped motions before it.
     largest_deviation, deviation_time : float
         See `ExecutionReport`.
-    how : str
+    how : How or None
         How the robot follows the motion.
     since, place : float
         Time since when it does so, and the place at which that began [s].
@@ -133,7 +131,6 @@ class Execution:
 
     name: Any
     motion: PublishedMotion
-    published: float
     served: Served | None = None
     is_stop: bool = False
     reason: str = ""
@@ -142,7 +139,7 @@ class Execution:
     last: Following | None = None
     largest_deviation: float = 0.0
     deviation_time: float = 0.0
-    how: str = ""
+    how: How | None = None
     since: float = 0.0
     place: float = 0.0
 
@@ -150,12 +147,12 @@ class Execution:
     def of_stop(
         cls,
         stopped: Execution | None,
-        joined: Joined,
+        motion: PublishedMotion,
         reason: str = "",
         resumption: Resumption | None = None,
     ) -> Execution:
         """The execution of a stop; it is reported unless that of the stopped motion was."""
-        stop = cls(None, joined.motion, joined.time, is_stop=True, reason=reason, is_reported=True)
+        stop = cls(None, motion, is_stop=True, reason=reason, is_reported=True)
         if stopped is not None:
             stop.name, stop.is_reported = stopped.name, stopped.is_reported
             stop.last = stopped.last
@@ -213,8 +210,8 @@ class Execution:
         self.last = following
         if following.distance > self.largest_deviation:
             self.largest_deviation = following.distance
-            self.deviation_time = now - self.published
-        if following.how != self.how:
+            self.deviation_time = now - self.motion.time
+        if following.how is not self.how:
             self.how, self.since, self.place = following.how, now, following.progress.place
         return self._judge(following, now, options)
 
@@ -226,7 +223,7 @@ class Execution:
         if following.is_over and following.at_rest:
             if not self.is_stop:
                 return self._end(ARRIVED, f"arrived: the largest error is {away}")
-            text = f"stopped: the robot is at rest {now - self.published:.2f} s after the stop"
+            text = f"stopped: the robot is at rest {now - self.motion.time:.2f} s after the stop"
             return self._end(STOPPED, f"{text}; {self.reason}" if self.reason else text)
         if self._never_started(following, now, options):
             return self._end(
@@ -234,7 +231,7 @@ class Execution:
                 "never started: the robot rests at the start of the motion; check that the "
                 "controller is active and accepts the trajectory",
             )
-        if self.how == OFF and duration > options.away_time:
+        if self.how is How.OFF and duration > options.away_time:
             return self._end(
                 NOT_FOLLOWED,
                 f"not followed: the deviation from the path is {away}; the largest one was "
@@ -243,7 +240,7 @@ class Execution:
         # Under speed scaling, a robot may be too slow to be seen to move.
         advanced = following.progress.place - self.place
         is_slow = advanced > 0.5 * options.slowest_rate * duration
-        if self.how == HELD and duration > options.max_hold and not is_slow:
+        if self.how is How.HELD and duration > options.max_hold and not is_slow:
             return self._end(
                 NOT_FOLLOWED,
                 f"not followed: the robot has rested at {self._share:.0%} of the motion for more "
@@ -253,11 +250,12 @@ class Execution:
 
     def _never_started(self, following: Following, now: float, options: ServingOptions) -> bool:
         """Whether the robot has rested at the start of the motion for too long."""
-        if self.how != HELD or now - max(self.since, self.published) <= options.start_delay:
+        published = self.motion.time
+        if self.how is not How.HELD or now - max(self.since, published) <= options.start_delay:
             return False
-        began = self.published - self.motion.began
+        began = published - self.motion.began
         # A slow motion, under speed scaling, may not be seen yet.
-        seen = began + options.slowest_rate * (now - self.published)
+        seen = began + options.slowest_rate * (now - published)
         places = np.array([began, following.progress.place, seen])
         start, here, due = self.motion.sample(places)[0]
         has_left = np.abs([here - start, due - start]).max(axis=1) > options.left_start

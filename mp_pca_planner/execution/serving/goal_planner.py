@@ -23,8 +23,9 @@ from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..options import ServingOptions
 from ..threads import CancelledError, IsCancelled
+from ..tracking.following import MotionFollower
 from ..tracking.published_motion import MIN_STEP, PublishedMotion
-from ..tracking.start_state import MotionStart, StartStates
+from ..tracking.start_state import MotionStart
 from ..tracking.state_sources import Clock
 from .assembly import Model
 
@@ -219,8 +220,8 @@ class GoalPlanner:
 
     Parameters
     ----------
-    states :
-        Source of the start states of motions.
+    follower :
+        Tracks the robot on its motion.
     clock :
         The clock of planning times [s].
     options :
@@ -228,9 +229,9 @@ class GoalPlanner:
     """
 
     def __init__(
-        self, states: StartStates, clock: Clock, options: ServingOptions | None = None
+        self, follower: MotionFollower, clock: Clock, options: ServingOptions | None = None
     ) -> None:
-        self._states = states
+        self._follower = follower
         self._clock = clock
         self._options = options or ServingOptions()
 
@@ -323,7 +324,7 @@ class GoalPlanner:
             goal = replace(goal, duration=adapted.trajectory.duration)
 
         def is_over() -> bool:
-            return request.is_cancelled() or self._states.motion_time > deadline
+            return request.is_cancelled() or self._follower.motion_time > deadline
 
         cancellation.is_cancelled = is_over
         try:

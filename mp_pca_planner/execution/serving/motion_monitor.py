@@ -13,11 +13,10 @@ from ...motion.trajectory import Trajectory
 from ...robot.world import World
 from ..options import ServingOptions
 from ..threads import SAFETY_WAIT
-from ..tracking.published_motion import Joined
-from ..tracking.start_state import StartStates
+from ..tracking.following import MotionFollower
 from ..tracking.state_sources import Clock
 from .assembly import Model
-from .execution import Execution, ExecutionReport, Resumption
+from .execution import Execution, ExecutionReport, Resumption, Served
 from .stopping import StopPlanner
 from .surroundings import Surroundings, Threat
 
@@ -36,8 +35,8 @@ class MotionMonitor:
 
     Parameters
     ----------
-    states :
-        Source of the start states of motions.
+    follower :
+        Tracks the robot on its motion.
     publish :
         Sends a trajectory to the controller.
     clock :
@@ -49,7 +48,7 @@ class MotionMonitor:
 
     Attributes
     ----------
-    states, options
+    follower, clock, options
         As given.
     surroundings : Surroundings
         The obstacles around the robot.
@@ -57,17 +56,17 @@ class MotionMonitor:
 
     def __init__(
         self,
-        states: StartStates,
+        follower: MotionFollower,
         publish: Publish,
         clock: Clock,
         report: Callable[[ExecutionReport], None],
         options: ServingOptions | None = None,
     ) -> None:
         self.options = options or ServingOptions()
-        self.states = states
+        self.follower, self.clock = follower, clock
         self._send, self._report = publish, report
-        self.surroundings = Surroundings(states)
-        self._stops = StopPlanner(states, self.surroundings, clock, self.options)
+        self.surroundings = Surroundings(follower)
+        self._stops = StopPlanner(follower, self.surroundings, clock, self.options)
 
     def watch(self, model: Model) -> None:
         """Check how the robot follows its motion; call this at 10 Hz or more.
@@ -79,13 +78,13 @@ class MotionMonitor:
         BusyError
             If another thread publishes a motion at this moment; call it again.
         """
-        with self.states.lock.within(SAFETY_WAIT):
+        with self.follower.lock.within(SAFETY_WAIT):
             try:
-                following = self.states.follow(model.settings)
+                following = self.follower.follow(model.settings)
             except GoalError:
                 following = None
-            execution, now = self.states.execution, self.states.motion_time
-            if execution is not None and self.states.commanded is None:
+            execution, now = self.follower.execution, self.follower.motion_time
+            if execution is not None and self.follower.commanded is None:
                 self._end(execution.given_up("time was set back"))
             elif execution is not None:
                 report = execution.update(following, now, self.options)
@@ -103,22 +102,22 @@ class MotionMonitor:
         A running motion is stopped then, with the model before.
         """
         reason = "the joints of the primitives have changed"
-        with self.states.lock:
-            if joint_names == self.states.measured.joint_names:
+        with self.follower.lock:
+            if joint_names == self.follower.measured.joint_names:
                 return False
             if model is not None:
                 with suppress(GoalError):
                     self.release(model, reason)
-            execution = self.states.execution
-            self.states.expect(joint_names)
+            execution = self.follower.execution
+            self.follower.expect(joint_names)
             if execution is not None:
                 self._end(execution.given_up(reason))
         return True
 
     def release(self, model: Model, reason: str) -> None:
         """Stop the robot if it executes the motion of a goal, like :meth:`stop`."""
-        with self.states.lock:
-            execution = self.states.execution
+        with self.follower.lock:
+            execution = self.follower.execution
             if execution is None:
                 return
             execution.resumption = None
@@ -130,8 +129,8 @@ class MotionMonitor:
 
         Like :meth:`stop`.
         """
-        with self.states.lock:
-            execution, now, resumption = self.states.execution, self.states.motion_time, None
+        with self.follower.lock:
+            execution, now, resumption = self.follower.execution, self.follower.motion_time, None
             if execution is not None and execution.served is not None:
                 with suppress(Exception):  # in any case, the stop must come
                     rest = execution.served.rest_of_goal(now - execution.motion.began)
@@ -139,13 +138,19 @@ class MotionMonitor:
             return self.stop(model, threat.reason, resumption)
 
     @property
+    def served(self) -> Served | None:
+        """The goal that was served last; None if the robot was stopped since."""
+        execution = self.follower.execution
+        return None if execution is None else execution.served
+
+    @property
     def resumption(self) -> Resumption | None:
         """The goal to which a motion should be planned now, after a stop before an obstacle."""
-        execution = self.states.execution
+        execution = self.follower.execution
         found = execution.resumption if execution is not None and execution.rests else None
         if found is None:
             return None
-        is_due = found.is_due(self.states.motion_time, self.surroundings.world, self.options)
+        is_due = found.is_due(self.follower.motion_time, self.surroundings.world, self.options)
         return found if is_due else None
 
     def stop(self, model: Model, reason: str = "", resumption: Resumption | None = None) -> str:
@@ -170,24 +175,23 @@ class MotionMonitor:
         PlannerError
             If the robot's state is unknown; nothing was published then.
         """
-        with self.states.lock:
-            stopped = self.states.execution
+        with self.follower.lock:
+            stopped = self.follower.execution
             if stopped is not None:
                 stopped.resumption = None
             found = self._stops.find(model)
             why = found.after(reason)
-            execution = Execution.of_stop(stopped, found.joined, why, resumption)
-            self._commit(found.joined, execution)
+            self.publish(Execution.of_stop(stopped, found.motion, why, resumption))
         return found.message
 
-    def _commit(self, joined: Joined, execution: Execution, world: World | None = None) -> None:
+    def publish(self, execution: Execution, world: World | None = None) -> None:
         """Publish a motion, the only place where that is done; it replaces the one before.
 
         It was checked for collisions with the obstacles of the world, if that is given.
         """
-        old = self.states.published
-        self._send(joined.trajectory, stamp=joined.stamp, last_point_only=joined.last_point_only)
-        self.states.command(joined, execution, world)
+        old, motion = self.follower.published, execution.motion
+        self._send(motion.sent, stamp=motion.stamp, last_point_only=motion.last_point_only)
+        self.follower.command(motion, execution, world)
         if old is not None and old.execution is not None and not execution.is_stop:
             self._end(old.execution.replaced(old.threat.reason if old.threat else ""))
 

@@ -31,9 +31,9 @@ from ...planning.search.stop_and_go import brakes
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..options import ServingOptions
-from ..tracking.following import UnconfirmedError
-from ..tracking.published_motion import Joined, PublishedMotion, hold
-from ..tracking.start_state import StartStates, TooLateError
+from ..tracking.following import MotionFollower, UnconfirmedError
+from ..tracking.published_motion import PublishedMotion, hold
+from ..tracking.start_state import TooLateError, choose_start, join
 from ..tracking.state_sources import Clock
 from .assembly import Model
 from .surroundings import Surroundings
@@ -50,14 +50,14 @@ class FoundStop:
     ----------
     description : str
         What the robot does, as the begin of a sentence.
-    joined : Joined
+    motion : PublishedMotion
         The motion to publish.
     collision : str
         Text on the collision that no stop avoids; empty if none is known.
     """
 
     description: str
-    joined: Joined
+    motion: PublishedMotion
     collision: str = ""
 
     @property
@@ -75,8 +75,8 @@ class StopPlanner:
 
     Parameters
     ----------
-    states :
-        Source of the robot's state.
+    follower :
+        Tracks the robot.
     surroundings :
         Finds collisions of stops.
     clock :
@@ -87,12 +87,12 @@ class StopPlanner:
 
     def __init__(
         self,
-        states: StartStates,
+        follower: MotionFollower,
         surroundings: Surroundings,
         clock: Clock,
         options: ServingOptions | None = None,
     ) -> None:
-        self._states, self._surroundings, self._clock = states, surroundings, clock
+        self._follower, self._surroundings, self._clock = follower, surroundings, clock
         self._options = options or ServingOptions()
 
     def find(self, model: Model) -> FoundStop:
@@ -111,17 +111,17 @@ class StopPlanner:
         return found
 
     def _find(self, model: Model) -> FoundStop:
-        states = self._states
+        follower = self._follower
         try:
-            measured = states.measured.newest(model.settings.state_timeout)
-            following = states.follow(model.settings)
+            measured = follower.measured.newest(model.settings.state_timeout)
+            following = follower.follow(model.settings)
         except GoalError as error:
             return self._stop_silent(model, error)
-        now = states.motion_time
+        now = follower.motion_time
         if following is not None and following.is_running:
             with suppress(UnconfirmedError, TooLateError):
                 return self._stop_on_path(model)
-        v = states.measured.velocities(measured)
+        v = follower.measured.velocities(measured)
         if following is None:
             return self._stop_unknown(measured, v, model)
         on_path = following.motion.state(following.progress.place)
@@ -129,18 +129,18 @@ class StopPlanner:
             return _holding(measured, on_path.positions, now, following.is_path_known)
         state = JointState(measured.joint_names, measured.positions, v)
         by_clock = following.motion.state(now - following.motion.began)
-        ends = braking_ends(state) if v.any() else ends_at(state.positions - states.load_offset)
-        places = [state, on_path, by_clock, *states.alternatives]
+        ends = braking_ends(state) if v.any() else ends_at(state.positions - follower.servo.load)
+        places = [state, on_path, by_clock, *follower.alternatives]
         along = ends_on_path(following.motion, following.progress.place)
         return self._stop_at_point(places, [ends, along], model)
 
     def _stop_unknown(self, measured: JointState, v: FloatArray, model: Model) -> FoundStop:
         """Stop a robot that follows no motion of this node: its state is estimated."""
-        now, q = self._states.motion_time, measured.positions
+        now, q = self._follower.motion_time, measured.positions
         if not v.any():
             return _holding(measured, q, now)
         # Since the measurement, the robot has moved at this velocity or a lower one.
-        moved_by = v * max(now - self._states.measured.newest_time, 0.0)
+        moved_by = v * max(now - self._follower.measured.newest_time, 0.0)
         here, *moved = [
             JointState(measured.joint_names, q + share * moved_by, v) for share in (0.0, 0.5, 1.0)
         ]
@@ -150,8 +150,9 @@ class StopPlanner:
         return self._stop_at_point([here, *reported, *moved], [braking_ends(moved[0])], model)
 
     def _stop_on_path(self, model: Model) -> FoundStop:
-        settings, states = model.settings, self._states
-        start = states.choose(settings, self._options.stop_latency, at_once=True)
+        settings, follower = model.settings, self._follower
+        latency = self._options.stop_latency
+        start = choose_start(follower, settings, latency, at_once=True)
         if start.following is None or not start.is_in_motion:
             raise TooLateError("the robot has just come to rest")
         motion, request = start.following.motion, (model.robot, model.limits)
@@ -161,19 +162,19 @@ class StopPlanner:
         off_path = (brake for brake, check in others if not check.violations)
         clearest, collision = self._clearest(([one] for one in chain([along], off_path)), model)
         assert clearest is not None
-        joined = states.join(clearest[0], start, settings)
-        duration = joined.trajectory.duration
+        stop = join(follower, clearest[0], start, settings)
         where = "on its path" if clearest[0] is along else "off its path"
-        said = f"the robot comes to rest {where} within {duration:.3g} s"
-        return FoundStop(said, joined, collision)
+        said = f"the robot comes to rest {where} within {stop.sent.duration:.3g} s"
+        return FoundStop(said, stop, collision)
 
     def _stop_silent(self, model: Model, error: GoalError) -> FoundStop:
         """Stop a robot that sends no joint_states, so it may be anywhere on its motion."""
-        motion, seen = self._states.commanded, self._states.last_place
-        if motion is None:
+        seen = self._follower.commanded
+        if seen is None:
             raise error
-        latest = max(self._states.motion_time - motion.began, seen)
-        places = np.linspace(seen, latest, 6)
+        motion = seen.motion
+        latest = max(self._follower.motion_time - motion.began, seen.place)
+        places = np.linspace(seen.place, latest, 6)
         moving = [motion.state(place) for place in places]
         resting = [JointState(state.joint_names, state.positions) for state in moving]
         ends = ends_on_path(motion, float(places[-1]))
@@ -200,7 +201,8 @@ class StopPlanner:
             # A controller does the same when its goal is cancelled.
             point = hold(states[0].joint_names, states[0].positions)
             said = "no stop within the limits was found: the robot is sent to hold its position"
-        return FoundStop(said, Joined.to_last_point(point, self._states.motion_time), collision)
+        sent = PublishedMotion.to_last_point(point, self._follower.motion_time)
+        return FoundStop(said, sent, collision)
 
     def _clearest(
         self, stops: Iterable[Sequence[Trajectory]], model: Model
@@ -379,5 +381,5 @@ def _holding(
 ) -> FoundStop:
     """The stop of a robot at rest, and whether it is certain that it rests there."""
     held = hold(measured.joint_names, positions)
-    joined = Joined.on_receipt(held, now) if is_certain else Joined.to_last_point(held, now)
-    return FoundStop("the robot is at rest and holds its position", joined)
+    send = PublishedMotion.on_receipt if is_certain else PublishedMotion.to_last_point
+    return FoundStop("the robot is at rest and holds its position", send(held, now))

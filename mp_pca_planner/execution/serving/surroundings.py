@@ -19,8 +19,8 @@ from ...robot.world import Obstacle, World
 from ..options import ServingOptions
 from ..parameters import REFUSE
 from ..threads import SAFETY_WAIT, IsCancelled, TimedLock
-from ..tracking.following import HELD, OFF, Following, Publication
-from ..tracking.start_state import StartStates, TooLateError
+from ..tracking.following import Following, How, MotionFollower, Publication
+from ..tracking.start_state import TooLateError
 from .assembly import Model, collision_model
 
 Poses = Mapping[str, FloatArray | None]
@@ -115,8 +115,8 @@ class Surroundings:
 
     Parameters
     ----------
-    states :
-        Source of the robot's place on its motion.
+    follower :
+        Tracks the robot on its motion.
 
     Attributes
     ----------
@@ -128,8 +128,8 @@ class Surroundings:
         Why it is unknown where an obstacle is; empty if all places are known.
     """
 
-    def __init__(self, states: StartStates) -> None:
-        self._states, self._world = states, World()
+    def __init__(self, follower: MotionFollower) -> None:
+        self._follower, self._world = follower, World()
         # Held while the checker below is used; no other lock is taken meanwhile.
         self._lock = TimedLock()
         # Replaced as a whole: its model is never changed.
@@ -145,7 +145,7 @@ class Surroundings:
     @property
     def threat(self) -> Threat | None:
         """What the running motion would hit; None if nothing is known to be on its path."""
-        published = self._states.published
+        published = self._follower.published
         return None if published is None else published.threat
 
     def replace(self, world: World, model: Model | None) -> bool:
@@ -233,16 +233,16 @@ class Surroundings:
         """
         if len(self._world) or model.settings.collision:
             self._checker_in(self._world, model)
-        published = self._states.published
+        published = self._follower.published
         if published is None:
             return
         if published.checked == (published.current.motion, self._world):
             return
         try:
-            following = self._states.follow(model.settings)
+            following = self._follower.follow(model.settings)
         except GoalError:  # the robot may be anywhere on its motion
             return
-        if following is not None and following.how == OFF:  # it may come back to its path
+        if following is not None and following.how is How.OFF:  # it may come back to its path
             return
         motion, world, threat = published.current.motion, self._world, None
         if following is not None and following.motion is motion and len(world):
@@ -255,9 +255,9 @@ class Surroundings:
         """The next collision of the rest of a motion with an obstacle."""
         motion, place, execution = following.motion, following.progress.place, published.execution
         is_stopping = execution is None or execution.is_stop
-        if is_stopping and motion is published.joined.motion:
+        if is_stopping and motion is published.motion:
             return None
-        is_held = following.how == HELD
+        is_held = following.how is How.HELD
         if place >= motion.duration or not (following.is_running or is_held):
             return None
         checker, rest = self._checker_in(world, model), motion.rest(place)
@@ -269,7 +269,7 @@ class Surroundings:
             return None
         since, first = min(times, key=lambda one: one[0])
         # When a held robot moves on is unknown.
-        return Threat(first, self._states.motion_time + (0.0 if is_held else since))
+        return Threat(first, self._follower.motion_time + (0.0 if is_held else since))
 
     def collision_of(self, stop: Sequence[Trajectory], model: Model) -> Collision | None:
         """The deepest collision of the motions to a stop, with an obstacle or between links.

@@ -16,12 +16,14 @@ from .published_motion import PublishedMotion
 from .state_sources import MeasuredSamples
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Progress:
     """Place of a robot on a motion.
 
     Attributes
     ----------
+    motion : PublishedMotion
+        The motion.
     time : float
         When the robot was there [s].
     place : float
@@ -34,6 +36,7 @@ class Progress:
         Mean distance of the newest samples from that place [rad or m].
     """
 
+    motion: PublishedMotion
     time: float
     place: float
     rate: float = 1.0
@@ -48,25 +51,13 @@ class Progress:
             since = min(since, -self.rate / self.change)
         return self.place + self.rate * since + 0.5 * self.change * since**2
 
-
-@dataclass(frozen=True, eq=False)
-class TrackedMotion:
-    """A published motion and the place of a robot that follows it."""
-
-    motion: PublishedMotion
-    progress: Progress
-
     def state(self, time: float, lag: float = 0.0) -> JointState:
-        """The commanded state at a time [s], for servos with this lag [s]."""
-        return self.motion.state(self.progress.at(time) + lag * self.progress.rate)
+        """The commanded state at another time [s], for servos with this lag [s]."""
+        return self.motion.state(self.at(time) + lag * self.rate)
 
 
 def locate(
-    motion: PublishedMotion,
-    samples: MeasuredSamples,
-    prior: Progress,
-    now: float,
-    options: FollowingOptions,
+    prior: Progress, samples: MeasuredSamples, now: float, options: FollowingOptions
 ) -> Progress:
     """Estimate where on a motion a robot is, from the measured positions of a short window.
 
@@ -77,47 +68,43 @@ def locate(
 
     Parameters
     ----------
-    motion : PublishedMotion
-        The motion.
-    samples : MeasuredSamples
-        Measured positions without the offset of the load.
     prior : Progress
         The last estimate.
+    samples : MeasuredSamples
+        Measured positions without the offset of the load.
     now : float
         The time that the progress is stated for [s].
     options : FollowingOptions
         Parameters of the estimation.
     """
-    known, n = Progress(now, prior.at(now), prior.rate), len(samples.times)
+    motion, n = prior.motion, len(samples.times)
+    known = Progress(motion, now, prior.at(now), prior.rate)
     if n == 0:
         return known
-    cost, found = _fit(motion, samples, known, known, options)
+    cost, found = _fit(samples, known, known, options)
     if cost > n:
         # A poor fit: the prior may be wrong, so the nearest place of the whole motion is tried,
         # too.
         places = np.linspace(0.0, motion.duration, 100)
         away = motion.sample(places)[0] - samples.positions[-1]
         nearest = float(places[np.square(away).sum(axis=1).argmin()])
-        start = Progress(now, nearest, known.rate)
-        other_cost, other = _fit(motion, samples, known, start, options)
+        start = Progress(motion, now, nearest, known.rate)
+        other_cost, other = _fit(samples, known, start, options)
         found = other if other_cost < cost else found
     if found.error <= options.good_error or n < 4 * options.n_newest:
         return found
     newer = MeasuredSamples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
-    _, other = _fit(motion, newer, known, found, options)
+    _, other = _fit(newer, known, found, options)
     # Half a window carries little information on the change of the rate.
     return replace(other, change=found.change) if other.error < found.error else found
 
 
 def _fit(
-    motion: PublishedMotion,
-    samples: MeasuredSamples,
-    prior: Progress,
-    start: Progress,
-    options: FollowingOptions,
+    samples: MeasuredSamples, prior: Progress, start: Progress, options: FollowingOptions
 ) -> tuple[float, Progress]:
     """Gauss-Newton steps for the place, the rate and its changes; returns cost and progress."""
-    since, noise = samples.times - prior.time, options.position_noise
+    motion, noise = prior.motion, options.position_noise
+    since = samples.times - prior.time
     powers = np.stack([np.ones_like(since), since, since**2 / 2.0, since**3 / 6.0])
     precision = np.array(options.prior) ** -2.0
     known, x = (np.array([one.place, one.rate, 0.0, 0.0]) for one in (prior, start))
@@ -130,7 +117,7 @@ def _fit(
         if cost < best[0]:
             distance = float(np.abs(away[-options.n_newest :].mean(axis=0)).max())
             place, rate, change = (float(value) for value in x[:3])
-            best = cost, Progress(prior.time, place, rate, change, distance)
+            best = cost, Progress(motion, prior.time, place, rate, change, distance)
         slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise
         gradient = slopes @ error.ravel() + precision * (known - x)
         step = np.linalg.solve(slopes @ slopes.T + np.diag(precision), gradient)

@@ -6,19 +6,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...arrays import FloatArray
 from ...exceptions import TrajectoryError
 from ...motion.goal import JointState
 from ..options import FollowingOptions
 from ..parameters import Settings
 from ..threads import TimedLock
-from .estimation import Progress, ServoModel, TrackedMotion, locate
+from .estimation import Progress, ServoModel, locate
 from .measured import MeasuredStates
-from .published_motion import Joined, PublishedMotion, hold
+from .published_motion import PublishedMotion, hold
 from .state_sources import MeasuredSamples
 
 if TYPE_CHECKING:
@@ -27,13 +27,22 @@ if TYPE_CHECKING:
     from ..serving.surroundings import Threat
 
 
-ON_TIME, LAGGING, HELD, OFF = "on_time", "lagging", "held", "off"
-"""The robot is at its place by the clock, moves along the path behind that place, rests short of
-the end of the motion, or is away from the path."""
+class How(Enum):
+    """How a robot follows a motion."""
 
-TAKEN, REFUSED, DOUBTFUL, ALIKE = "taken", "refused", "doubtful", "alike"
-"""The robot follows the newest motion, or the one before; it may follow either, and they differ;
-or they do not differ noticeably."""
+    ON_TIME = "at its place by the clock"
+    LAGGING = "moves along the path behind that place"
+    HELD = "rests short of the end"
+    OFF = "away from the path"
+
+
+class Conclusion(Enum):
+    """Which of two motions the controller has accepted."""
+
+    TAKEN = "the newest one"
+    REFUSED = "the one before"
+    DOUBTFUL = "either, and they differ"
+    ALIKE = "either, and they do not differ noticeably"
 
 
 class UnconfirmedError(TrajectoryError):
@@ -46,12 +55,10 @@ class Following:
 
     Attributes
     ----------
-    motion : PublishedMotion
-        That motion.
-    how : {'on_time', 'lagging', 'held', 'off'}
+    how : How
         How the robot follows it.
     progress : Progress
-        The place of its command.
+        The place of its command on that motion.
     distance : float
         Largest distance of a joint from there [rad or m].
     joint : str
@@ -59,11 +66,10 @@ class Following:
     at_rest : bool
         Whether the robot rests.
     is_path_known : bool
-        See `Joined`. If not, a robot at rest may be short of the end.
+        See `PublishedMotion`. If not, a robot at rest may be short of the end.
     """
 
-    motion: PublishedMotion
-    how: str
+    how: How
     progress: Progress
     distance: float
     joint: str
@@ -71,18 +77,23 @@ class Following:
     is_path_known: bool = True
 
     @property
+    def motion(self) -> PublishedMotion:
+        """The motion."""
+        return self.progress.motion
+
+    @property
     def is_over(self) -> bool:
         """Whether the robot holds the end of the motion."""
-        return self.how == ON_TIME and self.progress.place >= self.motion.duration
+        return self.how is How.ON_TIME and self.progress.place >= self.motion.duration
 
     @property
     def is_running(self) -> bool:
         """Whether the robot moves along the motion."""
-        return self.how in (ON_TIME, LAGGING) and not self.is_over
+        return self.how in (How.ON_TIME, How.LAGGING) and not self.is_over
 
 
 @dataclass(frozen=True, eq=False)
-class FollowingState:
+class Observation:
     """The measured state, whether the robot rests, and its positions in the last moments."""
 
     state: JointState
@@ -96,13 +107,13 @@ class Publication:
 
     Attributes
     ----------
-    joined : Joined
-        The motion with the time of its first point.
-    current : TrackedMotion
-        The motion that the robot follows according to the measured positions.
-    previous : TrackedMotion or None
-        The motion that the robot follows if the controller has not accepted the newest one; None
-        once the measured positions confirm the newest one.
+    motion : PublishedMotion
+        The motion.
+    current : Progress
+        The place of the robot on the motion that it follows according to the measured positions.
+    previous : Progress or None
+        The same if the controller has not accepted the newest motion; None once the measured
+        positions confirm that.
     unconfirmed_since : float
         Time since when the accepted motion is unknown [s].
     is_lagging, is_arrived : bool
@@ -113,42 +124,44 @@ class Publication:
         The next collision of its rest with an obstacle that was not there when it was planned.
     checked : tuple of (PublishedMotion, World) or None
         The motion that was checked for such a collision last, and the obstacles.
-    concluded : tuple of (float, str)
+    concluded : tuple of (float, Conclusion)
         Time of the newest measured state [s] for which :meth:`confirm` came to a conclusion, and
         that.
     """
 
-    joined: Joined
-    current: TrackedMotion
-    previous: TrackedMotion | None
+    motion: PublishedMotion
+    current: Progress
+    previous: Progress | None
     unconfirmed_since: float
     is_lagging: bool = False
     is_arrived: bool = False
     execution: Execution | None = None
     threat: Threat | None = None
     checked: tuple[PublishedMotion, World] | None = None
-    concluded: tuple[float, str] = (-math.inf, ALIKE)
+    concluded: tuple[float, Conclusion] = (-math.inf, Conclusion.ALIKE)
 
     @classmethod
     def after(
-        cls, old: Publication | None, joined: Joined, lag: float, execution: Execution | None = None
+        cls,
+        old: Publication | None,
+        motion: PublishedMotion,
+        lag: float,
+        execution: Execution | None = None,
     ) -> Publication:
         """The publication that replaces another one, for servos with this lag [s]."""
-        motion, now = joined.motion, joined.time
-        is_lagging = old is not None and old.is_lagging
-        rate = old.current.progress.rate if old is not None and is_lagging else 1.0
+        now, is_lagging = motion.time, old is not None and old.is_lagging
+        rate = old.current.rate if old is not None and is_lagging else 1.0
         if old is None or motion.began >= now:
             # A robot at rest stays there if the controller does not take the motion.
-            start = hold(joined.trajectory.joint_names, joined.trajectory.positions[0])
-            previous = TrackedMotion(PublishedMotion(start, now), Progress(now, 0.0))
+            start = hold(motion.sent.joint_names, motion.sent.positions[0])
+            previous = Progress(PublishedMotion(start, now), now, 0.0)
             since = now
         elif old.previous is None:
             previous, since = old.current, now
         else:
             previous, since = old.previous, old.unconfirmed_since
-        progress = Progress(now, now - motion.began - lag * rate, rate)
-        current = TrackedMotion(motion, progress)
-        return cls(joined, current, previous, since, is_lagging, execution=execution)
+        current = Progress(motion, now, now - motion.began - lag * rate, rate)
+        return cls(motion, current, previous, since, is_lagging, execution=execution)
 
     def give_up(self) -> None:
         """Record that the controller has not accepted the motion."""
@@ -159,11 +172,11 @@ class Publication:
     def confirm(
         self,
         found: Progress,
-        seen: FollowingState,
+        seen: Observation,
         servo: ServoModel,
         noise: float,
         options: FollowingOptions,
-    ) -> str:
+    ) -> Conclusion:
         """Determine from measured positions which motion the controller accepted.
 
         Parameters
@@ -181,15 +194,15 @@ class Publication:
 
         Returns
         -------
-        {'taken', 'refused', 'doubtful', 'alike'}
+        :
             The conclusion.
         """
         times, previous = seen.samples.times, self.previous
         if previous is None or not len(times):
-            return ALIKE
+            return Conclusion.ALIKE
         motion, when = self.current.motion, float(times[-1])
         if when < self.unconfirmed_since + options.visible_time:
-            return ALIKE
+            return Conclusion.ALIKE
         if when == self.concluded[0]:  # without new states, only the error of the place grows
             return self.concluded[1]
         is_over = seen.at_rest and when >= motion.began + motion.duration
@@ -200,7 +213,7 @@ class Publication:
         # Motions to similar goals share their path and differ in timing only, unless the robot lags
         # on either.
         due = new
-        if self.joined.is_on_time and not self.is_lagging:
+        if self.motion.is_on_time and not self.is_lagging:
             due = motion.state(when - motion.began - servo.lag).positions
         to_new, to_due, to_old, between = (
             float(np.abs(x).max(axis=-1).min())
@@ -209,7 +222,7 @@ class Publication:
         margin = 4.0 * noise
         if between >= options.taken_distance + margin and max(to_new, to_due) < 0.5 * to_old:
             self.previous = None
-            return TAKEN
+            return Conclusion.TAKEN
         at_rest = options.refused_rest_distance + margin
         refused = at_rest if seen.at_rest else options.refused_distance
         # A robot that rests after both motions where the old one ends is not on this one, however
@@ -221,8 +234,9 @@ class Publication:
         is_on_old = rests_on_old or (to_new >= refused and to_old < 0.5 * to_new)
         if is_on_old and not may_be_late:
             self.give_up()
-            return REFUSED
-        self.concluded = when, DOUBTFUL if between > options.same_distance else ALIKE
+            return Conclusion.REFUSED
+        are_different = between > options.same_distance
+        self.concluded = when, Conclusion.DOUBTFUL if are_different else Conclusion.ALIKE
         return self.concluded[1]
 
     def is_on_time(
@@ -239,11 +253,11 @@ class Publication:
         options : FollowingOptions
             Thresholds.
         """
-        joined = self.joined
+        motion = self.motion
         places = np.array([on_time.place, found.place + servo.lag * found.rate])
-        clock, path = self.current.motion.sample(places)[0]
-        is_start = joined.is_on_time and on_time.time < joined.time + options.start_time
-        is_start = is_start and joined.motion.began >= joined.time
+        clock, path = found.motion.sample(places)[0]
+        is_start = motion.is_on_time and on_time.time < motion.time + options.start_time
+        is_start = is_start and motion.began >= motion.time
         near = options.start_distance if is_start else options.on_time_distance
         is_near = bool(np.abs(clock - path).max() <= near)
         lag = abs(on_time.place - found.place)
@@ -278,12 +292,12 @@ class Publication:
             If something else stops the robot, or it may follow another motion.
         """
         progress = following.progress
-        if following.how == LAGGING and progress.rate < options.min_rate:
+        if following.how is How.LAGGING and progress.rate < options.min_rate:
             raise UnconfirmedError(
                 "the robot comes to rest short of the end of its motion; send the goal again when "
                 "it is at rest"
             )
-        if not self.joined.is_path_known:
+        if not self.motion.is_path_known:
             raise UnconfirmedError(
                 "the robot is being stopped by a single point, so its path is not known; send the "
                 "goal again when it is at rest"
@@ -313,23 +327,27 @@ class MotionFollower:
         As given.
     published : Publication or None
         The motion that was published last; None if there is none.
+    servo : ServoModel
+        Offset and lag of the servos.
+    noise : float
+        Noise of positions at rest [rad or m].
+    options : FollowingOptions
+        Thresholds.
     lock : TimedLock
         Held while a motion is published, so that no thread sees half of the change.
     """
 
     def __init__(self, measured: MeasuredStates) -> None:
         self.measured = measured
-        self._options = measured.options
-        self._motion_clock = measured.clock.now
+        self.options = measured.options
         # Goals are served in one thread, stops and reports in another.
         self.lock = TimedLock()
         self._forget()
 
     def _forget(self) -> None:
         self.published: Publication | None = None
-        self._servo = ServoModel(len(self.measured.joint_names), self._options)
-        # Noise of positions at rest [rad or m].
-        self._noise = 0.0
+        self.servo = ServoModel(len(self.measured.joint_names), self.options)
+        self.noise = 0.0
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Set the joints whose state is needed; states and motions of others are forgotten."""
@@ -338,12 +356,15 @@ class MotionFollower:
             self._forget()
 
     def command(
-        self, joined: Joined, execution: Execution | None = None, world: World | None = None
+        self,
+        motion: PublishedMotion,
+        execution: Execution | None = None,
+        world: World | None = None,
     ) -> None:
         """Record that a motion was published, and in which world it was checked."""
         with self.lock:
-            published = Publication.after(self.published, joined, self._servo.lag, execution)
-            published.checked = None if world is None else (joined.motion, world)
+            published = Publication.after(self.published, motion, self.servo.lag, execution)
+            published.checked = None if world is None else (motion, world)
             self.published = published
 
     @property
@@ -355,32 +376,22 @@ class MotionFollower:
     @property
     def motion_time(self) -> float:
         """The time by the clock of motions [s]; simulated time has its own rate."""
-        return self._motion_clock()
+        return self.measured.clock.now()
 
     @property
-    def commanded(self) -> PublishedMotion | None:
-        """The motion that was published last, unless time was set back since."""
+    def commanded(self) -> Progress | None:
+        """Where the robot was seen last on its motion; None if time was set back since."""
         published = self.published
-        if published is None or self._motion_clock() < published.current.motion.began - 1.0:
+        if published is None or self.motion_time < published.current.motion.began - 1.0:
             return None
-        return published.current.motion
-
-    @property
-    def last_place(self) -> float:
-        """The place on that motion at which the robot was seen last [s]."""
-        return 0.0 if self.published is None else self.published.current.progress.place
-
-    @property
-    def load_offset(self) -> FloatArray:
-        """Distance that a load pulls the robot away from its commanded position [rad or m]."""
-        return self._servo.load
+        return published.current
 
     @property
     def alternatives(self) -> list[JointState]:
         """The commanded state if the controller has not accepted that motion; else None."""
         with self.lock:
             previous = None if self.published is None else self.published.previous
-            return [] if previous is None else [previous.state(self._motion_clock())]
+            return [] if previous is None else [previous.state(self.motion_time)]
 
     def follow(self, settings: Settings) -> Following | None:
         """How the robot follows the motion that was published last; None if there is none.
@@ -398,41 +409,40 @@ class MotionFollower:
         with self.lock:
             execution = self.execution
             self.measured.clock.settle(is_idle=execution is None or execution.is_reported)
-            motion = self.commanded
+            seen_last = self.commanded
             measured = self.measured.newest(settings.state_timeout)
             published = self.published
-            if motion is None or published is None:
+            if seen_last is None or published is None:
                 return None
-            now = self._motion_clock()
+            now, motion = self.motion_time, seen_last.motion
             at_rest = not self.measured.velocities(measured).any()
-            seen = FollowingState(measured, at_rest, self.measured.history())
-            on_time = Progress(now, now - motion.began)
+            seen = Observation(measured, at_rest, self.measured.history())
+            on_time = Progress(motion, now, now - motion.began)
             following = self._follow(published, on_time, seen)
             if following is None:
                 return self.follow(settings)
             is_near = following.distance <= settings.commanded_tolerance
-            return following if is_near else replace(following, how=OFF)
+            return following if is_near else replace(following, how=How.OFF)
 
     def _follow(
-        self, published: Publication, on_time: Progress, seen: FollowingState
+        self, published: Publication, on_time: Progress, seen: Observation
     ) -> Following | None:
         """How the robot follows a motion; None if the motion or the servo model was wrong."""
         if published.is_arrived:
-            return self._following(published, ON_TIME, on_time, seen)
-        motion, samples, servo = published.current.motion, seen.samples, self._servo
-        options = self._options
+            return self._following(published, How.ON_TIME, on_time, seen)
+        motion, samples = on_time.motion, seen.samples
+        servo, options = self.servo, self.options
         known = samples.times >= motion.began
         window = MeasuredSamples(samples.times[known], samples.positions[known] - servo.offset)
-        progress = published.current.progress
-        found = locate(motion, window, progress, on_time.time, options)
-        confirmation = published.confirm(found, seen, servo, self._noise, options)
-        if confirmation == REFUSED:
+        found = locate(published.current, window, on_time.time, options)
+        conclusion = published.confirm(found, seen, servo, self.noise, options)
+        if conclusion is Conclusion.REFUSED:
             return None
-        published.current = TrackedMotion(motion, found)
+        published.current = found
         is_over = on_time.place >= motion.duration
         lag = on_time.place - found.place
-        is_timed = published.joined.is_on_time
-        is_certain = is_timed and confirmation != DOUBTFUL and not is_over
+        is_timed = published.motion.is_on_time
+        is_certain = is_timed and conclusion is not Conclusion.DOUBTFUL and not is_over
         if is_certain and abs(found.rate - 1.0) <= options.on_time_rate:
             speed = float(np.linalg.norm(motion.state(found.place).velocities))
             servo.limit_lag(speed, lag)
@@ -446,45 +456,46 @@ class MotionFollower:
             # Differences of neighbouring samples, so that the settling of the robot is not counted
             # as noise.
             steps = np.diff(samples.positions, axis=0)
-            self._noise = float(steps.std(axis=0).max()) / np.sqrt(2.0)
+            self.noise = float(steps.std(axis=0).max()) / np.sqrt(2.0)
         published.is_lagging = is_late and not seen.at_rest
         ahead = servo.lag * found.rate - options.cycle * (1.0 - found.rate)
         command = replace(found, place=found.place + ahead)
         if is_late:
-            return self._following(published, HELD if seen.at_rest else LAGGING, command, seen)
-        if known.any() and is_certain and published.joined.is_path_known:
+            how = How.HELD if seen.at_rest else How.LAGGING
+            return self._following(published, how, command, seen)
+        if known.any() and is_certain and published.motion.is_path_known:
             servo.learn(motion, float(samples.times[-1]), seen.state.positions, lag)
         # For a motion that the controller started on receipt, the clock does not determine the
         # place.
         command = on_time if is_timed or is_over else command
-        following = self._following(published, ON_TIME, command, seen)
+        following = self._following(published, How.ON_TIME, command, seen)
         # A state from before the end of the motion is no evidence of an arrival, nor of a miss.
         is_known = following.at_rest and is_over
         return self._arrival(published, following, seen) if is_known else following
 
     def _arrival(
-        self, published: Publication, following: Following, seen: FollowingState
+        self, published: Publication, following: Following, seen: Observation
     ) -> Following:
         """Record the arrival of a robot at rest after its motion, unless far from the end."""
-        motion, options = following.motion, self._options
-        away = np.abs(seen.state.positions - motion.end - self._servo.offset).max()
+        motion, options = following.motion, self.options
+        away = np.abs(seen.state.positions - motion.end - self.servo.offset).max()
         is_known = following.is_path_known
         if away > (options.missed_distance if is_known else options.missed_stop_distance):
-            return replace(following, how=OFF)
+            return replace(following, how=How.OFF)
         published.is_arrived, published.previous = True, None
         return following
 
     def _following(
-        self, published: Publication, how: str, progress: Progress, seen: FollowingState
+        self, published: Publication, how: How, progress: Progress, seen: Observation
     ) -> Following:
-        motion, when = published.current.motion, self.measured.newest_time
+        motion, when = progress.motion, self.measured.newest_time
         place = progress.at(when)
-        if how == ON_TIME and place < motion.duration:
+        if how is How.ON_TIME and place < motion.duration:
             # The measured position lags behind the command of its own time.
-            place = published.current.progress.at(when)
+            place = published.current.at(when)
         away = np.abs(seen.state.positions - motion.state(place).positions)
         worst = int(away.argmax())
         is_known = progress.place < motion.duration or when >= motion.began + motion.duration
         joint, at_rest = seen.state.joint_names[worst], is_known and seen.at_rest
-        is_path_known, distance = published.joined.is_path_known, float(away[worst])
-        return Following(motion, how, progress, distance, joint, at_rest, is_path_known)
+        is_path_known = published.motion.is_path_known
+        return Following(how, progress, float(away[worst]), joint, at_rest, is_path_known)

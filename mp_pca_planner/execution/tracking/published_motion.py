@@ -8,13 +8,14 @@ determines the commanded state at every time.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, set_frozen
 from ...motion.goal import JointState
 from ...motion.interpolation import interpolate_at, segment_ends
 from ...motion.trajectory import Trajectory
@@ -32,18 +33,74 @@ would be a noticeable jerk."""
 
 @dataclass(frozen=True, eq=False)
 class PublishedMotion:
-    """A trajectory that was published.
+    """A motion that is published at once, or was.
 
     Attributes
     ----------
     trajectory : Trajectory
-        As it was published.
+        The motion, preceded by the last moments of the one that it continues.
     began : float
         When its first point is commanded [s].
+    sent : Trajectory
+        The trajectory to publish, by default all of it. It starts where the robot is commanded to
+        be.
+    time : float
+        When the first point of that is commanded [s], by default when the motion began.
+    is_timed : bool
+        Whether that point belongs to that time, not to the arrival of the message.
+    is_on_time : bool
+        Whether that time is known precisely. It is not if the motion starts on arrival or
+        continues the motion of a robot that lags.
+    is_path_known : bool
+        Whether the controller follows its path, not only leads to its end.
     """
 
     trajectory: Trajectory
     began: float
+    sent: Trajectory = None  # type: ignore[assignment]
+    time: float = math.nan
+    is_timed: bool = False
+    is_on_time: bool = False
+    is_path_known: bool = True
+
+    def __post_init__(self) -> None:
+        if self.sent is None:
+            set_frozen(self, sent=self.trajectory, time=self.began)
+
+    @classmethod
+    def on_receipt(cls, trajectory: Trajectory, time: float) -> PublishedMotion:
+        """A motion that starts when the controller receives it."""
+        return cls(trajectory, time + USUAL_TRANSPORT, trajectory, time)
+
+    @classmethod
+    def to_last_point(cls, trajectory: Trajectory, time: float) -> PublishedMotion:
+        """A motion of which only the last point is sent."""
+        return replace(cls.on_receipt(trajectory, time), is_path_known=False)
+
+    @classmethod
+    def after_wait(cls, trajectory: Trajectory, time: float) -> PublishedMotion:
+        """A motion from rest that starts after a hold of its first point.
+
+        The hold lasts as long as a message may take, so the start is known precisely. Without it,
+        an error of each millisecond would be a jump where another motion continues this one.
+        """
+        times = np.concatenate([[0.0], trajectory.times + TRANSPORT])
+        q, v, a = (np.vstack([x[:1], x]) for x in trajectory.states)
+        efforts = trajectory.efforts
+        if efforts is not None:
+            efforts = np.vstack([efforts[:1], efforts])
+        held = Trajectory(trajectory.joint_names, times, q, v, a, efforts)
+        return cls(held, time, held, time, is_timed=True, is_on_time=True)
+
+    @property
+    def stamp(self) -> float | None:
+        """The time for the header of the message [s], if there is one."""
+        return self.time if self.is_timed else None
+
+    @property
+    def last_point_only(self) -> bool:
+        """Whether only the last point is sent, to which the controller interpolates by itself."""
+        return self.sent.n_steps == 1 or not self.is_path_known
 
     @property
     def duration(self) -> float:
@@ -145,70 +202,6 @@ class PublishedMotion:
     @cached_property
     def _ends(self) -> FloatArray:
         return segment_ends(self.trajectory.times, *self.trajectory.states)
-
-
-@dataclass(frozen=True, eq=False)
-class Joined:
-    """A motion that may be published at once.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-        The trajectory to publish. It starts where the robot is commanded to be.
-    motion : PublishedMotion
-        The same, preceded by the last moments of the motion that it continues.
-    time : float
-        When its first point is commanded [s].
-    is_timed : bool
-        Whether its first point belongs to that time, not to the arrival of the message.
-    is_on_time : bool
-        Whether that time is known precisely. It is not if the motion starts on arrival or
-        continues the motion of a robot that lags.
-    is_path_known : bool
-        Whether the controller follows its path, not only leads to its end.
-    """
-
-    trajectory: Trajectory
-    motion: PublishedMotion
-    time: float
-    is_timed: bool = False
-    is_on_time: bool = False
-    is_path_known: bool = True
-
-    @property
-    def stamp(self) -> float | None:
-        """The time for the header of the message [s], if there is one."""
-        return self.time if self.is_timed else None
-
-    @property
-    def last_point_only(self) -> bool:
-        """Whether only the last point is sent, to which the controller interpolates by itself."""
-        return self.trajectory.n_steps == 1 or not self.is_path_known
-
-    @classmethod
-    def on_receipt(cls, trajectory: Trajectory, time: float) -> Joined:
-        """A motion that starts when the controller receives it."""
-        return cls(trajectory, PublishedMotion(trajectory, time + USUAL_TRANSPORT), time)
-
-    @classmethod
-    def to_last_point(cls, trajectory: Trajectory, time: float) -> Joined:
-        """A motion of which only the last point is sent."""
-        return replace(cls.on_receipt(trajectory, time), is_path_known=False)
-
-    @classmethod
-    def after_wait(cls, trajectory: Trajectory, time: float) -> Joined:
-        """A motion from rest that starts after a hold of its first point.
-
-        The hold lasts as long as a message may take, so the start is known precisely. Without it,
-        an error of each millisecond would be a jump where another motion continues this one.
-        """
-        times = np.concatenate([[0.0], trajectory.times + TRANSPORT])
-        q, v, a = (np.vstack([x[:1], x]) for x in trajectory.states)
-        efforts = trajectory.efforts
-        if efforts is not None:
-            efforts = np.vstack([efforts[:1], efforts])
-        held = Trajectory(trajectory.joint_names, times, q, v, a, efforts)
-        return cls(held, PublishedMotion(held, time), time, is_timed=True, is_on_time=True)
 
 
 def hold(joint_names: Sequence[str], positions: FloatArray) -> Trajectory:

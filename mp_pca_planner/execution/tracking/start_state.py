@@ -12,11 +12,17 @@ from ...arrays import FloatArray
 from ...exceptions import GoalError, TrajectoryError
 from ...motion.goal import JointState
 from ...motion.trajectory import Trajectory
+from ..options import FollowingOptions
 from ..parameters import AUTO, MEASURED, Settings
-from .following import HELD, LAGGING, OFF, ON_TIME, Following, MotionFollower, UnconfirmedError
-from .published_motion import TRANSPORT, USUAL_TRANSPORT, Joined, PublishedMotion
+from .following import Following, How, MotionFollower, UnconfirmedError
+from .published_motion import TRANSPORT, USUAL_TRANSPORT, PublishedMotion
 
-_WORDS = {ON_TIME: "on time", LAGGING: "behind its motion", OFF: "off its path"}
+_WORDS = {
+    How.ON_TIME: "on time",
+    How.LAGGING: "behind its motion",
+    How.HELD: "held",
+    How.OFF: "off its path",
+}
 
 
 class TooLateError(TrajectoryError):
@@ -64,201 +70,218 @@ class MotionStart:
         return self.following is not None and self.following.is_running
 
 
-class StartStates(MotionFollower):
-    """Chooses start states of motions, and joins motions to them.
+def choose_start(
+    follower: MotionFollower, settings: Settings, latency: float, *, at_once: bool = False
+) -> MotionStart:
+    """Choose the start of the next motion.
 
-    See `MotionFollower` for its parameters.
+    Parameters
+    ----------
+    follower : MotionFollower
+        Tracks the robot.
+    settings : Settings
+        With `start_from`, and the parameters of `MotionFollower.follow`.
+    latency : float
+        Time that planning may take [s].
+    at_once : bool
+        For stops: accepts an approximate place, whatever `start_from`.
+
+    Raises
+    ------
+    GoalError
+        If there is no usable measured state, or the robot moves and follows no motion of this
+        node. A motion that starts on another one needs a measured state, too: a robot without
+        fresh states may have stopped.
+    UnconfirmedError
+        If the place of the robot on its motion is not known yet.
     """
+    with follower.lock:
+        following = follower.follow(settings)
+        now = follower.motion_time
+        measured = follower.measured.newest(settings.state_timeout)
+        start_from = AUTO if at_once else settings.start_from
+        if following is not None and following.is_running:
+            if start_from == MEASURED:
+                raise GoalError(_motion_refusal(start_from, following, settings))
+            then = now + latency + 2.0 * TRANSPORT
+            if follower.published is not None:
+                lag, options = follower.servo.lag, follower.options
+                follower.published.check_taken(following, then, lag, options)
+            if not at_once:
+                _check_place(follower, following, now)
+            expected = following.progress.at(then)
+            place = following.motion.near_point(expected)
+            then += place - expected
+            state, last = following.motion.state(place), _last_motion(follower)
+            return MotionStart(state, following, last, place, then, measured, at_once)
+        return _choose_at_rest(follower, following, measured, now, start_from, settings)
 
-    def choose(self, settings: Settings, latency: float, *, at_once: bool = False) -> MotionStart:
-        """Choose the start of the next motion.
 
-        Parameters
-        ----------
-        settings : Settings
-            With `start_from`, and the parameters of :meth:`follow`.
-        latency : float
-            Time that planning may take [s].
-        at_once : bool
-            For stops: accepts an approximate place, whatever `start_from`.
-
-        Raises
-        ------
-        GoalError
-            If there is no usable measured state, or the robot moves and follows no motion of this
-            node. A motion that starts on another one needs a measured state, too: a robot without
-            fresh states may have stopped.
-        UnconfirmedError
-            If the place of the robot on its motion is not known yet.
-        """
-        with self.lock:
-            following = self.follow(settings)
-            now = self._motion_clock()
-            measured = self.measured.newest(settings.state_timeout)
-            start_from = AUTO if at_once else settings.start_from
-            if following is not None and following.is_running:
-                if start_from == MEASURED:
-                    raise GoalError(_motion_refusal(start_from, following, settings))
-                then = now + latency + 2.0 * TRANSPORT
-                if self.published is not None:
-                    self.published.check_taken(following, then, self._servo.lag, self._options)
-                if not at_once:
-                    self._check_place(following, now)
-                expected = following.progress.at(then)
-                place = following.motion.near_point(expected)
-                then += place - expected
-                state, last = following.motion.state(place), self._last
-                return MotionStart(state, following, last, place, then, measured, at_once)
-            return self._choose_at_rest(following, measured, now, start_from, settings)
-
-    def _choose_at_rest(
-        self,
-        following: Following | None,
-        measured: JointState,
-        now: float,
-        start_from: str,
-        settings: Settings,
-    ) -> MotionStart:
-        last, options = self.published, self._options
-        holds = may_settle = False
-        if following is not None and last is not None:
-            if following.how == HELD and now < last.joined.time + options.start_time:
-                raise UnconfirmedError(
-                    "the robot rests at the start of the motion before this one, which was "
-                    f"published less than {options.start_time:g} s ago; send the goal again"
-                )
-            holds = following.is_over and following.is_path_known and start_from != MEASURED
-            # A robot that has just arrived at the end of its motion may still settle.
-            may_settle = holds and not last.is_arrived
-        if not may_settle and self.measured.velocities(measured).any():
-            if following is not None and following.how != OFF and start_from != MEASURED:
-                raise UnconfirmedError(
-                    "the robot is coming to rest; send the goal again when it is at rest"
-                )
-            raise GoalError(_motion_refusal(start_from, following, settings))
-        here, place = measured.positions, 0.0
-        if holds and following is not None:
-            here, place = following.motion.end, following.progress.place
-            if following.at_rest:
-                self._servo.rest(measured.positions - here)
-        elif start_from != MEASURED:
-            here = self._held(measured.positions)
-        state = JointState(measured.joint_names, here)
-        held = following if holds else None
-        return MotionStart(state, held, self._last, place, now, measured)
-
-    def join(self, rest: Trajectory, start: MotionStart, settings: Settings) -> Joined:
-        """Join a motion to the present state of the robot.
-
-        Parameters
-        ----------
-        rest : Trajectory
-            The motion from the chosen start.
-        start : MotionStart
-            Its start.
-        settings : Settings
-            With `stamp_trajectories`, and the parameters of :meth:`follow`.
-
-        Raises
-        ------
-        TooLateError
-            If the robot is no longer at its start, or too near to it for a message.
-        GoalError
-            If the measured state is too old by now.
-        """
-        with self.lock:
-            following, old = self.follow(settings), start.following
-            now = self._motion_clock()
-            if self._last is not start.last:
-                raise TooLateError(
-                    "another motion was published while this one was planned; send the goal again"
-                )
-            may_stamp = settings.stamp_trajectories and self.measured.clock.is_usable
-            if old is None or following is None:
-                self._check_rest(start.measured, self.measured.newest(settings.state_timeout))
-            if old is None or following is None or (following.is_over and old.is_over):
-                return (Joined.after_wait if may_stamp else Joined.on_receipt)(rest, now)
-            if following.how != old.how:
-                raise TooLateError(
-                    f"the robot was {_WORDS.get(old.how, old.how)} when planning began and is "
-                    f"{_WORDS.get(following.how, following.how)} now; send the goal again"
-                )
-            if not start.at_once:
-                self._check_place(following, now)
-            return self._continued(rest, start, following, now, may_stamp)
-
-    def _continued(
-        self, rest: Trajectory, start: MotionStart, following: Following, now: float, stamp: bool
-    ) -> Joined:
-        """The running motion up to a start on it, and the rest from there."""
-        rate, here = following.progress.rate, following.progress.at(now)
-        left = start.place - here
-        if left < TRANSPORT * rate:
-            raise TooLateError(
-                "planning took too long: the motion should have been sent "
-                f"{TRANSPORT - left:.3g} s ago; send the goal again"
+def _choose_at_rest(
+    follower: MotionFollower,
+    following: Following | None,
+    measured: JointState,
+    now: float,
+    start_from: str,
+    settings: Settings,
+) -> MotionStart:
+    last, options = follower.published, follower.options
+    holds = may_settle = False
+    if following is not None and last is not None:
+        if following.how is How.HELD and now < last.motion.time + options.start_time:
+            raise UnconfirmedError(
+                "the robot rests at the start of the motion before this one, which was "
+                f"published less than {options.start_time:g} s ago; send the goal again"
             )
-        is_timed = stamp and rate > 0.5
-        # Until the message arrives, the robot advances at its rate. A stamped motion advances
-        # meanwhile at the rate of the clock, another one not at all.
-        here += USUAL_TRANSPORT * (rate - is_timed) * (following.how == LAGGING)
-        if is_timed:
-            cut = following.motion.near_point(here)
-            now += cut - here
-            here = cut
-        # The last moments before show the place of the robot and its rate.
-        lead = min(self._options.lead, here)
-        motion = following.motion.followed_by(rest, start.place, here - lead)
-        return Joined(
-            following.motion.followed_by(rest, start.place, here),
-            PublishedMotion(motion, now - lead),
-            now,
-            is_timed,
-            # A robot at full rate is on time again once it takes a stamped motion.
-            is_timed and abs(rate - 1.0) <= self._options.full_rate,
+        holds = following.is_over and following.is_path_known and start_from != MEASURED
+        # A robot that has just arrived at the end of its motion may still settle.
+        may_settle = holds and not last.is_arrived
+    if not may_settle and follower.measured.velocities(measured).any():
+        if following is not None and following.how is not How.OFF and start_from != MEASURED:
+            raise UnconfirmedError(
+                "the robot is coming to rest; send the goal again when it is at rest"
+            )
+        raise GoalError(_motion_refusal(start_from, following, settings))
+    here, place = measured.positions, 0.0
+    if holds and following is not None:
+        here, place = following.motion.end, following.progress.place
+        if following.at_rest:
+            follower.servo.rest(measured.positions - here)
+    elif start_from != MEASURED:
+        here = _held(follower, measured.positions)
+    state = JointState(measured.joint_names, here)
+    held = following if holds else None
+    return MotionStart(state, held, _last_motion(follower), place, now, measured)
+
+
+def join(
+    follower: MotionFollower, rest: Trajectory, start: MotionStart, settings: Settings
+) -> PublishedMotion:
+    """Join a motion to the present state of the robot.
+
+    Parameters
+    ----------
+    follower : MotionFollower
+        Tracks the robot.
+    rest : Trajectory
+        The motion from the chosen start.
+    start : MotionStart
+        Its start.
+    settings : Settings
+        With `stamp_trajectories`, and the parameters of `MotionFollower.follow`.
+
+    Raises
+    ------
+    TooLateError
+        If the robot is no longer at its start, or too near to it for a message.
+    GoalError
+        If the measured state is too old by now.
+    """
+    with follower.lock:
+        following, old = follower.follow(settings), start.following
+        now = follower.motion_time
+        if _last_motion(follower) is not start.last:
+            raise TooLateError(
+                "another motion was published while this one was planned; send the goal again"
+            )
+        may_stamp = settings.stamp_trajectories and follower.measured.clock.is_usable
+        if old is None or following is None:
+            _check_rest(follower, start.measured, follower.measured.newest(settings.state_timeout))
+        if old is None or following is None or (following.is_over and old.is_over):
+            begin = PublishedMotion.after_wait if may_stamp else PublishedMotion.on_receipt
+            return begin(rest, now)
+        if following.how is not old.how:
+            raise TooLateError(
+                f"the robot was {_WORDS[old.how]} when planning began and is "
+                f"{_WORDS[following.how]} now; send the goal again"
+            )
+        if not start.at_once:
+            _check_place(follower, following, now)
+        return _continued(rest, start, following, now, follower.options, stamp=may_stamp)
+
+
+def _continued(
+    rest: Trajectory,
+    start: MotionStart,
+    following: Following,
+    now: float,
+    options: FollowingOptions,
+    *,
+    stamp: bool,
+) -> PublishedMotion:
+    """The running motion up to a start on it, and the rest from there."""
+    rate, here = following.progress.rate, following.progress.at(now)
+    left = start.place - here
+    if left < TRANSPORT * rate:
+        raise TooLateError(
+            "planning took too long: the motion should have been sent "
+            f"{TRANSPORT - left:.3g} s ago; send the goal again"
+        )
+    is_timed = stamp and rate > 0.5
+    # Until the message arrives, the robot advances at its rate. A stamped motion advances
+    # meanwhile at the rate of the clock, another one not at all.
+    here += USUAL_TRANSPORT * (rate - is_timed) * (following.how is How.LAGGING)
+    if is_timed:
+        cut = following.motion.near_point(here)
+        now += cut - here
+        here = cut
+    # The last moments before show the place of the robot and its rate.
+    lead = min(options.lead, here)
+    motion = following.motion.followed_by(rest, start.place, here - lead)
+    return PublishedMotion(
+        motion,
+        now - lead,
+        following.motion.followed_by(rest, start.place, here),
+        now,
+        is_timed,
+        # A robot at full rate is on time again once it takes a stamped motion.
+        is_timed and abs(rate - 1.0) <= options.full_rate,
+    )
+
+
+def _last_motion(follower: MotionFollower) -> PublishedMotion | None:
+    return None if follower.published is None else follower.published.current.motion
+
+
+def _held(follower: MotionFollower, measured: FloatArray) -> FloatArray:
+    """Commanded positions of a robot that rests away from the end of its motion."""
+    for before in follower.alternatives:
+        away = np.abs(measured - before.positions).max()
+        if away <= follower.options.start_tolerance and not before.velocities.any():
+            # The controller has not accepted the last motion, so its held positions are known.
+            follower.servo.rest(measured - before.positions)
+            return before.positions
+    return measured - follower.servo.load
+
+
+def _check_place(follower: MotionFollower, following: Following, now: float) -> None:
+    """Raise an `UnconfirmedError` if the place of a moving robot is not known precisely."""
+    options, progress = follower.options, following.progress
+    age = now - follower.measured.newest_time
+    if age > options.max_age:
+        raise UnconfirmedError(
+            f"the newest joint_states message is {age:.3g} s old, at most {options.max_age:g} "
+            "s is accepted while the robot moves; send the goal again"
+        )
+    is_precise = progress.error <= options.precision + follower.noise
+    is_steady = abs(progress.change) <= options.max_change
+    if following.how is How.LAGGING and not (is_precise and is_steady):
+        raise UnconfirmedError(
+            "the speed of the robot changes (speed scaling), so its place on the motion is not "
+            "known precisely; send the goal again"
         )
 
-    @property
-    def _last(self) -> PublishedMotion | None:
-        return None if self.published is None else self.published.current.motion
 
-    def _held(self, measured: FloatArray) -> FloatArray:
-        """Commanded positions of a robot that rests away from the end of its motion."""
-        for before in self.alternatives:
-            away = np.abs(measured - before.positions).max()
-            if away <= self._options.start_tolerance and not before.velocities.any():
-                # The controller has not accepted the last motion, so its held positions are known.
-                self._servo.rest(measured - before.positions)
-                return before.positions
-        return measured - self._servo.load
-
-    def _check_place(self, following: Following, now: float) -> None:
-        """Raise an `UnconfirmedError` if the place of a moving robot is not known precisely."""
-        options, progress = self._options, following.progress
-        age = now - self.measured.newest_time
-        if age > options.max_age:
-            raise UnconfirmedError(
-                f"the newest joint_states message is {age:.3g} s old, at most {options.max_age:g} "
-                "s is accepted while the robot moves; send the goal again"
-            )
-        is_precise = progress.error <= options.precision + self._noise
-        is_steady = abs(progress.change) <= options.max_change
-        if following.how == LAGGING and not (is_precise and is_steady):
-            raise UnconfirmedError(
-                "the speed of the robot changes (speed scaling), so its place on the motion is not "
-                "known precisely; send the goal again"
-            )
-
-    def _check_rest(self, planned: JointState, present: JointState) -> None:
-        """Raise a `TooLateError` if the robot has left the rest that a motion starts from."""
-        moved, most = np.abs(present.positions - planned.positions), self._options.start_tolerance
-        worst = int(moved.argmax())
-        if not moved[worst] <= most or self.measured.velocities(present).any():
-            raise TooLateError(
-                f"planning took too long: joint '{present.joint_names[worst]}' has moved "
-                f"{moved[worst]:.3g} rad (or m) away from the start of the motion meanwhile, at "
-                f"most {most} at rest is accepted; send the goal again"
-            )
+def _check_rest(follower: MotionFollower, planned: JointState, present: JointState) -> None:
+    """Raise a `TooLateError` if the robot has left the rest that a motion starts from."""
+    moved, most = np.abs(present.positions - planned.positions), follower.options.start_tolerance
+    worst = int(moved.argmax())
+    if not moved[worst] <= most or follower.measured.velocities(present).any():
+        raise TooLateError(
+            f"planning took too long: joint '{present.joint_names[worst]}' has moved "
+            f"{moved[worst]:.3g} rad (or m) away from the start of the motion meanwhile, at "
+            f"most {most} at rest is accepted; send the goal again"
+        )
 
 
 def _motion_refusal(start_from: str, following: Following | None, settings: Settings) -> str:

@@ -11,7 +11,6 @@ from test_motion_server import GOAL, HALF, START, Node, model
 from worlds import plain_distances
 
 from mp_pca_planner.exceptions import RobotError, WorldError
-from mp_pca_planner.execution.serving.motion_server import avoid_obstacle, go_on
 from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.validation import interpolate
@@ -28,7 +27,7 @@ def node():
 
 def use(node, world):
     """Other obstacles; whether the motion would hit one."""
-    return node.server.surroundings.replace(world, node._model)
+    return node.monitor.surroundings.replace(world, node._model)
 
 
 def ball_at(positions):
@@ -58,8 +57,8 @@ def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node):
     node.run(0.8)
     world, came = ball_at(place_on_motion(node, 0.6)), node.now
     assert use(node, world)
-    message, served = avoid_obstacle(node.server, node._model, not_cancelled)
-    assert served is not None and node.server.surroundings.threat is None
+    message, served = node.server.avoid_obstacle(node._model, not_cancelled)
+    assert served is not None and node.monitor.surroundings.threat is None
     assert message.startswith("a new obstacle is on the path ('lower_arm' would hit 'ball')")
     node.run(8.0)
     node.assert_smooth()
@@ -75,7 +74,7 @@ def test_robot_stops_before_an_obstacle_that_covers_the_goal(node):
     node.run(0.8)
     world, came = ball_at(GOAL), node.now
     assert use(node, world)
-    message, served = avoid_obstacle(node.server, node._model, not_cancelled)
+    message, served = node.server.avoid_obstacle(node._model, not_cancelled)
     assert served is None and "the goal is in collision" in message
     node.run(5.0)
     node.assert_smooth()
@@ -89,16 +88,16 @@ def test_robot_goes_on_to_its_goal_once_the_obstacle_that_stopped_it_is_gone(nod
     node.ask(GOAL, duration=4.0)
     node.run(0.8)
     assert use(node, ball_at(GOAL))
-    assert node.server.resumption is None
-    avoid_obstacle(node.server, node._model, not_cancelled)
+    assert node.monitor.resumption is None
+    node.server.avoid_obstacle(node._model, not_cancelled)
     node.run(3.0)
-    text, served = go_on(node.server, node._model, not_cancelled)
+    text, served = node.server.go_on(node._model, not_cancelled)
     assert served is None and text.startswith("the robot waits before an obstacle: ")
     assert "the goal is in collision" in text
-    assert go_on(node.server, node._model, not_cancelled) == ("", None)  # not at once again
+    assert node.server.go_on(node._model, not_cancelled) == ("", None)  # not at once again
     assert not use(node, World())
     node.run(0.5)
-    text, served = go_on(node.server, node._model, not_cancelled)
+    text, served = node.server.go_on(node._model, not_cancelled)
     assert served is not None and text == "the robot goes on to its goal"
     node.run(8.0)
     node.assert_smooth()
@@ -115,7 +114,7 @@ def test_robot_goes_on_after_a_stop_of_the_thread_that_watches_it(node):
     assert node.outcomes == ["stopped"]
     use(node, World())
     node.run(1.0)
-    assert go_on(node.server, node._model, not_cancelled)[1] is not None
+    assert node.server.go_on(node._model, not_cancelled)[1] is not None
     node.run(8.0)
     node.assert_rests_at(GOAL)
 
@@ -125,26 +124,26 @@ def test_robot_does_not_go_on_after(node, end):
     node.ask(GOAL, duration=4.0)
     node.run(0.8)
     use(node, ball_at(GOAL))
-    avoid_obstacle(node.server, node._model, not_cancelled)
+    node.server.avoid_obstacle(node._model, not_cancelled)
     node.run(2.0)
     if end == "a stop":
         node.stop()
     elif end == "a newer goal":
         node.ask(START)
     elif end == "a release":
-        node.server.release(node._model, "the node is not active")
+        node.monitor.release(node._model, "the node is not active")
     else:
         node.run(61.0)
     use(node, World())
     node.run(4.0)
-    assert go_on(node.server, node._model, not_cancelled) == ("", None)
+    assert node.server.go_on(node._model, not_cancelled) == ("", None)
 
 
 def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):
     node.ask(GOAL, duration=4.0)
     node.run(1.8)
     assert use(node, ball_at(place_on_motion(node, 0.52)))
-    message, served = avoid_obstacle(node.server, node._model, not_cancelled)
+    message, served = node.server.avoid_obstacle(node._model, not_cancelled)
     assert served is None and "there was no time to plan another motion" in message
     node.run(5.0)
     node.assert_smooth()
@@ -197,7 +196,7 @@ def test_motion_around_an_obstacle_does_not_begin_behind_it(node):
     # The second attempt expects to take as long as the first one.
     node._planning_time = 1.0, 1.0
     node.at(0.9, lambda: setattr(node, "_planning_time", (0.01, 0.01)))
-    avoid_obstacle(node.server, node._model, not_cancelled)
+    node.server.avoid_obstacle(node._model, not_cancelled)
     node.run(8.0)
     node.assert_smooth()
     assert clearance(node, world, came) > 0.0
@@ -208,7 +207,7 @@ def test_obstacles_beside_or_behind_the_motion_change_nothing(node):
     node.run(2.5)
     for world in (ball_at(START), World([Obstacle("far", Sphere(0.1, (3.0, 0.0, 0.0)))]), World()):
         assert not use(node, world)
-        assert avoid_obstacle(node.server, node._model, not_cancelled) == ("", None)
+        assert node.server.avoid_obstacle(node._model, not_cancelled) == ("", None)
     node.run(5.0)
     assert node.outcomes == ["arrived"]
     assert len(node.sent) == 1
@@ -217,16 +216,16 @@ def test_obstacles_beside_or_behind_the_motion_change_nothing(node):
 def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(node):
     early = START + 0.25 * (GOAL - START)
     node.ask_sequence(early, GOAL, times=(2.0, 6.0))
-    first = node.server.served.plan.motions[0].duration
-    rest = node.server.served.rest_of_goal(0.5 * first)
+    first = node.monitor.served.plan.motions[0].duration
+    rest = node.monitor.served.rest_of_goal(0.5 * first)
     np.testing.assert_array_equal([target.positions for target in rest.targets], [early, GOAL])
     np.testing.assert_array_equal(
-        node.server.served.rest_of_goal(1.1 * first).state.positions, GOAL
+        node.monitor.served.rest_of_goal(1.1 * first).state.positions, GOAL
     )
     node.run(1.1 * first)
     world, came = ball_at(START + 0.65 * (GOAL - START)), node.now
     assert use(node, world)
-    message, served = avoid_obstacle(node.server, node._model, not_cancelled)
+    message, served = node.server.avoid_obstacle(node._model, not_cancelled)
     assert served is not None, message
     node.run(8.0)
     node.assert_smooth()
@@ -238,7 +237,7 @@ def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(node):
 def test_joints_that_the_goal_leaves_out_end_where_they_were_to(node):
     node.ask(GOAL[:2], JOINTS[:2], duration=4.0)
     node.run(0.8)
-    rest = node.server.served.rest_of_goal(0.8)
+    rest = node.monitor.served.rest_of_goal(0.8)
     np.testing.assert_array_equal(rest.state.positions, [*GOAL[:2], *START[2:]])
     assert rest.duration is None
 
@@ -264,10 +263,10 @@ def test_newer_goal_takes_the_place_of_the_avoidance(node):
     node.run(0.8)
     assert use(node, ball_at(GOAL))
     with pytest.raises(CancelledError):
-        avoid_obstacle(node.server, node._model, lambda: True)
-    assert node.server.surroundings.threat is not None
+        node.server.avoid_obstacle(node._model, lambda: True)
+    assert node.monitor.surroundings.threat is not None
     node.ask(START)
-    assert node.server.surroundings.threat is None
+    assert node.monitor.surroundings.threat is None
     node.run(8.0)
     node.assert_smooth()
     node.assert_rests_at(START)
@@ -281,7 +280,7 @@ def least(motion, world):
 def test_stop_leaves_its_path_where_that_alone_keeps_clear_of_an_obstacle(node):
     node.ask(GOAL, duration=1.2)
     node.run(0.55)
-    along = node.server._stops.find(node._model).joined.trajectory
+    along = node.monitor._stops.find(node._model).motion.sent
     robot, random, n_clear = arm_robot(), np.random.default_rng(1), 0
     ends = robot.frame_positions(along.positions[-1:], [robot.frame_names[-1]])[0, 0]
     now = plain_distances(World([Obstacle("ball", Sphere(RADIUS, ends))]), node.commanded[None])
@@ -292,8 +291,8 @@ def test_stop_leaves_its_path_where_that_alone_keeps_clear_of_an_obstacle(node):
         if plain_distances(world, node.commanded[None]).min() < MARGIN:
             continue
         use(node, world)
-        found = node.server._stops.find(node._model)
-        distance = least(found.joined.trajectory, world)
+        found = node.monitor._stops.find(node._model)
+        distance = least(found.motion.sent, world)
         assert distance >= on_path - 1e-3
         assert (distance >= MARGIN - 1e-4) != ("'ball' are nearer than the margin" in found.message)
         n_clear += on_path < MARGIN <= distance
@@ -305,9 +304,9 @@ def test_stop_at_a_point_names_the_bodies_that_it_can_not_keep_apart(node):
     node.run(0.5)
     node.robot.faults.silent = True
     node.run(0.7)
-    found = node.server._stops.find(node._model)
+    found = node.monitor._stops.find(node._model)
     assert "single point" in found.message and "collision" not in found.message
-    use(node, ball_at(found.joined.trajectory.positions[-1]))
+    use(node, ball_at(found.motion.sent.positions[-1]))
     message = node.stop()
     assert "no stop without a collision was found: 'lower_arm' and 'ball'" in message
     node.robot.faults.silent = False
@@ -320,7 +319,7 @@ def test_stop_is_not_delayed_by_the_check_of_a_motion_in_another_thread(node):
     node.ask(GOAL, duration=1.2)
     node.run(0.55)
     use(node, ball_at(place_on_motion(node, 0.9)))
-    with node.server.surroundings._lock:
+    with node.monitor.surroundings._lock:
         assert "comes to rest on its path" in node.stop()
 
 
@@ -344,7 +343,7 @@ def test_obstacles_that_do_not_fit_the_robot_are_refused(node):
     wrong = World([Obstacle("ball", Sphere(0.1), "moon")])
     with pytest.raises(WorldError, match="no link is called 'moon'"):
         use(node, wrong)
-    assert node.server.surroundings.world is kept
+    assert node.monitor.surroundings.world is kept
 
 
 def test_goals_are_refused_among_obstacles_that_can_not_be_avoided(monkeypatch):

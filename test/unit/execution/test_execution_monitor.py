@@ -11,11 +11,10 @@ from dense import minimum_jerk_motion
 from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.serving.execution import Execution
 from mp_pca_planner.execution.tracking.estimation import Progress
-from mp_pca_planner.execution.tracking.following import HELD, OFF, Following
-from mp_pca_planner.execution.tracking.published_motion import Joined, PublishedMotion
+from mp_pca_planner.execution.tracking.following import Following, How
+from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
 
 DURATION, PERIOD = 2.0, 0.05
-ON_TIME, LAGGING = "on_time", "lagging"
 
 
 class World:
@@ -36,21 +35,20 @@ class World:
     def begin(self, goal="goal"):
         if self.execution is not None:
             self.note(self.execution.replaced())
-        self.execution = Execution(goal, self.motion(), self.now)
+        self.execution = Execution(goal, self.motion())
 
     def stop(self):
-        joined = Joined(self.motion().trajectory, self.current, self.now)
-        self.execution = Execution.of_stop(self.execution, joined)
+        self.execution = Execution.of_stop(self.execution, self.motion())
 
-    def run(self, duration, how=ON_TIME, place=None, distance=0.001, motion=None):
+    def run(self, duration, how=How.ON_TIME, place=None, distance=0.001, motion=None):
         """The robot follows for some time: as the clock says, or stays at a place."""
         for _ in range(round(duration / PERIOD)):
             self.now += PERIOD
             motion = motion or self.current
             there = self.now - motion.began if place is None else place
-            at_rest = how == HELD or there >= DURATION
-            progress = Progress(self.now, there)
-            following = Following(motion, how, progress, distance, "b", at_rest)
+            at_rest = how is How.HELD or there >= DURATION
+            progress = Progress(motion, self.now, there)
+            following = Following(how, progress, distance, "b", at_rest)
             self.note(self.execution.update(following, self.now, self.options))
 
     def silence(self, duration):
@@ -60,7 +58,7 @@ class World:
 
     def only_report(self):
         """The report, which stays the only one whatever comes after."""
-        for how in (ON_TIME, HELD, OFF):
+        for how in (How.ON_TIME, How.HELD, How.OFF):
             self.run(30.0, how)
         self.silence(30.0)
         (report,) = self.reports
@@ -85,7 +83,7 @@ def test_motion_that_is_followed_to_its_end_has_arrived_with_its_error(world):
 
 
 def test_motion_that_lags_arrives_when_it_comes_to_its_end(world):
-    world.run(20.0, LAGGING, place=1.5)
+    world.run(20.0, How.LAGGING, place=1.5)
     assert not world.reports
     world.run(PERIOD)
     assert world.only_report().outcome == "arrived"
@@ -130,10 +128,10 @@ def test_stop_without_a_motion_is_not_reported():
 
 def test_robot_that_leaves_its_path_does_not_follow_with_the_largest_deviation(world):
     world.run(0.5)
-    world.run(PERIOD, OFF, distance=0.4)
-    world.run(0.1, OFF, distance=0.3)
+    world.run(PERIOD, How.OFF, distance=0.4)
+    world.run(0.1, How.OFF, distance=0.3)
     assert not world.reports
-    world.run(0.2, OFF, distance=0.3)
+    world.run(0.2, How.OFF, distance=0.3)
     report = world.only_report()
     assert (report.outcome, report.is_good) == ("not_followed", False)
     assert (report.largest_deviation, report.error) == (0.4, 0.3)
@@ -143,16 +141,16 @@ def test_robot_that_leaves_its_path_does_not_follow_with_the_largest_deviation(w
 
 def test_robot_that_comes_back_to_its_path_in_time_follows(world):
     for _ in range(5):
-        world.run(0.15, OFF)
+        world.run(0.15, How.OFF)
         world.run(0.1)
     assert not world.reports
 
 
 def test_robot_that_is_held_on_its_path_for_long_does_not_follow(world):
     world.run(1.0)
-    world.run(9.0, HELD, place=1.0)
+    world.run(9.0, How.HELD, place=1.0)
     assert not world.reports
-    world.run(2.0, HELD, place=1.0)
+    world.run(2.0, How.HELD, place=1.0)
     report = world.only_report()
     assert report.outcome == "not_followed" and "50%" in report.message
 
@@ -161,25 +159,25 @@ def test_longest_hold_is_an_option():
     world = World(ServingOptions(max_hold=2.0))
     world.begin()
     world.run(1.0)
-    world.run(1.9, HELD, place=1.0)
+    world.run(1.9, How.HELD, place=1.0)
     assert not world.reports
-    world.run(0.3, HELD, place=1.0)
+    world.run(0.3, How.HELD, place=1.0)
     assert world.only_report().outcome == "not_followed"
 
 
 def test_robot_that_is_released_in_time_arrives(world):
     world.run(1.0)
-    world.run(9.0, HELD, place=1.0)
-    world.run(0.5, LAGGING, place=1.5)
-    world.run(9.0, HELD, place=1.7)
+    world.run(9.0, How.HELD, place=1.0)
+    world.run(0.5, How.LAGGING, place=1.5)
+    world.run(9.0, How.HELD, place=1.7)
     world.run(PERIOD)
     assert world.only_report().outcome == "arrived"
 
 
 def test_motion_at_whose_start_the_robot_rests_never_started(world):
-    world.run(1.6, HELD, place=0.0)  # at a tenth of the speed, it would not have left
+    world.run(1.6, How.HELD, place=0.0)  # at a tenth of the speed, it would not have left
     assert not world.reports
-    world.run(0.3, HELD, place=0.0)
+    world.run(0.3, How.HELD, place=0.0)
     report = world.only_report()
     assert (report.outcome, report.is_good, report.progress) == ("never_started", False, 0.0)
     assert "controller" in report.message
@@ -217,7 +215,7 @@ def test_every_motion_of_a_random_history_gets_exactly_one_report():
             elif event == 1:
                 world.silence(random.uniform(0.0, 15.0))
             else:
-                how = (ON_TIME, LAGGING, HELD, OFF)[event - 2]
+                how = (How.ON_TIME, How.LAGGING, How.HELD, How.OFF)[event - 2]
                 world.run(random.uniform(0.0, 3.0), how, distance=random.uniform(0.0, 0.1))
     world.begin("last")
     assert [report.goal for report in world.reports] == list(range(200))

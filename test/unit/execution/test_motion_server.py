@@ -23,6 +23,7 @@ from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.serving.assembly import assemble_model
 from mp_pca_planner.execution.serving.goal_planner import AdaptedPlan, GoalRequest
+from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
 from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.threads import BusyError, CancelledError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
@@ -146,9 +147,9 @@ def test_displaced_motion_names_the_primitives_of_the_one_before_or_none(node, g
     node.run(0.3)
     if goal == "a stop":
         node.stop()
-    commanded = node.states.commanded
+    commanded = node.follower.commanded.motion
     node.ask(commanded.end + 0.01)
-    plan = node.server.served.plan
+    plan = node.monitor.served.plan
     assert isinstance(plan, AdaptedPlan)
     names = [primitive.name for primitive in MODEL.planner.primitives]
     assert plan.primitives == (() if goal == "a stop" else (names[0],) * 2)
@@ -162,7 +163,7 @@ def test_displaced_motion_keeps_its_primitives_when_the_library_is_replaced(node
     newer = assemble_model(URDF, [renamed], MODEL.settings)
     node._model = replace(newer, planner=node._slow(newer.planner, "plan"))
     node.ask(GOAL + 0.01)
-    served = node.server.served
+    served = node.monitor.served
     assert isinstance(served.plan, AdaptedPlan)
     assert node.statuses == ["served"] * 2
     assert list(served.primitives) == old
@@ -183,9 +184,8 @@ def test_planning_that_is_slower_than_expected_still_serves_a_moving_robot(node,
 
 def test_robot_may_be_simulated_faster_than_it_is_planned_for():
     node = Node(planning_time=(0.2, 0.2))
-    node.server = MotionServer(
-        node.states, GoalStatistics(), node._send, lambda: node.now / 20, node._report, node.advance
-    )
+    node.monitor = MotionMonitor(node.follower, node._send, lambda: node.now / 20, node._report)
+    node.server = MotionServer(node.monitor, GoalStatistics(), node.advance)
     for positions in (GOAL, START, GOAL):
         node.ask(positions)
         node.run(0.4)
@@ -257,11 +257,11 @@ def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(nod
 def test_motion_that_is_published_while_the_robot_is_watched_is_not_taken_for_another(node):
     node.ask(GOAL)
     node.run(0.3)
-    command, watchers = node.states.command, []
+    command, watchers = node.follower.command, []
 
     def watch():
         with suppress(BusyError):  # it does not wait until the motion is published
-            node.server.watch(MODEL)
+            node.monitor.watch(MODEL)
 
     def watched(*motion):
         command(*motion)
@@ -269,7 +269,7 @@ def test_motion_that_is_published_while_the_robot_is_watched_is_not_taken_for_an
         watchers[-1].start()
         watchers[-1].join(0.2)
 
-    node.states.command = watched
+    node.follower.command = watched
     node.ask(START)
     node.stop()
     assert len(watchers) == 2
@@ -382,9 +382,9 @@ def test_motion_that_is_no_longer_monitored_is_stopped(node, event):
     node.ask(GOAL)
     node.run(0.3)
     if event == "release":
-        node.server.release(node.model, "it is deactivated")
+        node.monitor.release(node.model, "it is deactivated")
     else:
-        assert node.server.expect(JOINTS[:2], node.model)
+        assert node.monitor.expect(JOINTS[:2], node.model)
     n_sent = len(node.sent)
     assert n_sent == 2
     for _ in range(1500):
@@ -392,7 +392,7 @@ def test_motion_that_is_no_longer_monitored_is_stopped(node, event):
     node.assert_smooth()
     assert not node.robot.record.v[-1].any()
     assert np.abs(node.commanded - GOAL).max() > 0.1
-    node.server.release(node.model, "it is stopped already")
+    node.monitor.release(node.model, "it is stopped already")
     assert len(node.sent) == n_sent
 
 
@@ -422,7 +422,7 @@ def test_stop_that_is_lost_is_sent_again(node, wait):
 def test_robot_that_arrived_is_not_stopped_again(node):
     node.ask(GOAL)
     node.run(5.0)
-    node.server.release(node.model, "it is deactivated")
+    node.monitor.release(node.model, "it is deactivated")
     assert len(node.sent) == 1
 
 
@@ -431,13 +431,13 @@ def test_motion_that_can_no_longer_be_followed_is_reported(node, monkeypatch, ch
     node.ask(GOAL)
     node.run(0.2)
     if change == "joints":
-        node.server.expect(JOINTS)  # the same ones
+        node.monitor.expect(JOINTS)  # the same ones
         node.run(0.1)
         assert not node.outcomes
-        node.server.expect(JOINTS[:2])
-        assert node.server.served is None
+        node.monitor.expect(JOINTS[:2])
+        assert node.monitor.served is None
     else:
-        monkeypatch.setattr(node.states, "_motion_clock", lambda: node.now - 100.0)
+        monkeypatch.setattr(node.follower.measured.clock, "now", lambda: node.now - 100.0)
     node.run(0.2)
     ((_, report),) = node.execution_reports
     assert report.outcome == "not_followed" and reason in report.message
@@ -542,7 +542,7 @@ def test_motion_is_ended_where_no_stop_keeps_the_limits(node):
     node.ask(GOAL)
     node.run(0.4)
     tight = MODEL.robot.limits({name: {"max_acceleration": 1e-6} for name in JOINTS})
-    node.server.stop(replace(MODEL, limits=tight))
+    node.monitor.stop(replace(MODEL, limits=tight))
     node.run(3.0)
     node.assert_smooth()
     node.assert_rests_at(GOAL)
@@ -594,7 +594,7 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     node.run(0.4)
     node.robot.faults.silent = True
     node.run(0.6)
-    find, found = node.server._stops._find, []
+    find, found = node.monitor._stops._find, []
 
     def interrupted(model):
         found.append(find(model))
@@ -602,11 +602,11 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
             node.advance(0.15)
         return found[-1]
 
-    monkeypatch.setattr(node.server._stops, "_find", interrupted)
-    monkeypatch.setattr(node.server, "watch", lambda _: None)
+    monkeypatch.setattr(node.monitor._stops, "_find", interrupted)
+    monkeypatch.setattr(node.monitor, "watch", lambda _: None)
     node.stop()
     assert len(found) == min(n_interruptions + 1, ServingOptions().max_attempts)
-    assert node.sent[-1][1] is found[-1].joined.trajectory
+    assert node.sent[-1][1] is found[-1].motion.sent
 
 
 def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):
@@ -614,5 +614,5 @@ def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):
     node.restart()
     assert node.stop().startswith("nothing was published: the present state is not known")
     with pytest.raises(GoalError, match="joint_states"):
-        node.server.stop(MODEL)
+        node.monitor.stop(MODEL)
     assert not node.sent

@@ -15,10 +15,10 @@ from virtual_node import receive
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.options import FollowingOptions
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.tracking.following import UnconfirmedError
+from mp_pca_planner.execution.tracking.following import How, MotionFollower, UnconfirmedError
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
-from mp_pca_planner.execution.tracking.published_motion import Joined
-from mp_pca_planner.execution.tracking.start_state import StartStates, TooLateError
+from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
+from mp_pca_planner.execution.tracking.start_state import TooLateError, choose_start, join
 from mp_pca_planner.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")
@@ -38,15 +38,15 @@ class World:
         self.clock_ahead = 0.0
         self.here = np.zeros(2)
         self.set_back = 0.0  # time by which the clock of motions was set back
-        self.states = StartStates(
+        self.follower = MotionFollower(
             MeasuredStates(lambda: self.now + self.set_back, lambda: self.now, options=options)
         )
-        self.states.expect(JOINTS)
+        self.follower.expect(JOINTS)
 
     def measure(self, positions, velocities=(0.0, 0.0)):
         self.here = np.asarray(positions)
         stamp = self.now + self.clock_ahead
-        receive(self.states.measured, stamp, self.here + self.load, velocities)
+        receive(self.follower.measured, stamp, self.here + self.load, velocities)
 
     def rest(self, duration=0.4, *, see=True):
         self.run(duration, lambda _: self.here, see=see)
@@ -61,16 +61,16 @@ class World:
             self.measure(where(self.now))
             if see and k % 10 == 9:
                 with suppress(GoalError):
-                    self.states.follow(SETTINGS)
+                    self.follower.follow(SETTINGS)
 
     def begin(self, goal=(1.0, -1.0)):
         """Publish a motion from here."""
         trajectory = minimum_jerk_motion(JOINTS, self.here, goal, DURATION)
-        self.publish(Joined.after_wait(trajectory, self.now))
+        self.publish(PublishedMotion.after_wait(trajectory, self.now))
 
-    def publish(self, joined):
-        self.states.command(joined)
-        self.motion = joined.motion
+    def publish(self, motion):
+        self.follower.command(motion)
+        self.motion = motion
 
     def follow(self, duration, rate=lambda _: 1.0):
         """The robot follows the motion at a rate; returns its place at last."""
@@ -80,14 +80,16 @@ class World:
             place += 0.004 * rate(self.now)
             self.measure(self.motion.state(place - SERVO * rate(self.now)).positions)
             if k % 10 == 9:
-                self.states.follow(SETTINGS)
+                self.follower.follow(SETTINGS)
         return place
 
     def choose(self, start_from="auto", latency=0.05, **options):
-        return self.states.choose(replace(SETTINGS, start_from=start_from), latency, **options)
+        return choose_start(
+            self.follower, replace(SETTINGS, start_from=start_from), latency, **options
+        )
 
     def join(self, rest, start, may_stamp=True):
-        return self.states.join(rest, start, replace(SETTINGS, stamp_trajectories=may_stamp))
+        return join(self.follower, rest, start, replace(SETTINGS, stamp_trajectories=may_stamp))
 
 
 @pytest.fixture
@@ -150,7 +152,7 @@ def test_held_end_is_where_the_next_motion_starts_whatever_a_load_pulls(moving):
     start = moving.choose()
     assert start.state.positions.tolist() == [1.0, -1.0]
     assert not start.is_in_motion
-    np.testing.assert_allclose(moving.states.load_offset, moving.load)
+    np.testing.assert_allclose(moving.follower.servo.load, moving.load)
     np.testing.assert_allclose(moving.choose("measured").state.positions, [1.0, -1.01])
 
 
@@ -203,16 +205,16 @@ def test_motion_from_rest_waits_as_long_as_a_message_may_take(world):
     start = world.choose()
     joined = world.join(standing(start), start)
     assert (joined.is_timed, joined.time) == (True, world.now)
-    assert joined.trajectory.times.tolist() == [0.0, TRANSPORT, 1.0 + TRANSPORT]
-    assert joined.trajectory.positions.tolist() == [[0.0, 0.0]] * 3
-    assert not joined.trajectory.velocities[:2].any()
+    assert joined.sent.times.tolist() == [0.0, TRANSPORT, 1.0 + TRANSPORT]
+    assert joined.sent.positions.tolist() == [[0.0, 0.0]] * 3
+    assert not joined.sent.velocities[:2].any()
 
 
 def test_motion_is_not_stamped_unless_that_is_enabled(world):
     start = world.choose()
     joined = world.join(standing(start), start, False)
     assert not joined.is_timed
-    assert joined.trajectory.times.tolist() == [0.0, 1.0]
+    assert joined.sent.times.tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize("clock_ahead", [5.0, -5.0, 0.02])
@@ -283,9 +285,9 @@ def test_motion_leads_to_the_start_along_the_running_one(moving):
     # It begins at a point of the running motion that is nearer than 0.3 ms.
     assert joined.is_timed and joined.time == pytest.approx(moving.now, abs=3e-4)
     lead = start.time - joined.time
-    assert joined.trajectory.duration == pytest.approx(1.0 + lead, abs=1e-6)
+    assert joined.sent.duration == pytest.approx(1.0 + lead, abs=1e-6)
     old, new, rest = (
-        spline(one) for one in (moving.motion.trajectory, joined.trajectory, continuing(start))
+        spline(one) for one in (moving.motion.trajectory, joined.sent, continuing(start))
     )
     for order in range(3):
         for since in np.linspace(0.0, lead - 1e-6, 20):
@@ -306,7 +308,7 @@ def test_start_is_refused_when_no_message_can_be_there_in_time(moving):
 
 def test_start_is_refused_when_another_motion_was_published_meanwhile(moving):
     start = moving.choose()
-    moving.states.command(moving.join(continuing(start), start))
+    moving.follower.command(moving.join(continuing(start), start))
     with pytest.raises(TooLateError, match="another motion"):
         moving.join(continuing(start), start)
 
@@ -341,9 +343,9 @@ def test_motion_that_may_not_have_been_taken_is_not_continued_until_it_is_seen(m
 def test_robot_that_was_seen_on_the_motion_before_is_continued_there(moving):
     old = moving.motion
     start = moving.choose()
-    moving.states.command(moving.join(continuing(start), start))
+    moving.follower.command(moving.join(continuing(start), start))
     moving.follow(0.6)
-    assert moving.states.commanded is old
+    assert moving.follower.commanded.motion is old
     assert moving.choose().following.motion is old
 
 
@@ -358,7 +360,7 @@ def test_slowed_robot_starts_at_its_own_place_and_rate(world, rate):
     world.begin()
     place = world.follow(0.7 / rate, lambda _: rate)
     start = world.choose(latency=0.1)
-    assert start.is_in_motion and start.following.how == "lagging"
+    assert start.is_in_motion and start.following.how is How.LAGGING
     then = place + rate * (0.1 + PLANNED_TRANSPORT)
     assert start.place == pytest.approx(then, abs=2e-3)
     assert start.following.progress.rate == pytest.approx(rate, abs=0.02)
@@ -384,7 +386,7 @@ def test_held_robot_starts_where_it_rests(world):
 
 def test_robot_that_is_led_to_a_point_is_not_continued(moving):
     start = moving.choose()
-    stop = Joined.to_last_point(continuing(start), moving.now)
+    stop = PublishedMotion.to_last_point(continuing(start), moving.now)
     moving.publish(stop)
     moving.follow(0.3)
     with pytest.raises(UnconfirmedError, match="being stopped"):
@@ -393,11 +395,11 @@ def test_robot_that_is_led_to_a_point_is_not_continued(moving):
 
 @pytest.mark.parametrize(("away", "is_reached"), [(0.004, True), (0.006, False), (0.011, False)])
 def test_robot_that_rests_short_of_a_single_point_has_not_reached_it(moving, away, is_reached):
-    moving.publish(Joined.to_last_point(continuing(moving.choose()), moving.now))
+    moving.publish(PublishedMotion.to_last_point(continuing(moving.choose()), moving.now))
     # Beside the path that the node assumes.
     rest, since = moving.motion.end + away * np.array([-1.0, 1.0]), moving.now
     moving.run(2.0, lambda time: rest + (moving.here - rest) * (time < since + 0.5))
-    assert moving.states.follow(SETTINGS).is_over == is_reached
+    assert moving.follower.follow(SETTINGS).is_over == is_reached
     np.testing.assert_allclose(moving.choose().state.positions, rest, atol=1e-4)
 
 
@@ -405,10 +407,10 @@ def test_motion_counts_no_longer_when_time_was_set_back(moving):
     moving.now -= 10.0
     moving.set_back = 10.0
     moving.rest()
-    assert moving.states.commanded is None
+    assert moving.follower.commanded is None
     np.testing.assert_allclose(moving.choose().state.positions, moving.here)
 
 
 def test_what_is_known_of_former_joints_is_forgotten(moving):
-    moving.states.expect(("a",))
-    assert moving.states.commanded is None
+    moving.follower.expect(("a",))
+    assert moving.follower.commanded is None

@@ -24,8 +24,8 @@ CONSTANT = [(1.0, 0.0), (0.5, 0.0), (0.1, 0.0), (0.0, 0.0)]
 CHANGING = [(0.7, -1.0), (0.5, 0.8)]
 
 
-def located(times, positions, prior, motion=MOTION):
-    return locate(motion, MeasuredSamples(times, positions), prior, NOW, FollowingOptions())
+def located(times, positions, prior):
+    return locate(prior, MeasuredSamples(times, positions), NOW, FollowingOptions())
 
 
 def track(place, rate, change=0.0, noise=0.0, prior=None):
@@ -35,7 +35,7 @@ def track(place, rate, change=0.0, noise=0.0, prior=None):
     places = np.clip(place + rate * since + 0.5 * change * since**2, 0.0, DURATION)
     random = np.random.default_rng(round(1e3 * place))
     positions = PATH(places) + noise * random.normal(size=(len(times), 3))
-    prior = prior or Progress(NOW - 0.05, place - 0.05 * rate, min(rate + 0.1, 1.0))
+    prior = prior or Progress(MOTION, NOW - 0.05, place - 0.05 * rate, min(rate + 0.1, 1.0))
     return located(times, positions, prior)
 
 
@@ -74,13 +74,13 @@ def test_change_of_the_rate_has_the_right_sign_and_size():
 @pytest.mark.parametrize("prior", [0.1, 0.5, 1.9])
 @pytest.mark.parametrize("place", [0.6, 1.0, 1.4])
 def test_held_robot_is_found_whatever_was_believed_before(place, prior):
-    found = track(place, 0.0, noise=1e-4, prior=Progress(NOW, prior, 1.0))
+    found = track(place, 0.0, noise=1e-4, prior=Progress(MOTION, NOW, prior, 1.0))
     assert found.place == pytest.approx(place, abs=2e-3)
     assert found.rate == pytest.approx(0.0, abs=0.05)
 
 
 def test_what_was_known_counts_where_nothing_was_measured():
-    prior = Progress(NOW - 0.1, 0.5, 0.8)
+    prior = Progress(MOTION, NOW - 0.1, 0.5, 0.8)
     found = located(np.empty(0), np.empty((0, 3)), prior)
     assert (found.time, found.place, found.rate) == (NOW, pytest.approx(0.58), 0.8)
 
@@ -90,7 +90,7 @@ def test_what_was_known_counts_where_the_motion_does_not_move(place):
     times = NOW - np.arange(0.3, -1e-9, -0.008)
     rest = PublishedMotion(MOTION.trajectory, NOW - place)
     positions = np.tile(PATH(place), (len(times), 1))
-    found = located(times, positions, Progress(NOW, place, 0.0), rest)
+    found = located(times, positions, Progress(rest, NOW, place, 0.0))
     assert (found.place, found.rate) == (pytest.approx(place, abs=1e-6), pytest.approx(0, abs=1e-6))
 
 
@@ -99,14 +99,14 @@ def test_error_is_the_distance_from_the_path_less_the_noise():
     normal = np.array([0.7, 1.0, 0.0]) / np.sqrt(1.49)  # to the path, a straight line
     positions = PATH(1.0 + times - NOW) + 0.05 * normal
     noise = 1e-3 * np.random.default_rng(0).normal(size=positions.shape)
-    prior = Progress(NOW, 1.0)
+    prior = Progress(MOTION, NOW, 1.0)
     away = located(times, positions, prior).error
     assert away == pytest.approx(0.05 * normal.max(), rel=0.02)
     assert located(times, positions + noise, prior).error == pytest.approx(away, abs=3e-3)
 
 
 def test_robot_that_is_slowed_down_stops_and_does_not_turn_back():
-    slowed = Progress(0.0, 1.0, rate=0.5, change=-1.0)
+    slowed = Progress(MOTION, 0.0, 1.0, rate=0.5, change=-1.0)
     assert slowed.at(0.3) == pytest.approx(1.0 + 0.5 * 0.3 - 0.5 * 0.3**2)
     assert slowed.at(0.5) == slowed.at(0.9) == pytest.approx(1.125)
     assert slowed.at(-0.1) == pytest.approx(1.0 - 0.05 - 0.005)
