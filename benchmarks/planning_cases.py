@@ -22,13 +22,13 @@ from scenes import scene_of
 from tables import benchmark_parser, show
 from virtual_node import MAX_ACCELERATION
 
-from mp_pca_planner.evaluation.check import RigidArm
 from mp_pca_planner.evaluation.problems import (
     Problem,
     Scene,
     held_out_problems,
     robot_file,
 )
+from mp_pca_planner.evaluation.referee import RigidArm
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.plan import FREE, SHORTEST, PlannerOptions
 from mp_pca_planner.planning.planner import Planner

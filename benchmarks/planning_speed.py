@@ -18,13 +18,13 @@ import pinocchio as pin
 from scenes import scene_of
 from tables import benchmark_parser, show
 
-from mp_pca_planner.evaluation.check import RigidArm
 from mp_pca_planner.evaluation.problems import (
     Problem,
     Scene,
     held_out_problems,
     robot_file,
 )
+from mp_pca_planner.evaluation.referee import RigidArm
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner

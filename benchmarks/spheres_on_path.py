@@ -20,8 +20,8 @@ from scenes import scene_of
 from tables import benchmark_parser, show
 
 import mp_pca_planner as mp
-from mp_pca_planner.evaluation.check import RigidArm, judge
 from mp_pca_planner.evaluation.problems import Problem, held_out_problems, robot_file
+from mp_pca_planner.evaluation.referee import RigidArm, judge
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..evaluation.method import Method
+from ..evaluation.methods import Method
 from ..evaluation.problems import (
     DEMONSTRATIONS_SEED,
     HUMAN_ARM,
@@ -39,8 +39,8 @@ from ..evaluation.run import (
 from ..exceptions import PlannerError, quote_names
 from ..motion.collision import CollisionModel, package_folders
 from ..plotting.comparison import comparison_figure
-from ..plotting.page import Table, picture
-from ..plotting.text import cells, table
+from ..plotting.page import picture
+from ..plotting.text import Table, cells, table
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.primitive_library import load_primitives
 from ..resources import config_file

@@ -16,8 +16,7 @@ from typing import Any
 from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
 from ..files import write_whole
 from ..plotting.report import library_page
-from ..plotting.text import table
-from ..plotting.units import unit_of
+from ..plotting.text import table, unit_of
 from ..primitives.kind_names import plain_name
 from ..primitives.kinds import KindOptions
 from ..primitives.library_building import (

@@ -20,8 +20,7 @@ from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import REPORT, report_page
-from ..plotting.text import variance_report
-from ..plotting.units import primitive_unit, prismatic_joints, unit_of
+from ..plotting.text import primitive_unit, prismatic_joints, unit_of, variance_report
 from ..primitives.build import build_from_statistics, left_out_error, options_to_update
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.motion_statistics import MotionStatistics

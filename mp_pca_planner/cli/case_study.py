@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from ..evaluation.case_study import CaseStudy, study
+from ..evaluation.case_study_page import case_study_page, draw_pictures, facts, summary, tables
 from ..exceptions import RecordingError
 from ..files import exists_already, write_whole
 from ..mocap.marker_joint_states import marker_source
-from ..plotting.case_study_page import case_study_page, draw_pictures, facts, summary, tables
 from ..plotting.page import require_pages
 from ..recordings.load import load_recordings
 from ..recordings.recording_set import RecordingSet

@@ -27,12 +27,11 @@ from ..files import write_whole
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from ..plotting.animation import at_frames, write_animation
-from ..plotting.arm import arm_figure
-from ..plotting.figures import nearest_curves
-from ..plotting.motion import MotionContext, motion_figure
-from ..plotting.page import picture, require_matplotlib
+from ..plotting.arm import arm_figure, at_frames, write_animation
+from ..plotting.motion import MotionContext, motion_figure, nearest_curves
+from ..plotting.page import picture
 from ..plotting.primitive import primitive_figure
+from ..plotting.style import require_matplotlib
 from ..plotting.text import cells, table
 from ..primitives.differences import PHASES
 from ..primitives.file import load_primitive

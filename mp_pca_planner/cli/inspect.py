@@ -12,8 +12,7 @@ import numpy as np
 
 from ..control.law import control_statement
 from ..exceptions import PlannerError, listed
-from ..plotting.text import table, variance_report
-from ..plotting.units import primitive_unit, prismatic_joints, unit_of
+from ..plotting.text import primitive_unit, prismatic_joints, table, unit_of, variance_report
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..plotting.figures import plan_figure
+from ..plotting.motion import plan_figure
 from ..plotting.page import picture
-from ..plotting.units import primitive_unit
+from ..plotting.text import primitive_unit
 from .common import check_motion_file, check_output, report, write_motion
 from .requests import PlannedRequest, collision_lines, effort_words, plan_request, status_line
 from .terminal import DONE, FAILED, written_lines

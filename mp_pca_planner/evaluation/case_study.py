@@ -1,21 +1,189 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The case study of [P], Section 4: arm motions, their components, and a planned motion."""
+"""The case study of [P], Section 4: arm motions, their components, and a planned motion.
+
+The planning method of [P]: one PCA of the joint angles themselves for each joint; mean and
+components as fourth-order polynomials; motions m(s) + Σ wₖ φₖ(s) whose end points are linear
+equality constraints on the weights. Velocities at the ends are free, since [P] states no constraint
+on them. The weights that meet the constraints are an affine space, whose coordinates are the
+unknowns: for every joint, their number is that of the components kept minus two.
+
+Such a program has several minima. Each method starts from several motions and takes the best of
+their results; its time is the mean of one optimisation, as the planner makes one.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import legendre
+from scipy.linalg import null_space
 
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
-from ..primitives.pca import PrincipalComponents
+from ..planning.program.problem import Problem
+from ..planning.program.segment import SegmentProgram
+from ..planning.program.tables import Tables
+from ..planning.program.unknowns import Unknowns
+from ..planning.search.threads import one_blas_thread
+from ..planning.solver.sqp import Solution, solve
+from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
+from ..primitives.boundary import hermite_functions
+from ..primitives.differences import FINE_PHASES
+from ..primitives.pca import PrincipalComponents, fit_components
 from ..recordings.demonstration import Demonstration
 from ..robot.model import Robot
-from .naturalness import BSPLINES, DEFAULT_RHO, Comparison, Prediction, compare, planned
-from .paper import PAPER_OPTIONS, angle_components, free_bsplines, paper_method
+from .naturalness import BSPLINES, DEFAULT_RHO, Comparison, Prediction, Predictor, compare, planned
+
+
+@dataclass(frozen=True)
+class PaperOptions:
+    """Numbers of the method of [P].
+
+    Attributes
+    ----------
+    n_components : int
+        Components kept of each joint ([P] Table 2).
+    degree : int
+        Degree of their polynomials ([P] Section 4).
+    n_phases : int
+        Samples of a motion.
+    n_starts : int
+        Starts of the optimisation: the likeliest motion, and random ones.
+    start_spread : float
+        Standard deviation of random starts of B-splines [rad], similar to that of the paper's
+        weights.
+    """
+
+    n_components: int = 4
+    degree: int = 4
+    n_phases: int = 101
+    n_starts: int = 5
+    start_spread: float = 0.2
+
+
+PAPER_OPTIONS = PaperOptions()
+
+
+def angle_components(motions: Sequence[Demonstration]) -> list[PrincipalComponents]:
+    """Components of the joint angles over time, joint by joint ([P] eq. (1)–(5))."""
+    angles = np.array([motion.time_normalised(PAPER_OPTIONS.n_phases) for motion in motions])
+    return [fit_components(angles[:, :, j]) for j in range(angles.shape[2])]
+
+
+def paper_basis(
+    components: Sequence[PrincipalComponents], start: FloatArray, goal: FloatArray
+) -> PolynomialBasis:
+    """The basis of all motions between two positions that the components can represent.
+
+    Parameters
+    ----------
+    components :
+        Of each joint, see :func:`angle_components`.
+    start, goal : array, shape (n_joints,)
+        Positions [rad or m].
+
+    Returns
+    -------
+    basis : PolynomialBasis
+        Its mean is the likeliest of these motions; its weights, of unit variance, are those of
+        the others. Unlike other bases, its functions include the boundary part.
+    """
+    n_joints, phases = len(components), np.array([0.0, 1.0])
+    means, functions = [], []
+    for j, found in enumerate(components):
+        kept = found.truncated(PAPER_OPTIONS.n_components)
+        # Scaled by standard deviations, so that the shortest vector of weights is the likeliest.
+        scaled = kept.components * np.sqrt(kept.explained_variance)[:, None]
+        mean, polynomials = _polynomials(kept.mean), _polynomials(scaled)
+        at_ends = legendre_values(polynomials, phases).reshape(2, -1)
+        missing = np.array([start[j], goal[j]]) - legendre_values(mean, phases)
+        weights = np.linalg.lstsq(at_ends, missing, rcond=None)[0]
+        means.append(mean + weights @ polynomials)
+        for direction in null_space(at_ends).T if at_ends.size else ():
+            function = np.zeros((n_joints, PAPER_OPTIONS.degree + 1))
+            function[j] = direction @ polynomials
+            functions.append(function)
+    return PolynomialBasis(
+        np.array(means),
+        np.reshape(functions, (-1, n_joints, PAPER_OPTIONS.degree + 1)),
+        np.ones(len(functions)),
+    )
+
+
+def paper_method(robot: Robot) -> Predictor:
+    """The method of the paper, as a predictor for comparisons."""
+
+    def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
+        """Plan between the ends of a motion with its duration."""
+        components = angle_components(others)
+        began = time.perf_counter()
+        basis = paper_basis(components, *motion.positions[[0, -1]])
+        # The basis includes the end points, so there is no boundary part.
+        boundary = np.zeros((6, motion.n_joints))
+        unknowns = Unknowns(basis.scales, boundary, motion.duration)
+        return _optimised(robot, basis, unknowns, 1.0, began)
+
+    return predict
+
+
+def free_bsplines(robot: Robot) -> Predictor:
+    """B-splines whose velocities and accelerations at the ends are free, as a predictor.
+
+    Beside the 6 free control points of each joint, 4 are unknowns that otherwise bring the motion
+    to rest at its ends.
+    """
+
+    def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
+        """Plan between the ends of a motion with its duration."""
+        began = time.perf_counter()
+        basis = BSplineBasis(motion.n_joints)
+        boundary = np.zeros((6, motion.n_joints))
+        boundary[[0, 3]] = motion.positions[[0, -1]]
+        # The other rows are velocities and accelerations.
+        unknowns = Unknowns(basis.scales, boundary, motion.duration, free_rows=(1, 2, 4, 5))
+        return _optimised(robot, basis, unknowns, PAPER_OPTIONS.start_spread, began)
+
+    return predict
+
+
+def _optimised(
+    robot: Robot, basis: Basis, unknowns: Unknowns, spread: float, began: float
+) -> Prediction:
+    """The motion of least effort of a basis; its time, with that since the beginning [s]."""
+    set_up = time.perf_counter() - began
+    size = PAPER_OPTIONS.n_starts, basis.n_weights
+    starts = spread * np.random.default_rng(1).normal(size=size)
+    starts[0] = 0.0  # the likeliest weights
+    best, seconds = _least_effort(robot, Tables(basis), unknowns, starts)
+    ends, _ = unknowns.boundary_at(best.unknowns)
+    shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
+    positions = hermite_functions(FINE_PHASES) @ ends + shape
+    return Prediction(positions, best.cost, set_up + seconds)
+
+
+def _least_effort(
+    robot: Robot, tables: Tables, unknowns: Unknowns, starts: FloatArray
+) -> tuple[Solution, float]:
+    """The best solution without limits, and the mean time of one optimisation [s]."""
+    began = time.perf_counter()
+    segment = SegmentProgram(robot, tables, unknowns, starts[0])
+    problem = Problem([segment], [[]], [[]], [None], None, [])
+    set_up = time.perf_counter() - began
+    with one_blas_thread():
+        found = [solve(problem, unknowns.from_weights(start)) for start in starts]
+    seconds = (time.perf_counter() - began - set_up) / len(starts)
+    return min(found, key=lambda solution: solution.cost), set_up + seconds
+
+
+def _polynomials(curves: FloatArray) -> FloatArray:
+    """Legendre coefficients of least-squares fits to sampled curves, shape (..., degree + 1)."""
+    x = np.linspace(-1.0, 1.0, PAPER_OPTIONS.n_phases)
+    return np.asarray(curves @ np.linalg.pinv(legendre.legvander(x, PAPER_OPTIONS.degree)).T)
+
 
 PAPER = "components as in the paper"
 FREE_BSPLINES = "B-splines, free end velocities"

@@ -17,13 +17,19 @@ from ..motion.collision import CollisionModel
 from ..planning.plan import FREE, PlannerOptions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..robot.world import World
-from .check import RigidArm, judge
-from .method import BSPLINE, Method, PeerResult, planner_method, planner_methods
-from .optimal_control import crocoddyl_method
+from .methods import (
+    BSPLINE,
+    Method,
+    PeerResult,
+    dmp_method,
+    minimum_jerk_method,
+    planner_method,
+    planner_methods,
+    promp_method,
+)
+from .peers import crocoddyl_method, ompl_method, vamp_method
 from .problems import Problem, Scene, SceneProblem
-from .sampling_peers import ompl_method, vamp_method
-from .scene_referee import SceneReferee
-from .without_optimisation import dmp_method, minimum_jerk_method, promp_method
+from .referee import RigidArm, SceneReferee, judge
 
 PEERS: dict[str, Callable[[Scene, float], Method]] = {
     "promp": promp_method,

@@ -190,7 +190,7 @@ class Plan:
 
     def plot(self, axes: Any = None) -> Any:
         """Plot the trajectory, see :func:`.figures.plot_plan`; returns the Axes."""
-        from ..plotting.figures import plot_plan
+        from ..plotting.motion import plot_plan
 
         return plot_plan(self, axes)
 

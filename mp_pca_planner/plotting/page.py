@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..exceptions import PlannerError, printable, require
@@ -20,9 +20,6 @@ from .style import require_matplotlib, styled_figure
 if TYPE_CHECKING:
     from jinja2 import Environment
     from matplotlib.figure import Figure
-
-
-__all__ = ["picture", "require_matplotlib"]
 
 
 @contextmanager
@@ -51,13 +48,6 @@ def picture(path: str | Path | io.BytesIO, *, force: bool = False) -> Iterator[F
         figure.savefig(content, format="png")
     if not isinstance(path, io.BytesIO):
         write_whole(Path(path), content.getvalue(), overwrite=force)
-
-
-class Table(NamedTuple):
-    """A header and rows of text."""
-
-    header: list[str]
-    rows: list[list[str]]
 
 
 def require_pages() -> None:

@@ -8,13 +8,23 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..primitives.alignment import own_phases
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
-from .style import FIGURES, LINES, Line, add_header, joint_panels, label_left, palette_line
-from .units import prismatic_joints, unit_of
+from .style import (
+    FIGURES,
+    LINES,
+    Line,
+    add_header,
+    joint_panels,
+    label_left,
+    palette_line,
+    styled_figure,
+)
+from .text import prismatic_joints, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,6 +126,33 @@ def primitive_figure(
             for axes in (above, below):
                 label_left(axes)
     return panels
+
+
+def plot_primitive(
+    primitive: MovementPrimitive, axes: Axes | Sequence[Axes] | None = None
+) -> NDArray[np.object_]:
+    """Plot the mean shape and the components of a primitive.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        The primitive.
+    axes : Axes or sequence of Axes, optional
+        Where to plot mean shape and components, one of the first joints on each. By default a new
+        pyplot figure with the demonstrations, too.
+
+    Returns
+    -------
+    axes : array of Axes
+        The Axes, shape (n_joints, 2) of a new figure.
+    """
+    if axes is None:
+        with styled_figure(interactive=True) as figure:
+            return np.array(primitive_figure(figure, primitive, title=f"'{primitive.name}'"))
+    given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
+    for joint, one in enumerate(given[: primitive.n_joints]):
+        plot_components(one, primitive, joint)
+    return given
 
 
 def angle_components_figure(

@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The reports of `build_primitives` and `build_library`, HTML pages."""
+"""The reports of `build_primitives` and `build_library`, HTML pages, and figures of recordings."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,8 +15,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..control.law import control_statement
-from ..evaluation.paper import TABLE_2
-from ..exceptions import PrimitiveError
+from ..exceptions import PlannerError, PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
 from ..primitives.differences import PHASES
@@ -31,14 +30,20 @@ from ..robot.model import Robot
 from .arm import arm_figure
 from .page import figure_address, render
 from .primitive import plot_demonstrations, primitive_figure, reproductions
-from .recording import recording_figure
-from .style import GREY, LINES, Line, add_header, joint_panels, palette_line
-from .text import is_arm_of_paper, variance_table
-from .units import primitive_unit, prismatic_joints
+from .style import BLACK, COLOURS, GREY, LINES, Line, add_header, joint_panels, palette_line
+from .text import (
+    TABLE_2,
+    is_arm_of_paper,
+    primitive_unit,
+    prismatic_joints,
+    unit_of,
+    variance_table,
+)
 from .verdict import PrimitiveVerdict, goals_in_span, verdict_on
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 _MARKERS = "osD^v<>P*X"
 
@@ -287,3 +292,52 @@ def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:
     add_header(figure, primitive.name, [LINES["demonstration"], LINES["mean"]])
     for joint, (axes,) in zip(joints, panels, strict=True):
         plot_demonstrations(axes, primitive, int(joint), paths)
+
+
+def recording_figure(
+    figure: Figure, report: RecordingReport, prismatic: Collection[str] = ()
+) -> None:
+    """Plot the content of a recording.
+
+    Parameters
+    ----------
+    figure : Figure
+        An empty figure, see :func:`.styled_figure`.
+    report : RecordingReport
+        The report on the recording, with an overview.
+    prismatic : collection of str
+        Joints that are measured in metres.
+
+    Raises
+    ------
+    PlannerError
+        If the report has no overview.
+    """
+    overview = report.overview
+    if overview is None:
+        raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
+    joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
+    unit = unit_of(report.joint_names, prismatic)
+    figure.set_size_inches(12.0, 3.6)
+    add_header(figure, "", [*joints, LINES["motion"], LINES["rest"]])
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    for values, style in zip(overview.positions.T, joints, strict=True):
+        above.plot(overview.times, unit.factor * values, **style)
+    below.plot(overview.times, unit.factor * overview.speed, color=BLACK, linewidth=1.4)
+    for threshold in (report.thresholds.rest, report.thresholds.moving):
+        below.axhline(unit.factor * threshold, color=GREY, linestyle="--", linewidth=1.0)
+    at_rest = overview.speed <= report.thresholds.rest
+    for axes in (above, below):
+        whole: Line = {"transform": axes.get_xaxis_transform(), "linewidth": 0}
+        axes.fill_between(
+            overview.times, 0.0, 1.0, where=at_rest, color=LINES["rest"]["color"], **whole
+        )
+        for motion in report.motions:
+            span = motion.start, motion.end
+            axes.axvspan(*span, color=LINES["motion"]["color"], alpha=0.6, linewidth=0)
+            for cut in span:
+                axes.axvline(cut, color=COLOURS[0], linewidth=1.0)
+    above.set(ylabel=f"position [{unit.name}]")
+    above.set_xlim(np.nanmin(overview.times), np.nanmax(overview.times))
+    below.set(xlabel="time [s]", ylabel=f"speed [{unit.speed}]")
+    below.set_ylim(bottom=0.0)

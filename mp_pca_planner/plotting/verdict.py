@@ -16,7 +16,7 @@ from ..primitives.differences import MEASURES
 from ..primitives.in_span import in_span_score
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
-from .units import METRES, Unit, primitive_unit, prismatic_joints, unit_of
+from .text import METRES, Unit, primitive_unit, prismatic_joints, unit_of
 
 _PATH = MEASURES.index("path")
 Feature = tuple[FloatArray, Unit]

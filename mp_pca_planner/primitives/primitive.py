@@ -289,7 +289,7 @@ class MovementPrimitive:
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the mean shape and the components on Matplotlib Axes; return these."""
-        figures = import_module("..plotting.figures", __package__)
+        figures = import_module("..plotting.primitive", __package__)
         return figures.plot_primitive(self, axes)
 
     @property

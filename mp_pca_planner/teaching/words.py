@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
-from ..plotting.units import DEGREES, Unit, unit_of
+from ..plotting.text import DEGREES, Unit, unit_of
 from ..recordings.demonstration import Demonstration
 from ..recordings.segmentation import extent
 from ..robot.model import Robot

@@ -11,8 +11,12 @@ from arm import arm_primitive
 from patience import EVER
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.evaluation.check import RigidArm, judge
-from mp_pca_planner.evaluation.method import Method, PeerResult, planner_methods
+from mp_pca_planner.evaluation.methods import (
+    Method,
+    PeerResult,
+    minimum_jerk_method,
+    planner_methods,
+)
 from mp_pca_planner.evaluation.problems import (
     Problem,
     Scene,
@@ -20,8 +24,8 @@ from mp_pca_planner.evaluation.problems import (
     held_out_problems,
     robot_file,
 )
+from mp_pca_planner.evaluation.referee import RigidArm, judge
 from mp_pca_planner.evaluation.run import PEERS, compare, ratios, set_up, unsolved
-from mp_pca_planner.evaluation.without_optimisation import minimum_jerk_method
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.primitives.file import save_primitive

@@ -12,9 +12,9 @@ from arm import arm_demonstrations, arm_robot
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.evaluation.case_study import OURS, choose_motions, study, variance_shares
+from mp_pca_planner.evaluation.case_study_page import tables
 from mp_pca_planner.evaluation.naturalness import BSPLINES, EXPECTED, compare
 from mp_pca_planner.exceptions import PrimitiveError
-from mp_pca_planner.plotting.case_study_page import tables
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 

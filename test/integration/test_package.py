@@ -34,8 +34,8 @@ LAYERS = [
     {"planning"},
     {"control", "learning"},
     {"execution"},
-    {"simulation", "evaluation"},
-    {"plotting", "teaching", "view"},
+    {"simulation", "plotting"},
+    {"evaluation", "teaching", "view"},
     {"cli", "ros", "__main__"},
 ]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mp_pca_planner.evaluation.check import RigidArm, judge
 from mp_pca_planner.evaluation.problems import Problem
+from mp_pca_planner.evaluation.referee import RigidArm, judge
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.robot.limits import JointLimits

@@ -7,14 +7,14 @@ from arm import arm_demonstrations, arm_robot
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 
-from mp_pca_planner.evaluation.naturalness import plan_like
-from mp_pca_planner.evaluation.paper import (
+from mp_pca_planner.evaluation.case_study import (
     PAPER_OPTIONS,
     angle_components,
     free_bsplines,
     paper_basis,
     paper_method,
 )
+from mp_pca_planner.evaluation.naturalness import plan_like
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.differences import FINE_PHASES
 

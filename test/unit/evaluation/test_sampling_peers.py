@@ -10,7 +10,7 @@ import pytest
 from arm import JOINTS, arm_robot
 from scipy.spatial.transform import Rotation
 
-from mp_pca_planner.evaluation.sampling_peers import vamp_method, vamp_robot, vamp_shapes
+from mp_pca_planner.evaluation.peers import vamp_method, vamp_robot, vamp_shapes
 from mp_pca_planner.exceptions import MissingDependencyError, PlannerError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere, World

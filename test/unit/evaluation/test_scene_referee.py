@@ -7,8 +7,7 @@ import pytest
 from dense import minimum_jerk_motion
 from obstacle_scenes import write_scene
 
-from mp_pca_planner.evaluation.check import RigidArm
-from mp_pca_planner.evaluation.scene_referee import SceneReferee
+from mp_pca_planner.evaluation.referee import RigidArm, SceneReferee
 from mp_pca_planner.exceptions import PlannerError
 
 LENGTH, RADIUS, TURN, DURATION = 0.8, 0.05, 1.2, 1.5

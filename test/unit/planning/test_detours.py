@@ -15,8 +15,7 @@ from obstacle_scenes import write_scene
 from worlds import TRAY
 
 import mp_pca_planner as mp
-from mp_pca_planner.evaluation.check import RigidArm
-from mp_pca_planner.evaluation.scene_referee import SceneReferee
+from mp_pca_planner.evaluation.referee import RigidArm, SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.plotting.animation import ANIMATION, at_frames, write_animation
+from mp_pca_planner.plotting.arm import ANIMATION, at_frames, write_animation
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 

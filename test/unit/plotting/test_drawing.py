@@ -20,11 +20,15 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.arm import arm_figure
-from mp_pca_planner.plotting.figures import plan_figure, plot_plan, plot_primitive
-from mp_pca_planner.plotting.motion import MotionContext, motion_figure
+from mp_pca_planner.plotting.motion import (
+    MotionContext,
+    motion_figure,
+    plan_figure,
+    plot_plan,
+)
 from mp_pca_planner.plotting.page import picture
-from mp_pca_planner.plotting.primitive import primitive_figure
-from mp_pca_planner.plotting.recording import recording_figure
+from mp_pca_planner.plotting.primitive import plot_primitive, primitive_figure
+from mp_pca_planner.plotting.report import recording_figure
 from mp_pca_planner.plotting.style import FIGURES, add_header, line, styled_figure
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import PHASES
