@@ -6,7 +6,7 @@ The motions of several folders are put into one heap. Prints the adjusted Rand i
 labels, once with each outlier as a kind of its own, and that of shuffled labels (mean and largest
 of 100). Prints also the RMS error in path [deg] of motions that are left out and predicted from
 their ends and duration by primitives of the other motions: of the same label, of the same kind, or
-of all in one pot; the kind of an outlier is the one with the least in-span score. "chosen": the
+of all pooled; the kind of an outlier is the one with the least in-span score. "chosen": the
 primitive is chosen by the in-span score, as a planner does that knows neither label nor kind.
 
     python benchmarks/library.py FOLDER... [--segments FILE.csv] [--json]
@@ -27,8 +27,8 @@ from mp_pca_planner.primitives.build import build_from_statistics
 from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences
 from mp_pca_planner.primitives.in_span import in_span_score
-from mp_pca_planner.primitives.kinds import OUTLIER, find_kinds
-from mp_pca_planner.primitives.library_building import adjusted_rand_index
+from mp_pca_planner.primitives.kinds.find import OUTLIER, find_kinds
+from mp_pca_planner.primitives.library.build import adjusted_rand_index
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -36,7 +36,7 @@ from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 
 OPTIONS = PrimitiveOptions()
-GROUPINGS = ("label", "kind", "one pot")
+GROUPINGS = ("label", "kind", "pooled")
 
 
 def main() -> None:
@@ -131,7 +131,7 @@ def _error_table(kinds: Sequence[int], errors: Sequence[FloatArray]) -> Table:
         (given, chosen) = np.rad2deg(np.sqrt(squares))
         ratio = given[1] / given[0]
         rows.append([name, *(f"{x:.2f}" for x in (*given, ratio, *chosen[:2]))])
-    header = ["", "label", "kind", "one pot", "kind / label", "label chosen", "kind chosen"]
+    header = ["", "label", "kind", "pooled", "kind / label", "label chosen", "kind chosen"]
     return header, rows
 
 

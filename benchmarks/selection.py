@@ -44,8 +44,8 @@ from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.requests.selection import Selector, is_near
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
+from mp_pca_planner.primitives.library.library import PrimitiveLibrary, load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.primitives.primitive_library import PrimitiveLibrary, load_primitives
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot

@@ -41,8 +41,8 @@ from ..motion.collision import CollisionModel, package_folders
 from ..plotting.comparison import comparison_figure
 from ..plotting.page import picture
 from ..plotting.text import Table, cells, table
+from ..primitives.library.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
-from ..primitives.primitive_library import load_primitives
 from ..resources import config_file
 from ..robot.model import Robot
 from .common import check_output, named_peers, progress_bar, report

@@ -6,158 +6,70 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from functools import partial
-from itertools import count
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
+from ..exceptions import PrimitiveError, RecordingError, listed
 from ..files import write_whole
 from ..plotting.report import library_page
 from ..plotting.text import table, unit_of
-from ..primitives.kind_names import plain_name
-from ..primitives.kinds import KindOptions
-from ..primitives.library_building import (
-    OUTLIERS,
-    LibraryContent,
-    known_motions,
-    libraries_of,
-    library_content,
-    write_library,
-)
-from ..primitives.library_journal import require_locks
-from ..primitives.motion_sources import indices_of
-from ..primitives.motion_statistics import MotionStatistics
-from ..primitives.primitive import MovementPrimitive
-from ..primitives.versioned_library import VersionedLibrary
+from ..primitives.kinds.find import KindOptions
+from ..primitives.library.build import ExistingLibraries, LibraryContent, build_library
+from ..primitives.library.journal import require_locks
 from ..recordings.recording_set import RecordingSet
 from ..robot.model import Robot
-from .build_primitives import load, options_like, origin, primitive_options, repairs_of
+from .build_primitives import load, options_like, primitive_options, repairs_of
 from .common import check_output, report
 from .terminal import DONE, complain
-
-Joints = tuple[str, ...]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     require_locks()
     check_output(arguments.report, ".html", force=arguments.force)
-    folders = libraries_of(arguments.output)
-    _check(arguments, folders)
-    n_before = {folder: len(VersionedLibrary(folder).history()) for folder in folders.values()}
-    old = [known_motions(VersionedLibrary(folder)) for folder in folders.values()]
-    known = [x for kinds, outliers in old for x in (*kinds.values(), outliers) if x is not None]
+    existing = ExistingLibraries.read(arguments.output)
+    _check(arguments, existing)
     options = primitive_options(arguments)
-    if known:
-        options = options_like(known[0], options)
+    if existing.primitives:
+        options = options_like(existing.primitives[0], options)
     robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
     recordings = RecordingSet()
     if arguments.bags:
         joints = arguments.joints if robot is None else robot.joint_names
-        motions = [x.statistics for x in known if x.statistics is not None]
-        recordings = load(arguments, options, joints, 0, motions, robot)
+        recordings = load(arguments, options, joints, 0, existing.statistics, robot)
         recordings.require_motion()
-    repairs = {name: x for one in known for name, x in one.metadata.get("repairs", {}).items()}
-    prismatic = {name for x in known for name in x.metadata.get("prismatic_joints", [])}
-    repairs |= repairs_of(recordings)
-    build = partial(
-        library_content,
+    places = build_library(
+        recordings.summaries,
+        arguments.output,
         options=options,
         kind_options=KindOptions(min_motions=arguments.min_kind),
         robot=robot,
-        metadata=partial(origin, repairs=repairs, robot=robot, prismatic=prismatic),
+        existing=existing,
+        removed=arguments.remove,
+        repairs=repairs_of(recordings),
     )
-    contents = _contents(build, recordings, known, folders, arguments.remove)
-    places = _places(arguments.output, contents, folders)
-    page = library_page(places, recordings.refused) if arguments.report else ""
-    for folder, content in places.items():
-        write_library(VersionedLibrary(folder), content, n_before.get(folder, 0), "build_library")
     if arguments.report is not None:
+        page = library_page(places, recordings.refused)
         write_whole(arguments.report, page.encode(), overwrite=arguments.force)
     _print(arguments, recordings, places)
     return DONE
 
 
-def _check(arguments: argparse.Namespace, folders: Mapping[Joints, Path]) -> None:
+def _check(arguments: argparse.Namespace, existing: ExistingLibraries) -> None:
     """Reject options that don't fit together or to the folder."""
     if not arguments.bags and not arguments.update:
         raise RecordingError("give at least one recording, or --update")
     if arguments.remove and not arguments.update:
         raise RecordingError("--remove removes recordings from a library: also pass --update")
-    if arguments.update and not folders:
+    if arguments.update and not existing.folders:
         raise PrimitiveError(f"there is no library '{arguments.output}' to update")
-    if folders and not arguments.update:
+    if existing.folders and not arguments.update:
         raise PrimitiveError(
             f"'{arguments.output}' holds a library: give --update to add the recordings to it, or "
             "another folder"
         )
-
-
-def _contents(
-    build: Any,
-    recordings: RecordingSet,
-    known: Sequence[MovementPrimitive],
-    folders: Mapping[Joints, Path],
-    removed: Sequence[str],
-) -> dict[Joints, LibraryContent]:
-    """The library of each set of joints: of old and of new motions."""
-    orders = {frozenset(joints): joints for joints in folders}
-    old: dict[Joints, list[MotionStatistics]] = {}
-    new: dict[Joints, Iterable[MotionStatistics]] = {}
-    for primitive in known:
-        if primitive.statistics is not None:
-            old.setdefault(primitive.joint_names, []).append(primitive.statistics)
-    for part in recordings.summaries:
-        joints = orders.setdefault(frozenset(part.joint_names), part.joint_names)
-        new[joints] = _Ordered(recordings.summaries, joints)
-    contents, missing = {}, set(removed)
-    for joints in sorted({*old, *new}):
-        parts = [MotionStatistics.merged(x) for x in (old.get(joints), new.get(joints)) if x]
-        statistics = parts[0].added(parts[1]) if len(parts) > 1 else parts[0]
-        here = [name for name in removed if indices_of(name, statistics.motions)]
-        statistics = statistics.without(here) if here else statistics
-        missing -= set(here)
-        kinds = {
-            x.name: x.statistics
-            for x in known
-            if x.joint_names == joints and x.statistics and x.name != OUTLIERS
-        }
-        taken = [] if joints not in folders else [*VersionedLibrary(folders[joints]).in_use()]
-        others = [name for name in taken if name not in kinds]
-        contents[joints] = build(statistics, known=kinds, taken=others)
-    if missing:
-        raise PrimitiveError(f"the library holds no recordings called {quote_names(missing)}")
-    return contents
-
-
-@dataclass(frozen=True)
-class _Ordered:
-    """Those of some statistics that have the same joints, with these in one order."""
-
-    parts: Sequence[MotionStatistics]
-    joints: Joints
-
-    def __iter__(self) -> Iterator[MotionStatistics]:
-        same = (x for x in self.parts if set(x.joint_names) == set(self.joints))
-        return (part.ordered(self.joints) for part in same)
-
-
-def _places(
-    output: Path, contents: Mapping[Joints, LibraryContent], folders: Mapping[Joints, Path]
-) -> dict[Path, LibraryContent]:
-    """The folder of each library: that of --output itself, if it is the only one."""
-    if not folders and len(contents) == 1:
-        return dict(zip([output], contents.values(), strict=True))
-    places: dict[Path, LibraryContent] = {}
-    for joints, content in contents.items():
-        name = plain_name(f"{len(joints)} joints to {joints[-1]}")
-        names = (output / (f"{name}_{i}" if i > 1 else name) for i in count(1))
-        free = (path for path in names if path not in {*places, *folders.values()})
-        places[folders.get(joints) or next(free)] = content
-    return places
 
 
 def _print(
@@ -190,10 +102,11 @@ def _facts(folder: Path, content: LibraryContent) -> dict[str, Any]:
                 "labels": Counter(d["label"] for d in primitive.metadata["demonstrations"]),
                 "n_components": primitive.n_components,
                 "left_out_error": alone,
-                "left_out_error_in_one_pot": together,
+                "left_out_error_pooled": pooled,
+                "left_out_error_in_one_pot": pooled,  # its name in earlier releases
             }
-            for primitive, alone, together in zip(
-                content.primitives, content.errors_alone, content.errors_in_one_pot, strict=True
+            for primitive, alone, pooled in zip(
+                content.primitives, content.errors_alone, content.errors_pooled, strict=True
             )
         ],
         "outliers": list(outliers),
@@ -213,7 +126,7 @@ def _text(facts: dict[str, Any], content: LibraryContent) -> list[str]:
             str(kind["n_motions"]),
             str(kind["n_components"]),
             unit.number(kind["left_out_error"]),
-            unit.number(kind["left_out_error_in_one_pot"]),
+            unit.number(kind["left_out_error_pooled"]),
         ]
         for kind in facts["kinds"]
     ]

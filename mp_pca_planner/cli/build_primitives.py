@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from heapq import nlargest
@@ -23,6 +23,7 @@ from ..plotting.report import REPORT, report_page
 from ..plotting.text import primitive_unit, prismatic_joints, unit_of, variance_report
 from ..primitives.build import build_from_statistics, left_out_error, options_to_update
 from ..primitives.file import load_primitive, save_primitive
+from ..primitives.library.build import origin
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
@@ -150,21 +151,6 @@ def repairs_of(recordings: RecordingSet) -> dict[str, Any]:
     """Repairs of each recording, by name; equal ones take memory once."""
     known: dict[str, Any] = {}
     return {r.name: known.setdefault(str(r.repairs), r.repairs) for r in recordings.reports}
-
-
-def origin(
-    statistics: MotionStatistics,
-    repairs: Mapping[str, Any],
-    robot: Robot | None,
-    prismatic: Collection[str] = (),
-) -> dict[str, Any]:
-    """Metadata: the repairs of the recordings that are in, and the prismatic joints."""
-    used = {motion.recording for motion in statistics.motions}
-    moved = robot.prismatic_joints if robot else prismatic
-    return {
-        "repairs": {name: counts for name, counts in repairs.items() if name in used},
-        "prismatic_joints": [x for x in statistics.joint_names if x in moved],
-    }
 
 
 def load(

@@ -11,8 +11,8 @@ from dataclasses import asdict
 from ..exceptions import PrimitiveError
 from ..plotting.text import table
 from ..primitives.file import load_primitive
-from ..primitives.library_journal import Change
-from ..primitives.versioned_library import VersionedLibrary
+from ..primitives.library.journal import Change
+from ..primitives.library.versioned import VersionedLibrary
 from .common import report
 from .terminal import DONE
 

@@ -23,8 +23,8 @@ from ..planning.path_constraints import path_constraints
 from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..planning.report import remarks
+from ..primitives.library.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
-from ..primitives.primitive_library import load_primitives
 from ..robot.model import Robot
 from ..robot.world import World
 from .goal_arguments import (

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from ..exceptions import PlannerError
-from ..primitives.primitive_library import load_primitives
+from ..primitives.library.library import load_primitives
 from ..recordings.load import load_demonstrations
 from ..robot.world import World
 from ..view.content import PageContent, read_content

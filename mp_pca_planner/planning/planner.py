@@ -31,8 +31,8 @@ from ..motion.goal import (
     as_state,
 )
 from ..motion.validation import require_effort_limits
+from ..primitives.library.library import PrimitiveLibrary
 from ..primitives.primitive import MovementPrimitive
-from ..primitives.primitive_library import PrimitiveLibrary
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World

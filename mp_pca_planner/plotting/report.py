@@ -19,8 +19,8 @@ from ..exceptions import PlannerError, PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
 from ..primitives.differences import PHASES
-from ..primitives.kinds import OUTLIER
-from ..primitives.library_building import LibraryContent
+from ..primitives.kinds.find import OUTLIER
+from ..primitives.library.build import LibraryContent
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
@@ -234,7 +234,7 @@ def library_page(places: Mapping[Path, LibraryContent], refused: Sequence[Refusa
 
 def _library(folder: Path, content: LibraryContent) -> dict[str, Any]:
     motions, unit = content.statistics.motions, primitive_unit(content.primitives[0])
-    kinds = zip(content.primitives, content.errors_alone, content.errors_in_one_pot, strict=True)
+    kinds = zip(content.primitives, content.errors_alone, content.errors_pooled, strict=True)
     return {
         "folder": str(folder),
         "content": content,

@@ -23,9 +23,9 @@ from ...arrays import FloatArray
 from ...exceptions import quote_names
 from ...motion.goal import JointState
 from ...primitives.in_span import RequestIndex
+from ...primitives.library.library import PrimitiveLibrary
 from ...primitives.prediction import ConditionalDistribution
 from ...primitives.primitive import MovementPrimitive
-from ...primitives.primitive_library import PrimitiveLibrary
 from ...robot.model import Robot
 from ..motion import Motion
 from ..objectives import Effort, Objective

@@ -11,19 +11,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_kinds import generate_kinds
 
-from mp_pca_planner.primitives.kind_names import kind_names
-from mp_pca_planner.primitives.kinds import OUTLIER, KindOptions, find_kinds
-from mp_pca_planner.primitives.library_building import (
+from mp_pca_planner.exceptions import PrimitiveError
+from mp_pca_planner.primitives.kinds.find import OUTLIER, KindOptions, find_kinds
+from mp_pca_planner.primitives.kinds.names import kind_names
+from mp_pca_planner.primitives.library.build import (
     OUTLIERS,
     adjusted_rand_index,
+    build_library,
     library_content,
 )
-from mp_pca_planner.primitives.library_journal import check_name
+from mp_pca_planner.primitives.library.journal import check_name
+from mp_pca_planner.primitives.library.versioned import VersionedLibrary
 from mp_pca_planner.primitives.motion_sources import source_rows
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.prediction import left_out_squares
 from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.model import Robot
 
 N_PHASES = PrimitiveOptions().n_phases
@@ -120,13 +124,11 @@ def test_the_adjusted_rand_index_is_that_of_its_paper():
     assert adjusted_rand_index(first, 7 - first) == 1.0
 
 
-def test_a_library_has_a_primitive_for_each_kind_that_predicts_it_better_than_all_in_one_pot():
+def test_a_library_has_a_primitive_for_each_kind_that_predicts_it_better_than_all_pooled():
     made = statistics(60)
     content = library_content(made, PrimitiveOptions())
     assert [len(x.durations) for x in content.primitives] == [10] * 6
-    assert np.sqrt(np.mean(content.errors_alone**2)) < np.sqrt(
-        np.mean(content.errors_in_one_pot**2)
-    )
+    assert np.sqrt(np.mean(content.errors_alone**2)) < np.sqrt(np.mean(content.errors_pooled**2))
     assert content.label_agreement() == 1.0
     # By what most of them are called.
     assert {x.name for x in content.primitives} == {f"kind_{i}" for i in range(6)}
@@ -237,3 +239,26 @@ def test_a_kind_labelled_as_outliers_does_not_take_their_name():
     sources = source_rows(m._replace(label=OUTLIERS) for m in labelled.motions)
     content = library_content(replace(labelled, sources=sources), PrimitiveOptions())
     assert OUTLIERS not in {x.name for x in content.primitives}
+
+
+def test_a_library_is_built_from_motions_and_grows(tmp_path):
+    """Motions of two sets of joints make a library each; more motions are added to theirs."""
+    made = generate_motions(12, 3)
+    motions = [replace(x, recording=f"r{i}", checksum=f"{i}") for i, x in enumerate(made)]
+    other = [replace(x, joint_names=("a", "b", "c", "d")) for x in motions[:3]]
+    first = build_library([*motions[:6], *other], tmp_path / "x")
+    assert sorted(len(x.statistics.durations) for x in first.values()) == [3, 6]
+    second = build_library(motions[3:], tmp_path / "x")
+    assert sorted(len(x.statistics.durations) for x in second.values()) == [3, 12]
+    assert second.keys() == first.keys()
+    for folder, content in second.items():
+        assert set(VersionedLibrary(folder).in_use()) == {x.name for x in content.primitives}
+    third = build_library([], tmp_path / "x", removed=["r9"])
+    assert sorted(len(x.statistics.durations) for x in third.values()) == [3, 11]
+
+
+@pytest.mark.parametrize("motions", [[], ["bags/"]])
+def test_a_library_of_no_motions_is_refused(tmp_path, motions):
+    with pytest.raises(PrimitiveError, match="got none|not a demonstration"):
+        build_library(motions, tmp_path / "x")
+    assert not (tmp_path / "x").exists()

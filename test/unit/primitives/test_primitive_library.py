@@ -13,15 +13,15 @@ from arm import arm_demonstrations, arm_primitive, arm_robot
 from mp_pca_planner.exceptions import GoalError, PrimitiveError, PrimitiveFileError
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.primitives import primitive_library
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.primitives.file_index import INDEX_NAME
-from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.primitives.primitive_library import (
+from mp_pca_planner.primitives.library import library as library_module
+from mp_pca_planner.primitives.library.index import INDEX_NAME
+from mp_pca_planner.primitives.library.library import (
     LibraryOptions,
     PrimitiveLibrary,
     load_primitives,
 )
+from mp_pca_planner.primitives.primitive import MovementPrimitive
 
 NAMES = ["a", "b", "c", "d"]
 
@@ -29,7 +29,7 @@ NAMES = ["a", "b", "c", "d"]
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Four primitives in files, which are too many to be read at once."""
-    monkeypatch.setattr(primitive_library, "_OPTIONS", LibraryOptions(max_loaded=2, max_kept=2))
+    monkeypatch.setattr(library_module, "_OPTIONS", LibraryOptions(max_loaded=2, max_kept=2))
     for i, name in enumerate(NAMES):
         save_primitive(moved(name, 0.1 * i), tmp_path / f"{name}.npz")
     return tmp_path

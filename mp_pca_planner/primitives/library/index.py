@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
-from ..exceptions import PlannerError, PrimitiveError, PrimitiveFileError
-from ..files import open_regular, reading, write_whole
-from ..json_content import check_form, load_json
-from .file import load_primitive
-from .primitive import MovementPrimitive
-from .primitive_values import require_same_joints
+from ...arrays import FloatArray
+from ...exceptions import PlannerError, PrimitiveError, PrimitiveFileError
+from ...files import open_regular, reading, write_whole
+from ...json_content import check_form, load_json
+from ..file import load_primitive
+from ..primitive import MovementPrimitive
+from ..primitive_values import require_same_joints
 
 INDEX_NAME = ".mp_pca_planner-index"
 """Name of the file."""

@@ -22,11 +22,13 @@ from functools import cached_property, partial
 from itertools import count
 from pathlib import Path
 
-from ..exceptions import PlannerError, PrimitiveError, unknown_name
-from ..files import Content, read_bytes, read_text, reading, write_together
-from ..input_limits import INPUT_LIMITS
-from .file import load_primitive, primitive_bytes, write_primitive
-from .library_journal import (
+from ...exceptions import PlannerError, PrimitiveError, unknown_name
+from ...files import Content, read_bytes, read_text, reading, write_together
+from ...input_limits import INPUT_LIMITS
+from ..file import load_primitive, primitive_bytes, write_primitive
+from ..primitive import MovementPrimitive
+from ..primitive_values import require_same_joints
+from .journal import (
     ADD,
     MAX_JOURNAL_BYTES,
     RETIRE,
@@ -39,8 +41,6 @@ from .library_journal import (
     provenance_of,
     version_to_restore,
 )
-from .primitive import MovementPrimitive
-from .primitive_values import require_same_joints
 
 
 class VersionedLibrary:

@@ -12,12 +12,12 @@ from typing import overload
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import GoalError, PrimitiveError, quote_names, shown, unknown_name
-from .file import load_primitive
-from .file_index import index_files, load_unchanged
-from .primitive import MovementPrimitive
-from .primitive_values import require_same_joints
+from ...arrays import FloatArray
+from ...exceptions import GoalError, PrimitiveError, quote_names, shown, unknown_name
+from ..file import load_primitive
+from ..primitive import MovementPrimitive
+from ..primitive_values import require_same_joints
+from .index import index_files, load_unchanged
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,11 @@ from scipy.cluster.hierarchy import ClusterNode, linkage, to_tree
 from scipy.special import multigammaln
 from scipy.stats import multivariate_t
 
-from ..arrays import FloatArray
-from ..rows import empty_rows, release, row_blocks
-from .motion_statistics import MotionStatistics
-from .pca import components_for_share, fit_components
-from .prediction import left_out_squares
+from ...arrays import FloatArray
+from ...rows import empty_rows, release, row_blocks
+from ..motion_statistics import MotionStatistics
+from ..pca import components_for_share, fit_components
+from ..prediction import left_out_squares
 
 OUTLIER = -1
 """Kind of motions that belong to none."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..robot.model import Robot
-from .motion_statistics import MotionStatistics
+from ...arrays import FloatArray
+from ...robot.model import Robot
+from ..motion_statistics import MotionStatistics
 
 # Both ends of the axes of a base frame: x forward, y to the left, z up (REP 103).
 _DIRECTIONS = (

@@ -13,11 +13,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
-from ..exceptions import PlannerError, PrimitiveError, require, shown, unknown_name
-from ..files import reading
-from ..json_content import check_form, load_json
-from .primitive import MovementPrimitive
+from ... import __version__
+from ...exceptions import PlannerError, PrimitiveError, require, shown, unknown_name
+from ...files import reading
+from ...json_content import check_form, load_json
+from ..primitive import MovementPrimitive
 
 ADD, RETIRE, ROLLBACK = "add", "retire", "rollback"
 
