@@ -3,9 +3,10 @@
 """Fuzz test of the node: random messages on every topic, odd values for every parameter.
 
 Run it as ``python benchmarks/node_fuzz.py``. After each step, the services are called, the
-parameters are reset, and a valid goal must be served. The script exits with status 1 if the node
-dies, does not answer, or reports an internal error. `test/ros/test_node_fuzz.py` runs a short
-version.
+parameters are reset, and a valid goal must be served. During each step, another process calls
+``~/stop``, which has to answer within 50 ms on a machine that does nothing else. The script exits
+with status 1 if the node dies, does not answer, answers later, or reports an internal error.
+`test/ros/test_node_fuzz.py` runs a short version.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
+import numpy as np
 from fuzz_states import ODD_STATES, odd_states
 from geometry_msgs.msg import Point, PoseStamped, Vector3
 from mesh_inputs import FILES, SOUPS
@@ -44,6 +46,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
+from stop_latency import GOAL, StopClient
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -111,8 +114,8 @@ def main() -> int:
         own = ("-p", f"primitives:=['{file}']", "-p", f"save_folder:='{folder}'")
         node = start_node(*own, "-p", "state_timeout:=3600.0", output=log)
         try:
-            with RobotClient() as client, silent_node("fuzzer") as caller:
-                fuzzer = Fuzzer(node, client, caller)
+            with RobotClient() as client, silent_node("fuzzer") as caller, StopClient() as stops:
+                fuzzer = Fuzzer(node, client, caller, stops=stops)
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
                 fuzzer.send_meshes(Path(folder))
@@ -124,10 +127,19 @@ def main() -> int:
             status = node.wait(timeout=60.0)
         log.seek(0)
         defects = {line[line.index("internal") :] for line in log if "internal error" in line}
-    print(f"{fuzzer.n_steps} steps, {fuzzer.n_served} good goals served in between")
+    print(
+        f"{fuzzer.n_steps} steps with {fuzzer.n_sent} messages and values, {fuzzer.n_served} good "
+        "goals served in between"
+    )
+    times = np.array(fuzzer.stop_times)
+    n_late = int((times > GOAL).sum())
+    print(
+        f"~/stop: {len(times)} answers, median {1e3 * np.median(times):.1f} ms, longest "
+        f"{1e3 * times.max():.1f} ms, {n_late} late"
+    )
     print(f"the node ended with status {status} and logged {len(defects)} kinds of internal errors")
     print(*sorted(defects), sep="", end="")
-    return int(status != 0 or bool(defects))
+    return int(status != 0 or bool(defects) or n_late > 0)
 
 
 class Fuzzer:
@@ -143,10 +155,21 @@ class Fuzzer:
         A node of the fuzzer's own.
     seed : int
         Seed of the random input.
+    stops : StopClient, optional
+        Stops the robot during each step.
     """
 
-    def __init__(self, node: Popen[str], client: RobotClient, caller: Node, seed: int = 1) -> None:
-        self.n_steps = self.n_served = 0
+    def __init__(
+        self,
+        node: Popen[str],
+        client: RobotClient,
+        caller: Node,
+        seed: int = 1,
+        stops: StopClient | None = None,
+    ) -> None:
+        self.n_steps = self.n_served = self.n_sent = 0
+        self.stop_times = list[float]()
+        self._stops = stops
         self._node, self._client, self._caller = node, client, caller
         self._executor = SingleThreadedExecutor(context=caller.context)
         self._executor.add_node(caller)
@@ -252,6 +275,12 @@ class Fuzzer:
         """Reset the parameters and check that the next valid goal is served."""
         self.n_steps += 1
         client = self._client
+        if self._stops is not None:
+            self._stops.pause()  # a valid goal must not be stopped
+            times = self._stops.times()
+            if max(times, default=0.0) > GOAL:
+                print(f"~/stop took {1e3 * max(times):.0f} ms during {what}", file=sys.stderr)
+            self.stop_times += times
         assert self._node.poll() is None, f"the node died of {what}"
         result = self._set_first_values()
         assert result.successful, f"after {what}: {result.reason}"
@@ -267,6 +296,8 @@ class Fuzzer:
         self.n_served += 1
         client.reports.clear()
         client.trajectories.clear()
+        if self._stops is not None:
+            self._stops.resume()
 
     def _next_goal(self) -> JointState:
         """A new goal with its own stamp."""
@@ -281,6 +312,7 @@ class Fuzzer:
         while not publisher.get_subscription_count():
             self._executor.spin_once(0.05)
         for message in messages:
+            self.n_sent += 1
             # DDS rejects messages beyond the bound of their type.
             with suppress(RuntimeError):
                 publisher.publish(message)
@@ -303,6 +335,7 @@ class Fuzzer:
         ]
 
     def _set(self, values: dict[str, Any]) -> None:
+        self.n_sent += len(values)
         parameters = [as_message(name, value) for name, value in values.items()]
         request = SetParameters.Request(parameters=parameters)
         self._call(SetParameters, "mp_pca_planner/set_parameters", request)

@@ -97,7 +97,7 @@ def row(name: str, times: np.ndarray, gap: float) -> str:
 class Hostile:
     """Sends hostile input to a node, while another process stops the robot."""
 
-    def __init__(self, client: RobotClient, caller: Any, folder: Path, stops: Connection) -> None:
+    def __init__(self, client: RobotClient, caller: Any, folder: Path, stops: StopClient) -> None:
         self._client, self._caller, self._folder, self._stops = client, caller, folder, stops
         self._numbers = itertools.count(1)
         self._executor = SingleThreadedExecutor(context=caller.context)
@@ -141,7 +141,7 @@ class Hostile:
         self._client.publish("robot_description", String(data=URDF.read_text("utf-8")))
         self._client.wait_for_model()
         self._client.diagnostics.clear()
-        self._drain()
+        self._stops.times()
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             attack()
@@ -150,7 +150,7 @@ class Hostile:
         quiet = time.monotonic() + 2.0
         while time.monotonic() < quiet:
             self._client.spin_once(0.05)
-        times = self._drain()
+        times = self._stops.times()
         gaps = [
             float(pair.value)
             for message in self._client.diagnostics
@@ -160,12 +160,6 @@ class Hostile:
         none = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
         self._publish(self._markers, bytes(serialize_message(none)))
         return np.array(times), max(gaps, default=np.nan)
-
-    def _drain(self) -> list[float]:
-        times = []
-        while self._stops.poll():
-            times.append(self._stops.recv())
-        return times
 
     def _publish(self, topic: str, content: bytes) -> None:
         self._publishers[topic].publish(content)
@@ -262,7 +256,7 @@ def hostile_node(folder: Path, n_primitives: int) -> Iterator[Hostile]:
         silent_node("hostile") as caller,
         running(start_node("-p", f"primitives:=['{library}']", output=log)),
         joint_states(250.0, q),
-        stop_client() as stops,
+        StopClient() as stops,
     ):
         client.wait_for_node(120.0)
         client.publish("robot_description", String(data=URDF.read_text("utf-8")))
@@ -290,21 +284,42 @@ def running(node: Popen[str]) -> Iterator[None]:
         node.wait(timeout=60.0)
 
 
-@contextmanager
-def stop_client() -> Iterator[Connection]:
-    """A process that stops the robot again and again; the connection has the answer times [s]."""
-    here, there = PROCESSES.Pipe(duplex=False)
-    process = PROCESSES.Process(target=_stop_again_and_again, args=[there], daemon=True)
-    process.start()
-    try:
-        here.poll(120.0)  # it has got its first answer
-        yield here
-    finally:
-        process.kill()
-        process.join()
+class StopClient:
+    """A process that stops the robot again and again, and times the answers."""
+
+    def __init__(self) -> None:
+        self._here, there = PROCESSES.Pipe(duplex=False)
+        self._active = PROCESSES.Event()
+        arguments = [there, self._active]
+        self._process = PROCESSES.Process(target=_stop_again_and_again, args=arguments, daemon=True)
+
+    def __enter__(self) -> StopClient:
+        self._active.set()
+        self._process.start()
+        self._here.poll(120.0)  # it has got its first answer
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.join()
+
+    def pause(self) -> None:
+        """Stop the robot no more, until `resume`."""
+        self._active.clear()
+
+    def resume(self) -> None:
+        """Stop the robot again and again."""
+        self._active.set()
+
+    def times(self) -> list[float]:
+        """Answer times since the last call [s]; `LOST` without an answer."""
+        times = []
+        while self._here.poll():
+            times.append(self._here.recv())
+        return times
 
 
-def _stop_again_and_again(times: Connection) -> None:
+def _stop_again_and_again(times: Connection, active: Any) -> None:
     """Call the service and take the answers as they arrive.
 
     An executor of rclpy would add up to 80 ms of its own.
@@ -314,6 +329,7 @@ def _stop_again_and_again(times: Connection) -> None:
         client.wait_for_service(120.0)
         time.sleep(1.0)  # the service discovers the client, too
         while True:
+            active.wait()
             began = time.monotonic()
             client.call_async(Trigger.Request())
             while not has_answer(client) and time.monotonic() - began < LOST:
