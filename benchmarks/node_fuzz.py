@@ -37,6 +37,7 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -319,6 +320,8 @@ class Fuzzer:
             # This rate is low enough that the node receives most of them.
             time.sleep(_PERIOD)
             self._client.spin_once(0.0)
+        # What the node has not acknowledged yet would be lost.
+        publisher.wait_for_all_acked(Duration(seconds=_PATIENCE))
         self._caller.destroy_publisher(publisher)
 
     def _all_parameters(self) -> list[ParameterMessage]:
