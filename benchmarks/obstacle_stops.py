@@ -6,7 +6,7 @@ In each trial, an obstacle appears on the path of a running motion, or at its go
 another process has the node reload 300 primitives, changes parameters and sends mesh files that are
 bombs. Measured is the time from the next trajectory, a stop or a detour, to the collision of the
 motion that was running. The goal is 0.3 s or more. Then the obstacle is removed, and the robot has
-to go on to its goal::
+to go on to its goal; if not, the log of the node follows::
 
     python benchmarks/obstacle_stops.py [--trials 200] [--primitives 300] [--quiet]
 
@@ -65,7 +65,7 @@ def main() -> int:
     given = [f"limits.{j}.{key}:={value}" for j in JOINT_NAMES for key, value in LIMITS.items()]
     given += [f"duration:={DURATION}", f"obstacle_margin:={MARGIN}"]
     words = [word for one in given for word in ("-p", one)]
-    reserves, n_arrived = [], 0
+    reserves, n_arrived, n_read = [], 0, 0
     with tempfile.TemporaryDirectory() as name, RobotClient() as client:
         folder, log = Path(name), Path(name) / "log.txt"
         library = primitive_folder(folder, arguments.primitives)
@@ -81,6 +81,10 @@ def main() -> int:
                     reserves.append(reserve)
                     n_arrived += arrived
                     print(f"trial {k + 1}: {reserve:.3f} s before, arrived: {arrived}", flush=True)
+                    words = log.read_text(errors="replace")
+                    if reserve < GOAL or not arrived:
+                        print(words[n_read:])
+                    n_read = len(words)
     late, n = int((np.array(reserves) < GOAL).sum()), len(reserves)
     print(f"{n} obstacles on the path of running motions, {late} reactions later than {GOAL:g} s")
     print(

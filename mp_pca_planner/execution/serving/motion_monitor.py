@@ -125,13 +125,17 @@ class MotionMonitor:
                 self.stop(model, reason)
 
     def stop_before(self, threat: Threat, model: Model) -> str:
-        """Stop the robot before an obstacle; it goes on to its goal once there is a path.
+        """Stop the robot before an obstacle; it continues to its goal once there is a path.
 
-        Like :meth:`stop`.
+        Like :meth:`stop`. A stop that is clear of obstacles is kept: another thread published it.
         """
         with self.follower.lock:
             execution, now, resumption = self.follower.execution, self.follower.motion_time, None
-            if execution is not None and execution.served is not None:
+            if execution is not None and execution.is_stop:
+                if self.surroundings.threat is None:
+                    return "the robot is being stopped already"
+                resumption = execution.resumption
+            elif execution is not None and execution.served is not None:
                 with suppress(Exception):  # in any case, the stop must come
                     rest = execution.served.rest_of_goal(now - execution.motion.began)
                     resumption = Resumption(rest, execution.name, now)

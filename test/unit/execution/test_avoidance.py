@@ -119,6 +119,24 @@ def test_robot_goes_on_after_a_stop_of_the_thread_that_watches_it(node):
     node.assert_rests_at(GOAL)
 
 
+def test_a_stop_before_an_obstacle_is_not_replaced_by_another_thread(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(1.8)
+    assert use(node, ball_at(place_on_motion(node, 0.52)))
+    threat = node.monitor.surroundings.threat
+    node.monitor.stop_before(threat, node._model)  # the thread that watches
+    # The one that had no time to plan another motion.
+    assert node.monitor.stop_before(threat, node._model) == "the robot is being stopped already"
+    node.run(2.0)
+    assert node.outcomes == ["stopped"]
+    use(node, World())
+    node.run(1.0)
+    assert node.server.go_on(node._model, not_cancelled)[1] is not None
+    node.run(8.0)
+    node.assert_smooth()
+    node.assert_rests_at(GOAL)
+
+
 @pytest.mark.parametrize("end", ["a stop", "a newer goal", "a release", "time"])
 def test_robot_does_not_go_on_after(node, end):
     node.ask(GOAL, duration=4.0)
@@ -223,7 +241,7 @@ def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(node):
         node.monitor.served.rest_of_goal(1.1 * first).state.positions, GOAL
     )
     node.run(1.1 * first)
-    world, came = ball_at(START + 0.65 * (GOAL - START)), node.now
+    world, came = ball_at(place_on_motion(node, 0.63)), node.now
     assert use(node, world)
     message, served = node.server.avoid_obstacle(node._model, not_cancelled)
     assert served is not None, message
