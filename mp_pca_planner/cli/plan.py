@@ -100,4 +100,7 @@ def _expected_error_words(request: PlannedRequest) -> str:
     if np.isnan(error):
         return "learned from one demonstration, so its error is unknown"
     unit = primitive_unit(primitive)
-    return f"expected to be {unit.number(error)} {unit.name} RMS from a demonstration"
+    return (
+        f"the predicted motion would differ from a demonstration by {unit.number(error)} "
+        f"{unit.name} RMS"
+    )

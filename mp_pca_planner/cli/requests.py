@@ -84,7 +84,8 @@ class PlannedRequest:
         unknown = [name for name in relevant if name not in robot.locked_positions]
         if not unknown:
             return found
-        text = f"joints {quote_names(unknown)} count as 0: give their positions in --start"
+        text = f"joints {quote_names(unknown)} count as 0: to place them, name all joints in "
+            f"--start, as in 'joint=…,{unknown[0]}=…'"
         return [*found, text]
 
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
@@ -202,10 +203,10 @@ def status_line(plan: Plan) -> str:
 
 
 def effort_words(effort: float, expected: float = math.nan) -> str:
-    """An effort and that of the expected motion as text; either may be unknown."""
+    """An effort and that of the predicted motion as text; either may be unknown."""
     if math.isnan(effort):
         return "unknown: the robot description lacks inertias"
-    beside = "" if math.isnan(expected) else f" (expected motion: {expected:.4g})"
+    beside = "" if math.isnan(expected) else f" (predicted motion: {expected:.4g})"
     return f"{effort:.4g} N²m²s{beside}"
 
 

@@ -45,13 +45,13 @@ class MotionSolution:
     weights : array, shape (n_weights,)
         The best weights w found.
     objective_cost : float
-        Their weighted sum of the objectives.
+        Their weighted sum of the objectives, without naturalness.
     effort_cost : float
         Their J = ½∫‖τ‖²dt [N²·m²·s], whether that is an objective or not.
     naturalness_cost : float
         Their ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), in units of the objectives.
     start_cost : float
-        J of the expected motion.
+        J of the predicted motion.
     converged : bool
         Whether it is optimal within the limits, to the solver's tolerance.
     iterations : int
@@ -105,8 +105,11 @@ class Plan:
     selection : str
         Reason for the choice of the primitives, one sentence.
     in_span_score : float
-        Distance of the request from the demonstrations (about 1: like them); the largest of
-        the segments.
+        Distance of the request from the demonstrations (about 1: like them, above 3: unlike them);
+        the largest of the segments.
+    outside : str
+        The joint whose start or goal is furthest outside its demonstrated range; empty if none
+        is far outside.
     expected_error : float
         RMS difference in path to expect between the predicted motion and what would be demonstrated
         [rad or m]; the largest of the segments. NaN for a primitive of one demonstration.
@@ -161,6 +164,7 @@ class Plan:
     considered: int
     selection: str
     in_span_score: float
+    outside: str
     expected_error: float
     limit_check: LimitCheck
     start_error: float
@@ -178,18 +182,32 @@ class Plan:
 
     def __repr__(self) -> str:
         names = ", ".join(dict.fromkeys(self.primitives))
-        return (
-            f"Plan: {self.status}, {self.duration:.2f} s by '{names}', effort "
-            f"{self.effort_cost:.4g}, in-span score {self.in_span_score:.2g}: {self.message}"
+        facts = (
+            f"Plan: {self.status}, {self.duration:.2f} s by '{names}', in-span score "
+            f"{self.in_span_score:.2f}"
         )
+        others = [remark for remark in self.remarks if remark != self.message]
+        return "; ".join([f"{facts}: {self.message}", *others])
 
     def _repr_html_(self) -> str:
-        rows = ((name, self.summary()[name]) for name in _SHOWN)
-        cells = "".join(f"<tr><th>{name}</th><td>{escape(f'{v}')}</td></tr>" for name, v in rows)
+        values = [(name, self.summary()[name]) for name in _SHOWN]
+        shown = [(name, f"{v:.4g}" if isinstance(v, float) else f"{v}") for name, v in values]
+        rows = [*shown, *(("remark", text) for text in self.remarks if text != self.message)]
+        cells = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows)
         return f"<table>{cells}</table>"
 
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on what is unusual about the plan; none for a usual one."""
+        from .report import remarks
+
+        return remarks(self)
+
     def plot(self, axes: Any = None) -> Any:
-        """Plot the trajectory, see :func:`.figures.plot_plan`; returns the Axes."""
+        """Plot the trajectory, see :func:`.figures.plot_plan`; returns an array of Axes.
+
+        Without `axes`, a new pyplot figure is drawn: ``plt.savefig("motion.png")`` writes it.
+        """
         from ..plotting.motion import plot_plan
 
         return plot_plan(self, axes)
@@ -258,6 +276,7 @@ class Plan:
             "selection": self.selection,
             "duration": self.duration,
             "shortest_duration": self.shortest_duration,
+            "cost": self.cost,
             "objective_cost": self.solution.objective_cost,
             "effort_cost": self.solution.effort_cost,
             "naturalness": self.naturalness,

@@ -7,6 +7,7 @@ All sentences about plans are in this module.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -30,6 +31,7 @@ from .objectives import Effort
 from .options import DEMONSTRATED, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .request import Request
+from .requests.resolve import shifted
 from .search.candidate import Candidate, with_costs
 from .search.sampling import missing_planner
 from .search.search import Outcome
@@ -44,12 +46,22 @@ _N_CHECKED, _NEAR = 50, 0.05
 _AROUND = 0.05
 # Share of the planning time up to which there is time for the precise search.
 _SHARE_OF_SOLVING = 0.5
+# Distance from a demonstrated range, in standard deviations of its values, that is reported, and
+# the least of these deviations [rad or m].
+_FAR_OUTSIDE, _LEAST_SPREAD = 2.0, 0.1
+# Naturalness from which on effort hardly moves the motion away from the prediction.
+_CLOSE = 0.1
 
 UNUSUAL_IN_SPAN_SCORE = 3.0
 """In-span score above which a motion is reported as unlike the demonstrations."""
 
 SENTENCES = {
-    "least": "motion of least {what} found",
+    "least": "motion of least {what} found{effort}",
+    "close": "motion close to the prediction found (naturalness {rho:g}){effort}",
+    "between": (
+        "motion between the prediction and least {what} found (naturalness {rho:g}){effort}"
+    ),
+    "effort": ": effort {effort:.4g} N²m²s, {share:.1f} % {side} that of the predicted motion",
     "shortest": "shortest motion within the limits found",
     "early": "time or iterations ran out before the least was found",
     "joined": "motion concatenated in real time",
@@ -88,7 +100,7 @@ SENTENCES = {
     "lengthened": "the duration was lengthened from {usual:.3g} to {duration:.3g} s",
     "raised": "the naturalness was raised from {asked:g} to {used:g}",
     "given_up": "; {why}, {what}",
-    "detour": "; near a collision-free path, because the expected motion collides",
+    "detour": "; near a collision-free path, because the predicted motion collides",
     "far": "; bodies stay {near:g} mm apart",
     "near": "; the least clearance is {near:.1f} mm, of '{one}' and '{other}'",
     "cleared": "; bodies that would collide otherwise are kept apart",
@@ -99,6 +111,10 @@ SENTENCES = {
     "unusual": (
         "the request is unlike the demonstrations (in-span score {score:.1f}, about 1 is usual), "
         "so the motion may look unlike them, too"
+    ),
+    "outside": (
+        "the {end} of '{joint}', {value:.3g} rad or m, is outside the demonstrated {low:.3g} to "
+        "{high:.3g}"
     ),
 }
 """Every sentence, and part of one, about a plan."""
@@ -126,6 +142,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     status, message = _status(context, outcome, solve_time)
     ends = np.cumsum([motion.duration for motion in motions])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
+    score = novelty(context, best)
     return Plan(
         status=status,
         message=message,
@@ -135,7 +152,8 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         solution=best.solution,
         considered=max([len(segment.selection.considered) for segment in request.segments]),
         selection=selection_reason(goal, outcome),
-        in_span_score=novelty(context, best),
+        in_span_score=score,
+        outside=_outside(context, best, score),
         expected_error=expected_error(context, best),
         limit_check=best.check,
         start_error=float(start_error),
@@ -168,9 +186,46 @@ def _status(context: Context, outcome: Outcome, solve_time: float) -> tuple[str,
         return STOPPED_EARLY, SENTENCES["early"] + concessions
     if np.isfinite(outcome.stated):
         return SOLVED, SENTENCES["shortest"] + concessions
-    is_effort = [type(objective) for _, objective in options.objectives] == [Effort]
-    found = SENTENCES["least"].format(what="effort" if is_effort else "cost")
-    return SOLVED, found + concessions
+    return SOLVED, _optimal(context, best) + concessions
+
+
+def _optimal(context: Context, best: Candidate) -> str:
+    """What an optimal motion is: near the prediction, or of least effort, by its naturalness."""
+    objectives, rho = context.options.objectives, best.naturalness
+    is_effort = [type(objective) for _, objective in objectives] == [Effort]
+    name = "least"
+    if rho > 0.0 and any(basis.n_components for basis in best.bases):
+        name = "close" if rho >= _CLOSE else "between"
+    effort, predicted = best.solution.effort_cost, best.solution.start_cost
+    beside = ""
+    if predicted > 0.0 and np.isfinite(effort):
+        share = effort / predicted - 1.0
+        side = "above" if share > 0.0 else "below"
+        beside = SENTENCES["effort"].format(effort=effort, share=100.0 * abs(share), side=side)
+    what = "effort" if is_effort else "cost"
+    return SENTENCES[name].format(what=what, rho=rho, effort=beside)
+
+
+def _outside(context: Context, best: Candidate, score: float) -> str:
+    """Text on the end that is furthest outside its demonstrated range; empty if none is far."""
+    least = 0.0 if score > UNUSUAL_IN_SPAN_SCORE else _FAR_OUTSIDE
+    found = (least, "")
+    for segment, motion in zip(best.request.segments, best.motions, strict=True):
+        demonstrated = segment.primitive.boundary_states[:, [0, 3]]
+        low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
+        ends = np.array(shifted(context, replace(segment, start=motion.start), motion.goal))
+        beyond = np.maximum(low - ends, ends - high)
+        beyond /= np.maximum(demonstrated.std(axis=0), _LEAST_SPREAD)
+        end, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
+        text = SENTENCES["outside"].format(
+            end=("start", "goal")[end],
+            joint=segment.primitive.joint_names[j],
+            value=ends[end, j],
+            low=low[end, j],
+            high=high[end, j],
+        )
+        found = max(found, (float(beyond[end, j]), text))
+    return found[1]
 
 
 def _joined(outcome: Outcome) -> tuple[str, str, str]:
@@ -391,6 +446,8 @@ def remarks(plan: AnyPlan) -> list[str]:
     found = [plan.message] if plan.status == STOPPED_EARLY else []
     if plan.in_span_score > UNUSUAL_IN_SPAN_SCORE:
         found.append(SENTENCES["unusual"].format(score=plan.in_span_score))
+    if isinstance(plan, Plan) and plan.outside:
+        found.append(plan.outside)
     if plan.limit_check is not None and plan.limit_check.remark:
         found.append(plan.limit_check.remark)
     return found

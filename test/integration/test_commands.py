@@ -529,7 +529,7 @@ def test_plan_reaches_a_pose_in_the_shortest_time_and_through_a_via(primitive):
 def test_plan_keeps_a_frame_upright(primitive):
     options = ["--robot", URDF, "--start", START, "--goal", GOAL]
     text = run("plan", primitive, *options, "--constraint", "upright=wrist,170", ok=True).stdout
-    assert "motion of least effort found" in text
+    assert "motion close to the prediction found (naturalness 1): effort" in text
     refused = run("plan", primitive, *options, "--constraint", "upright=wrist,1")
     assert refused.returncode == 2
     assert "does not keep 'wrist' within 1° of upright" in refused.stderr

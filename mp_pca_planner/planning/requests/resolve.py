@@ -149,7 +149,7 @@ def predict(
     context: Context, segment: Segment, goal: JointState, duration: float | None
 ) -> ConditionalDistribution:
     """The prediction for a motion to a goal, with continuous joints shifted by full turns."""
-    return segment.primitive.model.predict(*_shifted(context, segment, goal), duration)
+    return segment.primitive.model.predict(*shifted(context, segment, goal), duration)
 
 
 def in_span_score(
@@ -157,11 +157,11 @@ def in_span_score(
 ) -> float:
     """The in-span score of that prediction."""
     moved = replace(segment, start=start)
-    return segment.primitive.model.in_span_score(*_shifted(context, moved, goal), duration)
+    return segment.primitive.model.in_span_score(*shifted(context, moved, goal), duration)
 
 
-def _shifted(context: Context, segment: Segment, goal: JointState) -> tuple[FloatArray, FloatArray]:
-    # The demonstrations of a continuous joint may be full turns away.
+def shifted(context: Context, segment: Segment, goal: JointState) -> tuple[FloatArray, FloatArray]:
+    """Start and goal, with continuous joints shifted by full turns towards the demonstrations."""
     primitive, start = segment.primitive, segment.start
     mean = primitive.model.mean[: primitive.n_joints]
     turns = np.round((mean - start.positions) / (2.0 * np.pi))

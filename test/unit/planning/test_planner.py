@@ -56,6 +56,42 @@ def test_random_goals_inside_the_demonstrations_are_met_exactly_with_less_effort
         assert plan.limit_check.worst_excess == 0.0
 
 
+@pytest.mark.parametrize(
+    ("naturalness", "basis", "words"),
+    [
+        (1.0, "pca", "close to the prediction found (naturalness 1)"),
+        (0.01, "pca", "between the prediction and least effort found (naturalness 0.01)"),
+        (0.0, "pca", "of least effort found"),
+        (1.0, "bspline", "of least effort found"),
+    ],
+)
+def test_a_motion_is_called_of_least_effort_only_if_nothing_else_was_minimised(
+    naturalness, basis, words
+):
+    plan = planner(naturalness=naturalness, basis=basis).plan(*request())
+    assert plan.message.startswith(f"motion {words}")
+    saved = 1.0 - plan.effort_cost / plan.solution.start_cost
+    assert f"{100.0 * saved:.1f} % below that of the predicted motion" in plan.message
+    costs = plan.summary()
+    assert costs["cost"] == plan.cost == costs["objective_cost"] + costs["naturalness_cost"]
+
+
+@pytest.mark.parametrize("end", ["start", "goal"])
+def test_a_joint_far_outside_its_demonstrated_range_is_named_whatever_the_score(end):
+    goal, start = request()
+    primitive = arm_primitive("arm")
+    demonstrated = primitive.boundary_states[:, 0 if end == "start" else 3, 3]
+    far = demonstrated.max() + 2.5 * max(demonstrated.std(), 0.1)
+    moved = {"start": start.positions.copy(), "goal": goal.state.positions.copy()}
+    moved[end][3] = far
+    wide = {JOINTS[3]: {"min_position": -9.0, "max_position": 9.0}}
+    plan = planner(overrides=wide).plan(moved["goal"], moved["start"])
+    found = f"the {end} of '{JOINTS[3]}', {far:.3g} rad or m, is outside the demonstrated"
+    assert any(remark.startswith(found) for remark in plan.remarks)
+    assert found in repr(plan)
+    assert planner().plan(*request()).remarks == []
+
+
 def test_the_effort_stated_is_that_of_the_trajectory():
     plan = planner(sample_period=1e-3).plan(*request())
     tau = np.sum(plan.trajectory.efforts**2, axis=1)
