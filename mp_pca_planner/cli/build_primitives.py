@@ -20,8 +20,14 @@ from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import REPORT, report_page
-from ..plotting.text import primitive_unit, prismatic_joints, unit_of, variance_report
-from ..primitives.build import build_from_statistics, left_out_error, options_to_update
+from ..plotting.text import (
+    components_words,
+    prediction_words,
+    prismatic_joints,
+    unit_of,
+    variance_report,
+)
+from ..primitives.build import build_from_statistics, options_to_update
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.library.build import origin
 from ..primitives.motion_statistics import MotionStatistics
@@ -261,7 +267,7 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
         "explained_variance_ratio": ratio if primitive.coupling == "joint" else ratio["arm"],
         "angle_variance_ratio": primitive.metadata["angle_variance_ratio"],
         "fit_residual_rms": float(np.sqrt(np.mean(primitive.fit_residual**2))),
-        "left_out_error": _left_out_error(primitive),
+        "left_out_error": primitive.summary()["left_out_error"],
         "durations": primitive.durations,
         "marker_residuals": {
             report.name: {name: asdict(r) for name, r in report.marker_residuals.items()}
@@ -283,28 +289,14 @@ def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) 
         *_note_lines(recordings),
         f"motions     {len(durations)} of {primitive.n_joints} joints, "
         f"{durations.min():.2f} to {durations.max():.2f} s",
-        f"components  {primitive.n_components}, coupling '{primitive.coupling}', which "
-        f"reproduce the motions to {fit_residual} {unit.name} RMS",
-        f"prediction  {_prediction_words(primitive)}",
+        f"components  {components_words(primitive)}, which reproduce the motions to "
+        f"{fit_residual} {unit.name} RMS",
+        f"prediction  {prediction_words(primitive)}",
         "",
         *variance_report(primitive),
         "",
         f"written to  {output}",
     ]
-
-
-def _left_out_error(primitive: MovementPrimitive) -> float:
-    assert primitive.statistics is not None
-    return left_out_error(primitive.statistics, options_to_update(primitive).n_phases)
-
-
-def _prediction_words(primitive: MovementPrimitive, few: int = 10) -> str:
-    n, error = len(primitive.durations), _left_out_error(primitive)
-    if n == 1:
-        return "the error can't be estimated from one motion: record ten to thirty"
-    unit = primitive_unit(primitive)
-    advice = f"; {n} motions give an uncertain estimate: record ten to thirty" if n < few else ""
-    return f"expect {unit.number(error)} {unit.name} RMS, as for left-out motions{advice}"
 
 
 def _slowest_line(recordings: RecordingSet, many: int = 10) -> list[str]:

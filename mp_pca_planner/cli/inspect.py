@@ -12,7 +12,14 @@ import numpy as np
 
 from ..control.law import control_statement
 from ..exceptions import PlannerError, listed
-from ..plotting.text import primitive_unit, prismatic_joints, table, unit_of, variance_report
+from ..plotting.text import (
+    components_words,
+    prediction_words,
+    prismatic_joints,
+    table,
+    unit_of,
+    variance_report,
+)
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
@@ -74,12 +81,14 @@ def _recording_text(facts: RecordingInspection, max_joints: int = 100) -> list[s
 def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
     shown = (
         *("name", "joint_names", "coupling", "n_components", "degree"),
-        *("explained_variance_ratio", "fit_residual", "durations", "metadata"),
+        *("explained_variance_ratio", "fit_residual", "metadata"),
     )
     return {
         "path": name,
         "format": "movement_primitive",
         **{field: getattr(primitive, field) for field in shown},
+        **primitive.summary(),
+        "durations": primitive.durations,
         "usual_error": _usual_error(primitive),
         "control_statement": control_statement(primitive),
     }
@@ -91,14 +100,7 @@ def _usual_error(primitive: MovementPrimitive) -> float:
     return float(np.median([primitive.expected_error(primitive.model.predict(*x)) for x in ends]))
 
 
-def _usual_error_words(primitive: MovementPrimitive) -> str:
-    if len(primitive.durations) == 1:
-        return "learned from one demonstration, so its error is unknown"
-    unit, error = primitive_unit(primitive), _usual_error(primitive)
-    return f"error of {unit.number(error)} {unit.name} RMS expected at the demonstrated ends"
-
-
-def _primitive_text(name: str, primitive: MovementPrimitive) -> list[str]:
+def _primitive_text(name: str, primitive: MovementPrimitive, most: int = 10) -> list[str]:
     residual = np.sqrt(np.mean(primitive.fit_residual**2, axis=1))
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
     rows = []
@@ -111,12 +113,25 @@ def _primitive_text(name: str, primitive: MovementPrimitive) -> list[str]:
     return [
         f"{name}: movement primitive '{primitive.name}'",
         f"joints      {', '.join(primitive.joint_names)}",
-        f"components  {primitive.n_components}, coupling '{primitive.coupling}', "
-        f"polynomials of degree {primitive.degree}",
-        f"prediction  {_usual_error_words(primitive)}",
+        f"components  {components_words(primitive)}, polynomials of degree {primitive.degree}",
+        f"prediction  {prediction_words(primitive)}",
         f"control     {control_statement(primitive)}",
+        "",
+        *_range_lines(primitive),
         "",
         *variance_report(primitive),
         "",
-        *table(rows, header=header).splitlines(),
+        *table(rows[:most], header=header).splitlines(),
+        *([f"… and {len(rows) - most} more demonstrations: --json lists all"] * (len(rows) > most)),
     ]
+
+
+def _range_lines(primitive: MovementPrimitive) -> list[str]:
+    """Demonstrated starts and goals by joint: for requests among these, the primitive is good."""
+    facts, prismatic = primitive.summary(), prismatic_joints(primitive)
+    rows = []
+    for joint in primitive.joint_names:
+        unit = unit_of([joint], prismatic)
+        ends = [[unit.number(x) for x in facts[end][joint]] for end in ("starts", "goals")]
+        rows.append([f"{joint} [{unit.name}]", *(f"{low} to {high}" for low, high in ends)])
+    return table(rows, header=["joint", "starts", "goals"]).splitlines()

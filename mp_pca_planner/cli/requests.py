@@ -84,8 +84,10 @@ class PlannedRequest:
         unknown = [name for name in relevant if name not in robot.locked_positions]
         if not unknown:
             return found
-        text = f"joints {quote_names(unknown)} count as 0: to place them, name all joints in "
-            f"--start, as in 'joint=…,{unknown[0]}=…'"
+        text = (
+            f"joints {quote_names(unknown)} count as 0: to place them, name all joints in --start, "
+            f"as in 'joint=…,{unknown[0]}=…'"
+        )
         return [*found, text]
 
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,14 @@ class Trajectory:
             efforts = frozen_array(efforts, shape, "efforts", TrajectoryError)
         set_frozen(other, efforts=efforts)
         return other
+
+    def plot(self, axes: Any = None) -> Any:
+        """Plot the motion on Matplotlib Axes; return an array of these.
+
+        Without `axes`, a new pyplot figure is drawn: ``plt.savefig("motion.png")`` writes it.
+        """
+        figures = import_module("..plotting.motion", __package__)
+        return figures.plot_trajectory(self, axes)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the trajectory to a .csv, .json or .npz file, or to a bag.

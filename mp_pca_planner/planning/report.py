@@ -173,7 +173,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
 
 def _status(context: Context, outcome: Outcome, solve_time: float) -> tuple[str, str]:
     """Status and message of a plan."""
-    best, options = outcome.best, context.options
+    best = outcome.best
     if why := _refusal(context, outcome, solve_time):
         return INFEASIBLE, why
     concessions = _concessions(context, best)

@@ -352,11 +352,38 @@ def plot_plan(plan: Plan, axes: Axes | Sequence[Axes] | None = None) -> NDArray[
     axes : array of Axes
         The Axes, shape (n_joints, n_quantities) of a new figure.
     """
-    trajectory = plan.trajectory
     if axes is None:
         with styled_figure(interactive=True) as figure:
             return np.array(plan_figure(figure, plan))
+    return plot_trajectory(plan.trajectory, axes, _prismatic(plan))
+
+
+def plot_trajectory(
+    trajectory: Trajectory,
+    axes: Axes | Sequence[Axes] | None = None,
+    prismatic: Collection[str] = (),
+) -> NDArray[np.object_]:
+    """Plot a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The trajectory.
+    axes : Axes or sequence of Axes, optional
+        As for :func:`plot_plan`.
+    prismatic : collection of str
+        Joints that are measured in metres; the others are shown in degrees.
+
+    Returns
+    -------
+    axes : array of Axes
+        The Axes, shape (n_joints, n_quantities) of a new figure.
+    """
+    if axes is None:
+        with styled_figure(interactive=True) as figure:
+            panels = motion_figure(figure, {"motion": trajectory}, "", None, prismatic)
+            return np.array(panels)
     given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
     for one, quantity in zip(given, ("positions", "velocities", "efforts"), strict=False):
-        plot_motion(one, trajectory, quantity, prismatic=_prismatic(plan))
+        plot_motion(one, trajectory, quantity, prismatic=prismatic)
     return given

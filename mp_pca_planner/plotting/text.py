@@ -138,10 +138,10 @@ def percents(values: Sequence[float], n: int) -> list[str]:
 
 
 def variance_report(primitive: MovementPrimitive) -> list[str]:
-    """Shares of the variance of the shapes and of the joint angles."""
+    """Shares of the variance of the shapes; with components of single joints, of the angles."""
     shares = primitive.explained_variance_ratio
     header, rows = variance_table(shares)
-    lines = ["Variance of the shapes (motions less their boundary parts) [%]"]
+    lines = ["Variance of the shapes (motions minus minimum-jerk motions) [%], which is learned"]
     lines += table(rows, header=header).splitlines()
     for name, values in shares.items():
         if values and sum(values) < 0.99:
@@ -149,10 +149,36 @@ def variance_report(primitive: MovementPrimitive) -> list[str]:
                 f"'{name}': {len(values)} components explain {percent(sum(values))} %, "
                 f"{percent(0.99 - sum(values))} less than 99 %"
             )
+    if primitive.coupling == "arm":
+        return lines
     angles = primitive.metadata["angle_variance_ratio"]
     header, rows = variance_table(angles, 4)
-    lines += ["", "Variance of the joint angles themselves [%]"]
+    lines += [
+        "",
+        "Variance of the joint angles themselves [%]",
+    ]
     return [*lines, *table(rows, header=header).splitlines()]
+
+
+def components_words(primitive: MovementPrimitive) -> str:
+    """How many components there are, and what each moves."""
+    moved = "all joints" if primitive.coupling == "arm" else "one joint"
+    return f"{primitive.n_components}, each moves {moved} (coupling '{primitive.coupling}')"
+
+
+def prediction_words(primitive: MovementPrimitive, few: int = 10) -> str:
+    """How well motions that are left out are predicted, and whether more are needed."""
+    n, facts, unit = len(primitive.durations), primitive.summary(), primitive_unit(primitive)
+    if n == 1:
+        return "the error can't be estimated from one motion: record ten to thirty"
+    left_out, straight = facts["left_out_error"], facts["minimum_jerk_error"]
+    if not left_out >= 0.0:
+        return "the error is unknown: the primitive holds no statistics of its demonstrations"
+    advice = f"; {n} motions give an uncertain estimate: record ten to thirty" if n < few else ""
+    return (
+        f"left-out motions are predicted to {unit.number(left_out)} {unit.name} RMS "
+        f"(by minimum jerk to {unit.number(straight)}){advice}"
+    )
 
 
 def is_arm_of_paper(joint_names: Iterable[str]) -> bool:

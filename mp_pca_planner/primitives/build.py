@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray, check_type
 from ..exceptions import PrimitiveError, shown
 from ..recordings.demonstration import Demonstration
+from ..recordings.segmentation import SegmentationOptions
 from ..rows import empty_rows, row_blocks, row_mean
 from .in_span import request_precision
 from .motion_sources import MotionSources
@@ -27,6 +28,8 @@ _DEFAULTS = PrimitiveOptions()
 
 # Motions of a smaller range [rad or m] are standstill with noise.
 _MIN_EXTENT = 1e-6
+# Motions of a larger range are probably in degrees, as in recordings.
+_ABSURD_EXTENT = SegmentationOptions().absurd_extent
 
 
 def build_primitive(
@@ -57,10 +60,15 @@ def build_primitive(
     check_type(name, "the name of a primitive", PrimitiveError, str)
     others = demonstrations if isinstance(demonstrations, Sequence) else [demonstrations]
     for one in others:
+        if isinstance(one, np.ndarray | list | tuple):
+            raise PrimitiveError(
+                f"primitive '{name}' can't be built: arrays need times=, the times of their "
+                "samples [s], and joint_names="
+            )
         if not isinstance(one, Demonstration):
             raise PrimitiveError(
                 f"primitive '{name}' can't be built: {shown(one)} is not a demonstration; "
-                "load_demonstrations reads recordings, and arrays need times="
+                "load_demonstrations reads recordings"
             )
     if not demonstrations:
         raise PrimitiveError(f"primitive '{name}' can't be built: there is no demonstration")
@@ -86,10 +94,19 @@ def demonstrations_of(
             "each, or one for all"
         )
     names = joint_names or [f"joint{j + 1}" for j in range(np.shape(motions[0])[-1])]
-    return [
+    found = [
         Demonstration.from_arrays(names, t, q, recording=f"motion {k}")
         for k, (t, q) in enumerate(zip(own_times, motions, strict=True), start=1)
     ]
+    for motion in found:
+        extents = np.ptp(motion.positions, axis=0)
+        if extents.max() > _ABSURD_EXTENT:
+            raise PrimitiveError(
+                f"joint '{names[extents.argmax()]}' moves over {extents.max():.3g} rad (or m) in "
+                f"{motion.recording}, and over {_ABSURD_EXTENT:g} is absurd: positions must be in "
+                "radians (or m); numpy.deg2rad converts degrees"
+            )
+    return found
 
 
 def options_to_update(primitive: MovementPrimitive) -> PrimitiveOptions:
@@ -161,17 +178,21 @@ def build_from_statistics(
     )
 
 
-def left_out_error(statistics: MotionStatistics, n_phases: int) -> float:
-    """RMS error in path of motions that are left out and predicted from the others [rad or m].
+def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float, float]:
+    """RMS errors in path of motions that are left out [rad or m].
 
-    NaN for a single motion, and at most 200 motions.
+    From their prediction by the others, and from the minimum-jerk motion between their ends. At
+    most 200 motions are left out; the first error is NaN for a single motion.
     """
     used = statistics.thinned()
-    if len(used.durations) < 2:
-        return float("nan")
-    squares = left_out_squares(used.requests(), used.both_shapes())
-    squares = squares + used.shape_remainders.sum(axis=1)
-    return float(np.sqrt(squares.mean() / (n_phases * len(statistics.joint_names))))
+    shapes, remainders = used.both_shapes(), used.shape_remainders.sum(axis=1)
+    straight = np.sum(shapes[0] ** 2, axis=1)
+    squares = np.full(straight.shape, np.nan)
+    if len(straight) > 1:
+        squares = left_out_squares(used.requests(), shapes)
+    scale = n_phases * len(statistics.joint_names)
+    predicted, straight = (np.sqrt((x + remainders).mean() / scale) for x in (squares, straight))
+    return float(predicted), float(straight)
 
 
 def _reproduced(

@@ -131,6 +131,10 @@ class ConditionalModel:
     error_variance: FloatArray
     request_precision: FloatArray
 
+    def __repr__(self) -> str:
+        n, n_joints = len(self.requests), self.requests.shape[1] // 2
+        return f"ConditionalModel of {n} demonstrations, {n_joints} joints"
+
     @classmethod
     def fit(
         cls,

@@ -127,8 +127,52 @@ class MovementPrimitive:
             f"usually {np.median(self.durations):.3g} s"
         )
 
+    def __str__(self) -> str:
+        facts = self.summary()
+        left_out, straight = facts["left_out_error"], facts["minimum_jerk_error"]
+        lines = [repr(self)]
+        if np.isfinite(left_out):
+            lines.append(
+                f"  left-out motions: {left_out:.3g} rad or m RMS from their predictions "
+                f"({straight:.3g} from minimum-jerk motions)"
+            )
+        for joint in self.joint_names:
+            (a, b), (c, d) = facts["starts"][joint], facts["goals"][joint]
+            lines.append(f"  {joint}: starts {a:.2f} to {b:.2f}, goals {c:.2f} to {d:.2f}")
+        return "\n".join(lines)
+
     def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
+        return f"<pre>{escape(str(self))}</pre>"
+
+    def summary(self) -> dict[str, Any]:
+        """What the primitive was learned from, and how well it predicts.
+
+        Returns
+        -------
+        facts : dict
+            `left_out_error` and `minimum_jerk_error`: RMS distance in path of demonstrations that
+            are left out from their prediction by the others, and from the minimum-jerk motion
+            between their ends [rad or m]; NaN for one demonstration, and for a primitive without
+            statistics. `starts` and `goals`: lowest and highest demonstrated position by joint.
+            `durations`: the shortest and the longest [s]. `n_demonstrations`, `n_components`.
+        """
+        from .build import left_out_errors, options_to_update
+
+        errors = float("nan"), float("nan")
+        if self.statistics is not None:
+            errors = left_out_errors(self.statistics, options_to_update(self).n_phases)
+        ends = self.boundary_states[:, [0, 3]]
+        ranges = np.stack([ends.min(axis=0), ends.max(axis=0)], axis=-1).tolist()
+        starts, goals = (dict(zip(self.joint_names, map(tuple, x), strict=True)) for x in ranges)
+        return {
+            "n_demonstrations": len(self.durations),
+            "n_components": self.n_components,
+            "left_out_error": errors[0],
+            "minimum_jerk_error": errors[1],
+            "starts": starts,
+            "goals": goals,
+            "durations": (float(self.durations.min()), float(self.durations.max())),
+        }
 
     @classmethod
     def fit(
@@ -154,7 +198,8 @@ class MovementPrimitive:
             Times of the samples [s] where positions are given, one array for all motions or one
             for each.
         joint_names : sequence of str, optional
-            Names of the joints where positions are given; joint1, joint2, … by default.
+            Names of the joints where positions are given; joint1, joint2, … by default. A planner
+            needs those of the robot description.
         name : str
             Name of the primitive.
         coupling, components, align :
@@ -165,7 +210,7 @@ class MovementPrimitive:
         ------
         PrimitiveError
             If there is no demonstration, something else is among them, their joints differ, nothing
-            moves, or an option is out of its range.
+            moves, an option is out of its range, or positions seem to be in degrees.
         RecordingError
             If the arrays can't be used.
 
@@ -288,7 +333,10 @@ class MovementPrimitive:
         return load_primitive(as_path(path, PrimitiveFileError))
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the mean shape and the components on Matplotlib Axes; return these."""
+        """Draw the mean shape and the components on Matplotlib Axes; return an array of these.
+
+        Without `axes`, a new pyplot figure is drawn: ``plt.savefig("primitive.png")`` writes it.
+        """
         figures = import_module("..plotting.primitive", __package__)
         return figures.plot_primitive(self, axes)
 

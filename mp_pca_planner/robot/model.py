@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property, partial
 from html import escape
@@ -710,7 +711,10 @@ def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple
     """The names of joints, if they differ and can move."""
     for name in unique_names(names, f"joints of the {source}", RobotError):
         if name not in movable:
-            raise RobotError(f"{source}: {unknown_name('movable joint', name, movable)}")
+            hint = ""
+            if re.fullmatch(r"joint\d+", name):  # as MovementPrimitive.fit calls them
+                hint = "; MovementPrimitive.fit names the joints of arrays by joint_names="
+            raise RobotError(f"{source}: {unknown_name('movable joint', name, movable)}{hint}")
     return tuple(names)
 
 

@@ -31,7 +31,7 @@ class SessionWords:
 
     def __init__(self, robot: Robot | None = None, frame: str = "") -> None:
         self._robot = robot
-        self._frame = frame or (robot.end_effector if robot else "")
+        self._frame = frame
 
     def update_lines(
         self, update: SessionUpdate, motions: Sequence[Demonstration]
@@ -64,10 +64,9 @@ class SessionWords:
         yield f"  goals shown {self._si(names)}: {_ranges(names, learned.low, learned.high)}"
         if self._robot is not None:
             goals = np.array([motion.positions[-1] for motion in motions])
-            robot = self._robot.with_joints(names)
-            places = robot.frame_positions(goals, [self._frame])[:, 0]
+            frame, places = self._places(names, goals)
             shown = _ranges("xyz", places.min(axis=0), places.max(axis=0))
-            yield f"  {self._frame} at goals [m]: {shown}"
+            yield f"  {frame} at goals [m]: {shown}"
         for start, goal in learned.suggested:
             yield f"  least known: from {self.place(names, start)} to {self.place(names, goal)}"
 
@@ -78,10 +77,16 @@ class SessionWords:
         joints = f"{joints} {self._si(joint_names)}"
         if self._robot is None:
             return joints
+        frame, places = self._places(joint_names, q[None])
+        x, y, z = (f"{value:.2f}" for value in places[0])
+        return f"{joints} ({frame} at {x} {y} {z} m)"
+
+    def _places(self, joint_names: Sequence[str], q: FloatArray) -> tuple[str, FloatArray]:
+        """The end effector that these joints move, and its places [m], shape (n_steps, 3)."""
+        assert self._robot is not None
         robot = self._robot.with_joints(joint_names)
-        place = robot.frame_positions(q[None], [self._frame])[0, 0]
-        x, y, z = (f"{value:.2f}" for value in place)
-        return f"{joints} ({self._frame} at {x} {y} {z} m)"
+        frame = self._frame or robot.end_effector  # of a gripper at rest, the hand
+        return frame, robot.frame_positions(q, [frame])[:, 0]
 
     def _learned(self, motions: Sequence[Demonstration]) -> Learned:
         if len(motions) < 2:
@@ -94,10 +99,9 @@ class SessionWords:
         text = f"{unit.number(extent(motion.positions))} {unit.name}"
         if self._robot is None:
             return text
-        robot = self._robot.with_joints(motion.joint_names)
-        path = robot.frame_positions(motion.positions, [self._frame])[:, 0]
+        frame, path = self._places(motion.joint_names, motion.positions)
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-        return f"{text}, {self._frame} over {length:.2f} m"
+        return f"{text}, {frame} over {length:.2f} m"
 
     def _si(self, joint_names: Sequence[str]) -> str:
         """The unit of positions that commands read."""

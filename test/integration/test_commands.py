@@ -98,7 +98,8 @@ def test_build_primitives_learns_the_motions_of_a_bag(recording, tmp_path):
 
 
 def test_build_primitives_prints_shares_without_the_paper_and_the_solver(recording, tmp_path):
-    text = run("build_primitives", recording[0], "--output", tmp_path / "a.npz", ok=True).stdout
+    options = ["--output", tmp_path / "a.npz", "--coupling", "joint"]
+    text = run("build_primitives", recording[0], *options, ok=True).stdout
     assert "Variance of the joint angles themselves [%]" in text
     assert "paper" not in text and "kkt" not in text
 
@@ -239,7 +240,8 @@ def test_inspect_shows_the_content_of_a_primitive(primitive):
     assert facts["name"] == "arm_arm_4" and facts["n_components"] == 4
     assert len(facts["metadata"]["demonstrations"]) == 20
     text = run("inspect", primitive, ok=True).stdout
-    assert "motion_19" in text and "PC4" in text
+    assert "motion_9" in text and "… and 10 more demonstrations" in text and "PC4" in text
+    assert "shoulder1 [deg]" in text and "left-out motions are predicted to" in text
 
 
 def test_inspect_shows_what_it_can_and_refuses_the_rest(primitive, tmp_path):

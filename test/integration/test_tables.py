@@ -14,8 +14,11 @@ import numpy as np
 import pytest
 
 import mp_pca_planner as mp
-from mp_pca_planner.exceptions import PrimitiveError, RecordingError
-from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.exceptions import PrimitiveError, RecordingError, RobotError
+from mp_pca_planner.primitives.cross_validation import leave_one_out
+from mp_pca_planner.primitives.differences import MEASURES
+from mp_pca_planner.primitives.options import PrimitiveOptions
+from mp_pca_planner.recordings.bags import find_recordings, write_joint_states
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.reading import inspect_recording
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
@@ -216,6 +219,43 @@ def test_a_primitive_of_arrays_is_that_of_their_demonstrations() -> None:
     assert shared.joint_names == ("joint1", "joint2", "joint3", "joint4")
 
 
+def test_arrays_in_degrees_are_refused() -> None:
+    motions = generate_motions(5, 5)
+    degrees = [np.rad2deg(motion.positions) for motion in motions]
+    times = [motion.times for motion in motions]
+    with pytest.raises(PrimitiveError, match=r"joint 'joint\d' moves over .* numpy\.deg2rad"):
+        mp.MovementPrimitive.fit(degrees, times=times)
+
+
+def test_a_robot_without_the_default_names_says_how_joints_are_named() -> None:
+    with pytest.raises(RobotError, match="'joint1'.*joint_names="):
+        mp.Robot.from_file(mp.config_file("human_arm.urdf"), ["joint1"])
+
+
+def test_a_primitive_says_how_well_it_predicts_and_for_which_goals() -> None:
+    motions = generate_motions(12, 5)
+    reach = mp.MovementPrimitive.fit(motions)
+    facts, text = reach.summary(), str(reach)
+    errors = leave_one_out(motions, PrimitiveOptions()).rms()[:, MEASURES.index("path")]
+    assert facts["left_out_error"] == pytest.approx(errors[2], rel=0.2)
+    assert facts["minimum_jerk_error"] == pytest.approx(errors[0], rel=0.2)
+    goals = np.array([motion.positions[-1] for motion in motions])
+    found = np.array([facts["goals"][name] for name in reach.joint_names]).T
+    np.testing.assert_allclose(found, [goals.min(axis=0), goals.max(axis=0)], atol=1e-9)
+    assert f"left-out motions: {facts['left_out_error']:.3g} rad" in text
+    assert all(f"  {name}: starts " in text for name in reach.joint_names)
+    assert len(repr(reach.model)) < 100
+
+
+def test_a_folder_of_tables_is_a_set_of_recordings(tmp_path: Path) -> None:
+    for name in ("a.csv", "b.csv"):
+        write_csv(tmp_path / name)
+    assert [path.name for path in find_recordings(str(tmp_path))] == ["a.csv", "b.csv"]
+    stamps, positions = RECORDING.stamps, RECORDING.positions
+    write_joint_states(tmp_path / "bag.mcap", "mcap", JOINT_NAMES, stamps, positions)
+    assert [path.name for path in find_recordings(str(tmp_path))] == ["bag.mcap"]
+
+
 @pytest.mark.parametrize(
     ("times", "positions", "words"),
     [
@@ -235,5 +275,7 @@ def test_arrays_that_are_no_motion_are_refused(
 def test_arrays_without_times_are_refused_in_one_sentence() -> None:
     with pytest.raises(PrimitiveError, match="arrays need times="):
         mp.MovementPrimitive.fit([np.zeros((5, 2))])
+    with pytest.raises(PrimitiveError, match=r"^primitive 'primitive' can't be built: arrays"):
+        mp.MovementPrimitive.fit(np.zeros((3, 5, 2)))
     with pytest.raises(PrimitiveError, match="1 motions, but 2 arrays of times"):
         mp.MovementPrimitive.fit([np.zeros((5, 2))], times=[np.arange(5.0)] * 2)

@@ -122,7 +122,7 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
     [
         (lambda reach, robot, ends: mp.Planner(robot, ["reach.npz"]), "load reads a file"),
         (lambda reach, robot, ends: mp.MovementPrimitive.fit(None), "None is not a demonstration"),
-        (lambda reach, robot, ends: mp.MovementPrimitive.fit([ends]), "is not a demonstration"),
+        (lambda reach, robot, ends: mp.MovementPrimitive.fit([ends]), "arrays need times="),
         (lambda reach, robot, ends: mp.MovementPrimitive.fit(robot), "is not a demonstration"),
         (lambda reach, robot, ends: reach.sample(1.5, *ends), "at least 0, got 1.5"),
         (lambda reach, robot, ends: reach.sample(-1, *ends), "at least 0, got -1"),

@@ -144,7 +144,7 @@ def test_names_from_a_bag_and_notes_of_a_library_do_not_steer_the_terminal(tmp_p
     texts = [
         printed("inspect", bag, status=0),
         printed("build_primitives", bag, "--output", file, "--name", HOSTILE, status=2),
-        printed("build_primitives", bag, "--output", file, "--name", name, status=0),
+        printed("build_primitives", bag, "--output", file, "--coupling", "joint", status=0),
         printed("inspect", file, status=0),
         printed("inspect", bag, "--topic", HOSTILE, status=2),
         printed("plan", "--robot", HOSTILE, file, "--start", "0", "--goal", "0", status=2),

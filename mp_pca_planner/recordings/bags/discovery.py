@@ -33,9 +33,10 @@ PACKED_SUFFIXES = (".zstd", ".zst")
 def find_recordings(paths: str | Recording | Iterable[str | Recording]) -> tuple[Recording, ...]:
     """Expand files, rosbag2 folders, folders of bags, patterns and URLs to single recordings.
 
-    A folder is searched with its subfolders, for bags and datasets of LeRobot. A rosbag2 folder
-    (one with a metadata.yaml) is one recording, and so is a dataset. A file that is named itself is
-    taken whatever its suffix; loading rejects it with a reason.
+    A folder is searched with its subfolders, for bags and datasets of LeRobot; the CSV files of a
+    folder without these are taken. A rosbag2 folder (one with a metadata.yaml) is one recording,
+    and so is a dataset. A file that is named itself is taken whatever its suffix; loading rejects
+    it with a reason.
 
     Parameters
     ----------
@@ -57,7 +58,8 @@ def find_recordings(paths: str | Recording | Iterable[str | Recording]) -> tuple
         else:
             shown = str(path)
             with translated_os_errors(path):
-                recordings = [x for match in _glob(path) for x in recordings_in(match)]
+                matches = _glob(path)
+                recordings = [x for one in matches for x in recordings_in(one) or _tables(one)]
         if not recordings:
             raise RecordingError(
                 f"no recording at '{shown}': expected a .bag, .db3, .mcap or .csv file, a "
@@ -206,6 +208,11 @@ def recordings_in(path: Path) -> list[Path]:
         if child.is_dir() or child.suffix in FORMAT_OF_SUFFIX
         for recording in recordings_in(child)
     ]
+
+
+def _tables(folder: Path) -> list[Path]:
+    """The CSV files that a folder itself holds."""
+    return sorted(file for file in folder.iterdir() if file.suffix == TABLE_SUFFIX)
 
 
 def bag_files(path: Path) -> list[Path]:

@@ -190,7 +190,7 @@ def velocity_notes(raw: RawJointStates, joint_names: Sequence[str]) -> tuple[str
     n_messages = sum(layout.messages.size for layout in fitting)
     n_missing = n_messages - sum(_n_velocities(layout, joint_names) for layout in fitting)
     if n_missing == n_messages:
-        return (f"velocities are empty or NaN in all {n_messages} messages",)
+        return ("the messages hold no velocities: these follow from the positions, which is fine",)
     notes = []
     if n_missing:
         notes.append(f"velocities are empty or NaN in {n_missing} of {n_messages} messages")
