@@ -61,7 +61,7 @@ SENTENCES = {
     "between": (
         "motion between the prediction and least {what} found (naturalness {rho:g}){effort}"
     ),
-    "effort": ": effort {effort:.4g} N²m²s, {share:.1f} % {side} that of the predicted motion",
+    "effort": ": effort {effort:.4g} N²m²s, {share:.2g} % {side} that of the predicted motion",
     "shortest": "shortest motion within the limits found",
     "early": "time or iterations ran out before the least was found",
     "joined": "motion concatenated in real time",

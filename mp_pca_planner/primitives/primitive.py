@@ -137,7 +137,8 @@ class MovementPrimitive:
                 f"({straight:.3g} from minimum-jerk motions)"
             )
         for joint in self.joint_names:
-            (a, b), (c, d) = facts["starts"][joint], facts["goals"][joint]
+            ends = (*facts["starts"][joint], *facts["goals"][joint])
+            a, b, c, d = (round(x, 2) + 0.0 for x in ends)  # no minus before zero
             lines.append(f"  {joint}: starts {a:.2f} to {b:.2f}, goals {c:.2f} to {d:.2f}")
         return "\n".join(lines)
 

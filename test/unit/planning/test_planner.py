@@ -71,7 +71,7 @@ def test_a_motion_is_called_of_least_effort_only_if_nothing_else_was_minimised(
     plan = planner(naturalness=naturalness, basis=basis).plan(*request())
     assert plan.message.startswith(f"motion {words}")
     saved = 1.0 - plan.effort_cost / plan.solution.start_cost
-    assert f"{100.0 * saved:.1f} % below that of the predicted motion" in plan.message
+    assert f"{100.0 * saved:.2g} % below that of the predicted motion" in plan.message
     costs = plan.summary()
     assert costs["cost"] == plan.cost == costs["objective_cost"] + costs["naturalness_cost"]
 

@@ -1,0 +1,63 @@
+#!/usr/bin/env python3
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Draw the picture of the idea: demonstrations, their shapes, and a new motion.
+
+python3 scripts/idea_picture.py doc/idea.png
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from gallery import example
+
+from mp_pca_planner.plotting.page import picture
+from mp_pca_planner.primitives.boundary import hermite_functions
+
+N_PHASES, N_SHOWN, N_COMPONENTS = 101, 16, 3
+
+
+def main() -> None:
+    """Write the picture."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("picture", type=Path, help="PNG file to write")
+    path = parser.parse_args().picture
+    known = example()
+    phases, primitive = np.linspace(0.0, 1.0, N_PHASES), known.primitive
+    rise = hermite_functions(phases)[:, 3]
+    mean = primitive.basis.shape(np.zeros(primitive.n_components), phases)
+    deviations = np.diag(np.sqrt(primitive.explained_variance))[:N_COMPONENTS]
+    components = [primitive.basis.shape(weights, phases) - mean for weights in deviations]
+    joint = int(np.abs(components[0]).max(axis=0).argmax())
+    motions = [one.time_normalised(N_PHASES)[:, joint] for one in known.recordings[:N_SHOWN]]
+    shapes = [q - (q[0] + rise * (q[-1] - q[0])) for q in motions]
+    planned = known.plan().trajectory
+    start, goal = planned.positions[[0, -1], joint]
+    with picture(path, force=True) as figure:
+        figure.set_size_inches(9.0, 2.4)
+        axes = figure.subplots(1, 4)
+        titles = ("demonstrations", "− minimum jerk", "components", "a new motion")
+        for number, (one, title) in enumerate(zip(axes, titles, strict=True), start=1):
+            one.set_title(f"{number}. {title}", fontsize=9)
+            one.set_xlabel("share of the duration", fontsize=8)
+            one.tick_params(labelsize=7)
+        for one, curves, style in (
+            (axes[0], motions, {"color": "0.6", "linewidth": 0.8}),
+            (axes[1], shapes, {"color": "0.6", "linewidth": 0.8}),
+            (axes[2], [shape[:, joint] for shape in components], {}),
+        ):
+            for q in curves:
+                one.plot(phases, np.rad2deg(q), **style)
+        straight = start + rise * (goal - start)
+        axes[3].plot(phases, np.rad2deg(straight), ":", label="minimum jerk")
+        share = planned.times / planned.duration
+        axes[3].plot(share, np.rad2deg(planned.positions[:, joint]), label="plan")
+        axes[3].legend(fontsize=7)
+        axes[0].set_ylabel(f"{primitive.joint_names[joint]} [deg]", fontsize=8)
+
+
+if __name__ == "__main__":
+    main()
