@@ -291,7 +291,8 @@ class GoalTopics:
             plan, stamp, served.primitives, request.ignored_joints, missing
         )
         self._reports.publish(report)
-        times = f"{served.motion.duration:.3g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
+        seconds = plan.trajectory.duration  # as in the report, without a hold before the motion
+        times = f"{seconds:.4g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
         self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
 
     def _reject(self, report: DiagnosticStatus) -> None:

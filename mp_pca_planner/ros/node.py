@@ -205,8 +205,8 @@ class PlannerNode(GuardedNode):
         self._clocks, logger = state, self.get_logger()
         if not clock.is_usable:
             logger.warning(
-                "the stamps of joint_states are no times of a clock with a constant difference "
-                f"from that of this node: they are {clock.estimate:.3g} s behind. Trajectories are "
+                "the stamps of joint_states follow no clock with a constant difference from that "
+                f"of this node: they are {clock.estimate:.3g} s behind. Trajectories are "
                 "sent without stamps, so goals for a moving robot may cause jumps; synchronise the "
                 "clocks"
             )

@@ -200,8 +200,8 @@ class PlanningSetup:
                 "folders of them"
             )
         return self._context_problem or (
-            "there is no robot model: the parameter 'robot_description' is empty, and nothing has "
-            f"arrived on '{self._topic}'"
+            f"waiting for a robot description: nothing has arrived on '{self._topic}' yet, and the "
+            "parameter 'robot_description' is empty"
         )
 
     def ready(self) -> Model:

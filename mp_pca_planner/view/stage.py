@@ -274,7 +274,7 @@ class Stage:
         if text == self._complaint[0] and now < self._complaint[1] + _COMPLAINT_TIME:
             return
         self._complaint = text, now
-        LOG.error("the page goes on: %s", text, exc_info=error)
+        LOG.error("the page continues: %s", text, exc_info=error)
         for client in self.server.get_clients().values():
             client.add_notification("Not done", text, auto_close_seconds=_COMPLAINT_TIME)
 

@@ -227,7 +227,7 @@ class MotionServer:
         resumption.tried, resumption.world = self._follower.motion_time, self._surroundings.world
         try:
             request = GoalRequest(resumption.goal, model, resumption.name)
-            return "the robot goes on to its goal", self.serve(request, is_cancelled)
+            return "the robot continues to its goal", self.serve(request, is_cancelled)
         except PlannerError as error:
             return f"the robot waits before an obstacle: {error}", None
 

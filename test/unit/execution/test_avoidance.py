@@ -98,7 +98,7 @@ def test_robot_goes_on_to_its_goal_once_the_obstacle_that_stopped_it_is_gone(nod
     assert not use(node, World())
     node.run(0.5)
     text, served = node.server.go_on(node._model, not_cancelled)
-    assert served is not None and text == "the robot goes on to its goal"
+    assert served is not None and text == "the robot continues to its goal"
     node.run(8.0)
     node.assert_smooth()
     node.assert_rests_at(GOAL)
