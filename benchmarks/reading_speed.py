@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 from tables import benchmark_parser, show
 
-from mp_pca_planner.recordings.bags import NS_PER_S, write_joint_states
+from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.recordings.joint_states import NS_PER_S
 
 JOINTS = [f"joint_{number}" for number in range(1, 8)]
 RATE = 1000

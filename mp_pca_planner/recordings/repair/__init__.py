@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Repair of recorded joint states, of messages and of the motion in them.
 
-A recording is read whole, then the repairs are applied in a fixed order. Each is counted under its
-name in `REPAIRS`.
+A recording is read whole, then its defects are repaired in a fixed order. A new defect is a
+:class:`Defect` in a module of its own, and its name in `OF_SAMPLES` or `OF_PIECES`.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import numpy as np
 
 from ..joint_states import NS_PER_S, RawJointStates
 from .messages import (
+    COUNTS,
+    DISORDER,
+    EQUAL_STAMPS,
+    LATE,
+    UNUSABLE,
+    ZEROS,
     choose_clock,
     choose_joints,
-    drop_equal_stamps,
-    drop_unusable,
-    drop_zeros,
     joined_notes,
     left_out_notes,
-    order_by_time,
-    refuse_late_contradictions,
     take_joints,
 )
-from .motion import averaged, cut_at_gaps, cut_at_jumps, long_pieces, unwrap, velocity_notes
+from .motion import GAPS, JUMPS, WRAPS, averaged, long_pieces, velocity_notes
 from .recording import (
-    REPAIRS,
     CleanRecording,
     Piece,
     RepairOptions,
@@ -40,14 +40,23 @@ from .recording import (
 
 __all__ = ["REPAIRS", "CleanRecording", "Piece", "RepairOptions", "repair"]
 
-SAMPLE_REPAIRS = (
-    drop_unusable,
-    order_by_time,
-    refuse_late_contradictions,
-    drop_equal_stamps,
-    drop_zeros,
-)
-"""Repairs before the recording is cut, in order."""
+OF_SAMPLES = (UNUSABLE, DISORDER, LATE, EQUAL_STAMPS, ZEROS)
+"""Defects that are repaired before the recording is cut, in order."""
+
+OF_PIECES = (WRAPS, JUMPS)
+"""Defects that are repaired once it is cut at gaps, in order."""
+
+REPAIRS = {
+    **COUNTS,
+    **{kind: text for one in (*OF_SAMPLES, GAPS, *OF_PIECES) for kind, text in one.counts.items()},
+    "replaced": "commanded motion cut short: another one started before its end",
+    "single_points": "single-point trajectory without a known start: dropped",
+    "short_pieces": "piece between cuts dropped: too few samples",
+    "cut_off": "motion dropped: the recording or a gap cuts it off, and others are whole",
+    "rest": "movement dropped: within the extent of noise and sway, taken for rest",
+}
+"""Kinds of repairs, by the name under which they are counted. The last five are counted where
+commanded motions are sampled and motions are cut."""
 
 
 def repair(
@@ -76,11 +85,12 @@ def repair(
     with findings_on_refusal(raw, repairs):
         names = choose_joints([layout.joint_names for layout in raw.layouts], raw.topic, joints)
         samples, clock_notes = _samples(raw, names, options, repairs)
-        for repair_samples in SAMPLE_REPAIRS:
-            samples = repair_samples(samples, options, repairs)
+        for defect in OF_SAMPLES:
+            samples = defect.repair(samples, options, repairs)
             samples.refuse_few(options)
-        pieces = cut_at_gaps(samples, options, repairs)
-        pieces = cut_at_jumps(unwrap(pieces, options, repairs), options, repairs)
+        pieces: list[Piece] = GAPS.repair(samples, options, repairs)
+        for defect in OF_PIECES:
+            pieces = defect.repair(pieces, options, repairs)
         checked = velocity_notes(raw, names)
         rate = NS_PER_S / samples.period
         # A rate that jitter puts just below a multiple still counts as that multiple.

@@ -15,7 +15,15 @@ from ...arrays import FloatArray, unique_names
 from ...exceptions import RecordingError, quote_names, unknown_name
 from ...input_limits import INPUT_LIMITS
 from ..joint_states import NS_PER_S, IntArray, RawJointStates, listed_names
-from .recording import RepairOptions, Samples, count
+from .recording import Defect, RepairOptions, Samples, count
+
+COUNTS = {
+    "malformed": "message dropped: not one position for each name, a name listed twice, or points "
+    "whose times don't increase",
+    "missing_joints": "message dropped: it lacks a chosen joint (another publisher's, for example)",
+    "reordered": "message that lists the joints in another order than the first: taken by name",
+}
+"""Counts of messages of other joints or in another order."""
 
 
 def choose_joints(
@@ -233,6 +241,16 @@ def drop_unusable(samples: Samples, options: RepairOptions, repairs: Counter[str
     return samples.taken(np.flatnonzero(finite & stamped))
 
 
+UNUSABLE = Defect(
+    {
+        "non_finite": "message dropped: a position of a chosen joint (or the duration of a "
+        "commanded motion) is NaN, infinite or absurd",
+        "unstamped": "message dropped: no header stamp, while most have one",
+    },
+    drop_unusable,
+)
+
+
 def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
     """Sort samples by stamp; where the clock was set back, time continues from its last value.
 
@@ -272,6 +290,16 @@ def _without_strays(samples: Samples, max_gap: float, repairs: Counter[str]) -> 
     return samples.taken(np.flatnonzero(~stray))
 
 
+DISORDER = Defect(
+    {
+        "stray_stamps": "message dropped: its stamp is far from those before and after it",
+        "clock_jumps": "stamps step back by more than the longest gap: cut there",
+        "out_of_order": "message with an earlier stamp than one before it: sorted in",
+    },
+    order_by_time,
+)
+
+
 def refuse_late_contradictions(
     samples: Samples, options: RepairOptions, repairs: Counter[str]
 ) -> Samples:
@@ -303,6 +331,9 @@ def refuse_late_contradictions(
     differs &= on_time[behind] - on_time[behind - 1] <= 3 * np.median(np.diff(on_time))
     _refuse_conflicts(differs, times.size, options, "those that came before them")
     return samples
+
+
+LATE = Defect({}, refuse_late_contradictions)
 
 
 def drop_equal_stamps(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
@@ -341,6 +372,15 @@ def _refuse_conflicts(
         )
 
 
+EQUAL_STAMPS = Defect(
+    {
+        "repeated_stamps": "message dropped: another one has the same stamp and positions",
+        "contradicting": "message dropped: another one has the same stamp and other positions",
+    },
+    drop_equal_stamps,
+)
+
+
 def drop_zeros(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
     """Drop the zeros that a second publisher puts between positions."""
     zero = np.all(samples.positions == 0.0, axis=1)
@@ -352,3 +392,11 @@ def drop_zeros(samples: Samples, options: RepairOptions, repairs: Counter[str]) 
         return samples
     repairs["zeros"] += count(zero)
     return samples.taken(np.flatnonzero(~zero))
+
+
+ZEROS = Defect(
+    {
+        "zeros": "message dropped: zeros that alternate with positions (a driver without data)",
+    },
+    drop_zeros,
+)

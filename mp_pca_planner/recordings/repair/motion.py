@@ -15,7 +15,7 @@ from ...arrays import FloatArray
 from ...exceptions import RecordingError, quote_names
 from ..joint_states import NS_PER_S, IntArray, JointLayout, RawJointStates
 from .messages import choose_clock
-from .recording import Piece, RepairOptions, Samples, count, taken
+from .recording import Defect, Piece, RepairOptions, Samples, count, taken
 
 
 def cut_at_gaps(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> list[Piece]:
@@ -25,6 +25,14 @@ def cut_at_gaps(samples: Samples, options: RepairOptions, repairs: Counter[str])
     cuts = np.flatnonzero(np.diff(times) > max_gap / NS_PER_S) + 1
     repairs["gaps"] += cuts.size - repairs["clock_jumps"]
     return long_pieces(Piece(times, samples.positions).cut(cuts.tolist()), options, repairs)
+
+
+GAPS = Defect(
+    {
+        "gaps": "no message for longer than the longest gap: cut there",
+    },
+    cut_at_gaps,
+)
 
 
 def long_pieces(
@@ -77,6 +85,14 @@ def _unwrapped(positions: FloatArray, options: RepairOptions, repairs: Counter[s
     unwrapped = positions.copy()
     unwrapped[1:] -= 2.0 * np.pi * np.cumsum(turns, axis=0)
     return unwrapped
+
+
+WRAPS = Defect(
+    {
+        "wrapped": "jump of a joint by full turns: removed",
+    },
+    unwrap,
+)
 
 
 def cut_at_jumps(
@@ -143,6 +159,15 @@ def _jumps(piece: Piece, options: RepairOptions) -> list[int]:
             & (steps > options.jump_isolation * beside)
         )
     return (np.flatnonzero(jumps) + 1).tolist()
+
+
+JUMPS = Defect(
+    {
+        "spikes": "message dropped: a joint is farther away in it than a motor could move it",
+        "jumps": "a joint moves faster than a motor could: cut there",
+    },
+    cut_at_jumps,
+)
 
 
 @dataclass(frozen=True)

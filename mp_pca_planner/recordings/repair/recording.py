@@ -1,14 +1,14 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings before and after their repair, the options of the repairs and their names."""
+"""Recordings before and after their repair, and the options of the repairs."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,31 +17,22 @@ from ...arrays import FloatArray
 from ...exceptions import RecordingError, UnusableRecordingError, quote_names
 from ..joint_states import NS_PER_S, IntArray
 
-REPAIRS = {
-    "malformed": "message dropped: not one position for each name, a name listed twice, or "
-    "points whose times don't increase",
-    "missing_joints": "message dropped: it lacks a chosen joint (another publisher's, for example)",
-    "reordered": "message that lists the joints in another order than the first: taken by name",
-    "non_finite": "message dropped: a position of a chosen joint (or the duration of a commanded "
-    "motion) is NaN, infinite or absurd",
-    "unstamped": "message dropped: no header stamp, while most have one",
-    "stray_stamps": "message dropped: its stamp is far from those before and after it",
-    "clock_jumps": "stamps step back by more than the longest gap: cut there",
-    "out_of_order": "message with an earlier stamp than one before it: sorted in",
-    "repeated_stamps": "message dropped: another one has the same stamp and positions",
-    "contradicting": "message dropped: another one has the same stamp and other positions",
-    "gaps": "no message for longer than the longest gap: cut there",
-    "zeros": "message dropped: zeros that alternate with positions (a driver without data)",
-    "wrapped": "jump of a joint by full turns: removed",
-    "spikes": "message dropped: a joint is farther away in it than a motor could move it",
-    "jumps": "a joint moves faster than a motor could: cut there",
-    "replaced": "commanded motion cut short: another one started before its end",
-    "single_points": "single-point trajectory without a known start: dropped",
-    "short_pieces": "piece between cuts dropped: too few samples",
-    "cut_off": "motion dropped: the recording or a gap cuts it off, and others are whole",
-    "rest": "movement dropped: within the extent of noise and sway, taken for rest",
-}
-"""Kinds of repairs, by the name under which they are counted."""
+
+class Defect(NamedTuple):
+    """A defect of recordings.
+
+    Attributes
+    ----------
+    counts : mapping of str to str
+        The names under which its repairs are counted, with a sentence on each.
+    repair : callable
+        A function of the samples (or of the pieces, once they are cut), of the options and of the
+        counts, which it raises. It returns the repaired samples or pieces, and raises a
+        RecordingError if the defect can't be repaired.
+    """
+
+    counts: Mapping[str, str]
+    repair: Callable[[Any, RepairOptions, Counter[str]], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +71,7 @@ class CleanRecording:
     sample_rate : float
         Rate of the samples in the pieces [Hz]; lower than `rate` where samples were averaged.
     repairs : dict
-        Counts of the repairs that were made, by their names in :data:`REPAIRS`.
+        Counts of the repairs that were made, by their names in :data:`.REPAIRS`.
     notes : tuple of str
         Findings that needed no repair, one sentence each.
     topic : str
@@ -116,7 +107,7 @@ class CleanRecording:
 def findings(raw: Any, repairs: Counter[str], notes: Sequence[str] = ()) -> dict[str, Any]:
     """Fields of a :class:`CleanRecording` on the messages `raw`, and what was found in them."""
     return {
-        "repairs": {kind: repairs[kind] for kind in REPAIRS if repairs[kind]},
+        "repairs": {kind: n for kind, n in repairs.items() if n},
         "topic": raw.topic,
         "n_messages": raw.n_messages,
         "listed_joints": raw.listed_joints,
