@@ -50,10 +50,19 @@ class Cut:
 
     def is_cut_off(self, options: SegmentationOptions) -> bool:
         """Whether the piece begins or ends within the motion."""
-        speed = joint_speed(self.piece.velocities)
-        moving = options.moving_ratio * speed[self.first : self.last + 1].max()
-        ends = {0, speed.size - 1} & {self.first, self.last}
-        return any(speed[step] > moving for step in ends)
+        return self.begins_cut_off(options) or self.ends_cut_off(options)
+
+    def begins_cut_off(self, options: SegmentationOptions) -> bool:
+        """Whether the piece begins within the motion."""
+        return self.first == 0 and self._moves_at(self.first, options)
+
+    def ends_cut_off(self, options: SegmentationOptions) -> bool:
+        """Whether the piece ends within the motion."""
+        return self.last == self.piece.times.size - 1 and self._moves_at(self.last, options)
+
+    def _moves_at(self, step: int, options: SegmentationOptions) -> bool:
+        speed = joint_speed(self.piece.velocities[self.first : self.last + 1])
+        return bool(speed[step - self.first] > options.moving_ratio * speed.max())
 
     def demonstration(
         self, joint_names: tuple[str, ...], recording: str, checksum: str
@@ -184,6 +193,48 @@ def cut_motions(
     return moved, counted(clean, "rest", len(large) - len(moved))
 
 
+def without_cut_off(
+    cuts: Sequence[Cut], pieces: Sequence[SmoothPiece], options: SegmentationOptions, *, whole: bool
+) -> list[Cut]:
+    """Leave out motions that lack their start or their end.
+
+    Parameters
+    ----------
+    cuts :
+        The motions of a recording.
+    pieces :
+        Its pieces.
+    options :
+        Thresholds.
+    whole :
+        Whether each piece is one motion. It begins and ends with the recording then, at any speed,
+        and only gaps and jumps cut it off.
+
+    Raises
+    ------
+    RecordingError
+        If none is left.
+    """
+    # Of a recording without gaps that is one motion from its first to its last sample, both ends
+    # are those of the motion.
+    spans = [(cut.first, cut.last) for cut in cuts if len(pieces) == 1]
+    whole = whole or spans == [(0, pieces[0].times.size - 1)]
+    kept = []
+    for cut in cuts:
+        at_start = whole and cut.piece is pieces[0]
+        at_end = whole and cut.piece is pieces[-1]
+        is_torn = cut.begins_cut_off(options) and not at_start
+        if not is_torn and (at_end or not cut.ends_cut_off(options)):
+            kept.append(cut)
+    if cuts and not kept:
+        raise RecordingError(
+            f"an end of the recording, a gap or a jump cuts off each of its motions ({len(cuts)}): "
+            "record from rest to rest; if the recording is one motion without rests, pass "
+            "--segment none"
+        )
+    return kept
+
+
 def counted(clean: CleanRecording, kind: str, n: int) -> CleanRecording:
     """A recording with another count of a repair."""
     return replace(clean, repairs={**clean.repairs, kind: n}) if n else clean
@@ -241,7 +292,7 @@ def far_moving(who: str, largest: float, absurd: float) -> str:
     """Statement on joints that move over an absurdly large extent [rad or m]."""
     return (
         f"{who} over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd: positions must be "
-        "in radians (or m), not in degrees (or mm)"
+        "in radians (or m), not in degrees (or mm); --degrees converts degrees"
     )
 
 

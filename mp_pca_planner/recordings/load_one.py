@@ -217,9 +217,10 @@ def _cut(
     else:
         is_whole = clean.pieces_are_motions or task.options.segment == "none"
         found, clean = cutting.cut_motions(recording, options, task.least_extent, is_whole=is_whole)
-        # Where all motions are cut off, they were recorded so.
-        cuts = [cut for cut in found if is_whole or not cut.is_cut_off(options)] or found
-        clean = cutting.counted(clean, "cut_off", len(found) - len(cuts))
+        cuts = found
+        if not clean.pieces_are_motions:
+            cuts = cutting.without_cut_off(found, recording.pieces, options, whole=is_whole)
+            clean = cutting.counted(clean, "cut_off", len(found) - len(cuts))
     if not cuts:
         raise RecordingError("no motion was found in it")
     ranges = np.max([cut.ranges for cut in cuts], axis=0)

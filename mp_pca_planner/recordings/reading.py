@@ -15,7 +15,7 @@ from . import bags
 from .joint_states import JointLayout, RawJointStates
 from .joint_trajectories import read_trajectories, repair_trajectories
 from .repair import CleanRecording, RepairOptions, repair
-from .tables import FORMATS, TableOptions, read_table
+from .tables import FORMATS, TableOptions, read_table, whole_episodes
 
 
 def read_recording(
@@ -66,9 +66,7 @@ def read_recording(
     clean = _repaired(raw, joints, options, listed_only=listed_only, degrees=degrees)
     if table_format == "csv":
         return clean
-    # The gaps are those between episodes, each of which is a motion.
-    repairs = {kind: count for kind, count in clean.repairs.items() if kind != "gaps"}
-    return replace(clean, repairs=repairs, pieces_are_motions=True)
+    return whole_episodes(clean)
 
 
 def read_clean(

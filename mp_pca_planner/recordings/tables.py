@@ -7,6 +7,8 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +19,7 @@ from ..exceptions import RecordingError, quote_names, require, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .joint_states import NS_PER_S, JointLayout, RawJointStates
+from .repair import CleanRecording
 
 FORMATS = ("csv", "lerobot")
 """Formats of tables among those of recordings."""
@@ -151,6 +154,29 @@ def _one_after_the_other(episodes: FloatArray, times: FloatArray, pause: float) 
         result[first:last] = end + pause + own - own[0]
         end = float(np.max(result[first:last]))
     return result
+
+
+def whole_episodes(clean: CleanRecording) -> CleanRecording:
+    """The episodes of a dataset as motions, without those that gaps or jumps cut.
+
+    Raises
+    ------
+    RecordingError
+        If none is left.
+    """
+    pieces = clean.pieces
+    pauses = [b.times[0] - a.times[-1] for a, b in pairwise(pieces)]
+    # Times are rounded to nanoseconds.
+    ends = [True, *(pause > _PAUSE - 1e-6 for pause in pauses), True]
+    whole = [piece for i, piece in enumerate(pieces) if ends[i] and ends[i + 1]]
+    if not whole:
+        raise RecordingError(
+            f"gaps or jumps cut each of its {sum(ends) - 1} episodes: no motion is whole"
+        )
+    n_torn = sum(ends) - 1 - len(whole)
+    counts = {**clean.repairs, "gaps": ends.count(False), "cut_off": n_torn}
+    repairs = {kind: n for kind, n in counts.items() if n}
+    return replace(clean, pieces=tuple(whole), repairs=repairs, pieces_are_motions=True)
 
 
 def _is_vector(feature: Any) -> bool:

@@ -9,9 +9,10 @@ import mmap
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -56,6 +57,10 @@ class Channel(NamedTuple):
 
 StoredMessage = tuple[Channel, int, bytes]
 """Channel, time of reception [ns] and the message as stored."""
+
+
+CLOCK_STEP = 50_000_000
+"""A clock was set back if the times of reception of a topic step back by more than this [ns]."""
 
 
 class DamageError(Exception):
@@ -106,13 +111,28 @@ class Pass:
 
 
 def by_reception(messages: Iterator[StoredMessage]) -> Iterator[StoredMessage]:
-    """Messages of a chunk in order of reception; those before the damage come before its error."""
-    found = []
+    """Messages of a chunk in order of reception; those before the damage come before its error.
+
+    Where the clock was set back, its times don't show the order: the messages are left as written.
+    """
+    found: list[StoredMessage] = []
     try:
         for message in messages:
             found.append(message)
     finally:
-        yield from sorted(found, key=itemgetter(1))
+        yield from found if _was_set_back(found) else sorted(found, key=itemgetter(1))
+
+
+def _was_set_back(messages: Sequence[StoredMessage]) -> bool:
+    """Whether the times of reception step back between messages of a topic."""
+    if all(before[1] <= message[1] for before, message in pairwise(messages)):
+        return False
+    latest: dict[Channel, int] = {}
+    for channel, stamp, _ in messages:
+        if stamp < latest.get(channel, stamp) - CLOCK_STEP:
+            return True
+        latest[channel] = stamp
+    return False
 
 
 def total(channels: Mapping[int, Channel], counts: Mapping[int, int]) -> Counter[Channel]:

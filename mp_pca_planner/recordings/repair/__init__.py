@@ -37,13 +37,14 @@ from .recording import (
     findings_on_refusal,
     motion_findings,
 )
+from .units import UNITS
 
 __all__ = ["REPAIRS", "CleanRecording", "Piece", "RepairOptions", "repair"]
 
 OF_SAMPLES = (UNUSABLE, DISORDER, LATE, EQUAL_STAMPS, ZEROS)
 """Defects that are repaired before the recording is cut, in order."""
 
-OF_PIECES = (WRAPS, JUMPS)
+OF_PIECES = (WRAPS, UNITS, JUMPS)
 """Defects that are repaired once it is cut at gaps, in order."""
 
 REPAIRS = {
@@ -52,7 +53,7 @@ REPAIRS = {
     "replaced": "commanded motion cut short: another one started before its end",
     "single_points": "single-point trajectory without a known start: dropped",
     "short_pieces": "piece between cuts dropped: too few samples",
-    "cut_off": "motion dropped: the recording or a gap cuts it off, and others are whole",
+    "cut_off": "motion dropped: an end of the recording, a gap or a jump cuts it off",
     "rest": "movement dropped: within the extent of noise and sway, taken for rest",
 }
 """Kinds of repairs, by the name under which they are counted. The last five are counted where

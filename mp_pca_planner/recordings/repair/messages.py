@@ -15,7 +15,7 @@ from ...arrays import FloatArray, unique_names
 from ...exceptions import RecordingError, quote_names, unknown_name
 from ...input_limits import INPUT_LIMITS
 from ..joint_states import NS_PER_S, IntArray, RawJointStates, listed_names
-from .recording import Defect, RepairOptions, Samples, count
+from .recording import Defect, RepairOptions, Samples, count, noise_deviation
 
 COUNTS = {
     "malformed": "message dropped: not one position for each name, a name listed twice, or points "
@@ -262,7 +262,7 @@ def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str
     max_gap = options.longest_gap(samples.period)
     samples = _without_strays(samples, max_gap, repairs)
     samples.refuse_few(options)
-    jumps = np.flatnonzero(np.diff(samples.times) < -max_gap) + 1
+    jumps = _set_back(samples.times, max_gap, options)
     repairs["clock_jumps"] += jumps.size
     times: list[IntArray] = []
     rows: list[IntArray] = []
@@ -279,6 +279,25 @@ def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str
     return replace(samples.taken(np.concatenate(rows)), times=np.concatenate(times))
 
 
+def _set_back(stamps: IntArray, max_gap: float, options: RepairOptions) -> IntArray:
+    """Messages before which the clock was set back.
+
+    It was if stamps step back by more than the longest gap. It was, too, if they step back by less,
+    pass the same times once more, and go on. Late messages fill a hole, or a step follows them.
+    """
+    steps = np.diff(stamps)
+    jumps = steps < -max_gap
+    doubtful = np.flatnonzero(~jumps & (steps < -options.clock_step * NS_PER_S))
+    for before in doubtful[: options.max_clock_steps].tolist():
+        behind = stamps[before + 1 :]
+        past = int(np.argmax(behind > stamps[before])) or behind.size
+        goes_on = past == behind.size or steps[before + past] < -0.5 * steps[before]
+        earlier, low = stamps[max(before - past, 0) : before + 1], behind[0]
+        passes_again = 2 * count(earlier >= low) > count(behind[:past] <= stamps[before])
+        jumps[before] = goes_on and passes_again and past >= options.min_samples
+    return np.flatnonzero(jumps) + 1
+
+
 def _without_strays(samples: Samples, max_gap: float, repairs: Counter[str]) -> Samples:
     """Drop samples with a single wrong stamp between good ones, which would fake two jumps."""
     stamps = samples.times
@@ -293,7 +312,7 @@ def _without_strays(samples: Samples, max_gap: float, repairs: Counter[str]) -> 
 DISORDER = Defect(
     {
         "stray_stamps": "message dropped: its stamp is far from those before and after it",
-        "clock_jumps": "stamps step back by more than the longest gap: cut there",
+        "clock_jumps": "the clock was set back: cut there",
         "out_of_order": "message with an earlier stamp than one before it: sorted in",
     },
     order_by_time,
@@ -323,7 +342,9 @@ def refuse_late_contradictions(
     for position in positions.T:
         expected = np.interp(times[late], on_time, position[~late])
         error = np.abs(position[late] - expected)
-        differs |= np.abs(error - 2.0 * np.pi * np.round(error / (2.0 * np.pi))) > options.conflict
+        error = np.abs(error - 2.0 * np.pi * np.round(error / (2.0 * np.pi)))
+        noise = noise_deviation(position[~late])
+        differs |= error > max(options.conflict, options.noise_deviations * noise)
     # Zeros between positions are a second publisher's, too, but they can be dropped.
     differs &= np.any(positions[late] != 0.0, axis=1)
     # Where a block of messages is late, no message in order is near enough to compare with.

@@ -15,7 +15,7 @@ from ...arrays import FloatArray
 from ...exceptions import RecordingError, quote_names
 from ..joint_states import NS_PER_S, IntArray, JointLayout, RawJointStates
 from .messages import choose_clock
-from .recording import Defect, Piece, RepairOptions, Samples, count, taken
+from .recording import Defect, Piece, RepairOptions, Samples, count, noise_deviation, taken
 
 
 def cut_at_gaps(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> list[Piece]:
@@ -128,7 +128,8 @@ def _jump_length(position: FloatArray, options: RepairOptions) -> float:
     """Shortest step of a joint that may be a jump, from its usual steps while it moves."""
     # Where two publishers alternate, only steps over two or three messages show the motion.
     usual = min(_usual_step(position, lag) for lag in (1, 2, 3))
-    return max(options.min_jump, options.jump_ratio * usual)
+    noise = options.noise_deviations * noise_deviation(position)
+    return max(options.min_jump, options.jump_ratio * usual, noise)
 
 
 def _usual_step(position: FloatArray, lag: int) -> float:

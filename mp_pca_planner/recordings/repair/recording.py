@@ -176,12 +176,19 @@ class RepairOptions:
     enough_rate : float
         Arm motions need no higher sample rate [Hz]. Of a recording with at least twice this rate,
         consecutive samples are averaged.
+    clock_step, max_clock_steps : float, int
+        Stamps that step back by more than this and go on from there are those of a clock that was
+        set back [s]; at most so many steps are judged.
     max_conflicts, min_conflicts : float, int
         A second publisher is present if more than this share of the messages, and more than this
         number, contradict others.
     conflict : float
         A late message contradicts the others if it is farther than this from their positions at
         its time [rad or m].
+    noise_deviations : float
+        Errors of positions up to this many standard deviations of the noise are noise.
+    largest_angle : float
+        Joints of an arm stay within this [rad]: a turn, and a little more.
     max_turn_error : float
         A jump is a full turn if it differs from one by less than this [rad].
     min_jump, jump_ratio : float
@@ -207,9 +214,13 @@ class RepairOptions:
     gap_time: float = 0.5
     gap_periods: float = 5
     enough_rate: float = 100.0
+    clock_step: float = 0.1
+    max_clock_steps: int = 100
     max_conflicts: float = 0.01
     min_conflicts: int = 10
     conflict: float = 0.01
+    noise_deviations: float = 8.0
+    largest_angle: float = 6.5
     max_turn_error: float = 1.0
     min_jump: float = 0.05
     jump_ratio: float = 10.0
@@ -279,6 +290,19 @@ class Samples:
 def count(mask: NDArray[Any]) -> int:
     """Number of entries that are not zero."""
     return int(np.count_nonzero(mask))
+
+
+def noise_deviation(position: FloatArray) -> float:
+    """Standard deviation of the noise of a joint [rad or m], from its second differences.
+
+    It is taken from the median, which motions during less than half of the time hardly change.
+    Where two publishers alternate, only differences over two or three samples show the noise.
+    """
+    if position.size < 9:
+        return 0.0
+    middles = [2 * position[k:-k] - position[2 * k :] - position[: -2 * k] for k in (1, 2, 3)]
+    # Median of a normal distribution's magnitudes; variance of a sample and two neighbours.
+    return min(float(np.median(np.abs(x))) for x in middles) / (0.6745 * float(np.sqrt(6.0)))
 
 
 def taken(rows: IntArray, values: NDArray[Any]) -> NDArray[Any]:

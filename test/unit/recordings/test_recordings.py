@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 from functools import partial
 from pathlib import Path
@@ -148,23 +149,38 @@ def test_without_cutting_only_the_stillness_at_the_ends_goes(tmp_path: Path) -> 
 def test_motion_never_spans_a_gap(tmp_path: Path) -> None:
     messages = stamped(REACHES)
     path = write_bag(tmp_path / "x", "mcap", messages[:140] + messages[260:])
-    (report,) = load_recordings([path], segment="none").reports
-    assert report.repairs == {"gaps": 1}
-    assert [m.end < 1.41 or m.start > 2.59 for m in report.motions] == [True, True]
-    (report,) = load_recordings([path]).reports
-    assert report.repairs == {"gaps": 1, "cut_off": 1}
-    assert [m.start > 2.59 for m in report.motions] == [True]
+    for segment in ("none", "auto"):
+        (report,) = load_recordings([path], segment=segment).reports
+        assert report.repairs == {"gaps": 1, "cut_off": 1}
+        assert [m.start > 2.59 for m in report.motions] == [True]
 
 
-def test_motions_that_are_cut_off_count_where_no_other_is_whole(tmp_path: Path) -> None:
+@pytest.mark.parametrize("segment", ["auto", "none"])
+def test_a_recording_of_halves_is_rejected(tmp_path: Path, segment: str) -> None:
+    messages = stamped(REACHES[:250])
+    path = write_bag(tmp_path / "x", "mcap", messages[:130] + messages[185:])
+    (refusal,) = load_recordings([path], segment=segment, repair=RepairOptions(max_gap=0.4)).refused
+    assert re.search(r"cuts off each of its motions \(\d\).*from rest to rest", refusal.reason)
+
+
+def test_a_motion_of_which_the_recording_lacks_an_end_is_left_out(tmp_path: Path) -> None:
     for name, last in (("one", 250), ("both", None)):
         write_bag(tmp_path / name, "mcap", stamped(REACHES[150:last]))
-    both, one = load_recordings([tmp_path]).reports
+    loaded = load_recordings([tmp_path])
+    (both,), (one,) = loaded.reports, loaded.refused
     assert [len(both.motions), both.repairs] == [1, {"cut_off": 1}]
-    assert [len(one.motions), one.repairs] == [1, {}]
     assert both.motions[0].start == pytest.approx(1.5, abs=0.12)
-    for report in (both, one):
-        assert "the recording begins in a motion, which may be cut off there" in report.notes
+    assert "the recording begins in a motion, which may be cut off there" in both.notes
+    assert one.recording == "one" and "--segment none" in one.reason
+    (report,) = load_recordings([tmp_path / "one"], segment="none").reports
+    assert len(report.motions) == 1
+
+
+def test_a_recording_that_is_one_motion_without_rests_is_used(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "tight", "mcap", stamped(REACHES[125:175]))
+    (report,) = load_recordings([path]).reports
+    assert [(m.start, m.end) for m in report.motions] == [(0.0, pytest.approx(0.49))]
+    assert report.repairs == {}
 
 
 def write_joints(path: Path, *joints: tuple[str, ...]) -> Path:
