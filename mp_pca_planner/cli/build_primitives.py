@@ -29,6 +29,7 @@ from ..plotting.text import (
 )
 from ..primitives.build import build_from_statistics, options_to_update
 from ..primitives.file import load_primitive, save_primitive
+from ..primitives.foreign import Foreign, foreign_recordings
 from ..primitives.library.build import origin
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
@@ -207,12 +208,18 @@ def _print(
     primitive: MovementPrimitive,
     output: Path,
 ) -> None:
+    foreign = _foreign(primitive)
     if arguments.json:
-        print_json(_facts(recordings, primitive, output))
+        far = [asdict(one) for one in foreign]
+        print_json({**_facts(recordings, primitive, output), "foreign": far})
     else:
         say(*_text(recordings, primitive, output))
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
+    for one in foreign:
+        complain(
+            f"warning: {one.recording}: {one.reason}; look at it, and leave it out if it is wrong"
+        )
     if not primitive.n_components:
         complain(_without_components(primitive))
 
@@ -297,6 +304,12 @@ def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) 
         "",
         f"written to  {output}",
     ]
+
+
+def _foreign(primitive: MovementPrimitive) -> tuple[Foreign, ...]:
+    """Recordings whose motions are far from those of the others."""
+    assert primitive.statistics is not None
+    return foreign_recordings(primitive.statistics, options_to_update(primitive).n_phases)
 
 
 def _slowest_line(recordings: RecordingSet, many: int = 10) -> list[str]:

@@ -19,8 +19,10 @@ from ..exceptions import PlannerError, PrimitiveError
 from ..primitives.alignment import aligned_positions
 from ..primitives.cross_validation import HeldOutErrors, leave_one_out
 from ..primitives.differences import PHASES
+from ..primitives.foreign import foreign_recordings
 from ..primitives.kinds.find import OUTLIER
 from ..primitives.library.build import LibraryContent
+from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
@@ -114,6 +116,7 @@ def report_page(
     motions = recordings.demonstrations
     drawn = _evenly(len(motions), limits.max_demonstrations_drawn)
     prismatic = prismatic_joints(primitive)
+    statistics = primitive.statistics or MotionStatistics.of(motions, options)
     affordable = max(5, limits.max_built_from // len(motions))
     left_out = _evenly(len(motions), min(limits.max_left_out, affordable))
     angles = primitive.metadata["angle_variance_ratio"]
@@ -140,6 +143,7 @@ def report_page(
         why_no_errors=why_no_errors,
         left_out_as={motion: row for row, motion in enumerate(left_out)},
         refused=recordings.refused,
+        foreign=foreign_recordings(statistics, options.n_phases),
         repairs=_repairs(recordings.reports),
         meanings=REPAIRS,
         reports=recordings.reports,

@@ -30,12 +30,14 @@ class ForeignOptions:
         Of more recordings, each is compared with all, itself included.
     max_motions : int
         Largest number of motions that are compared; of more an even choice is.
-    prior, offset_prior : float
-        Variance in every direction, as a share of the variance of a joint's ends: for distances,
-        and for offsets of a joint.
-    deviations, fitting : float
-        Robust standard deviations of a logarithmic distance over which a recording is far, and
-        under which it fits.
+    prior : float
+        Variance in every direction, as a share of the variance of a joint.
+    usual, mean : float
+        Robust standard deviations over which a recording is far: of the logarithmic distance of its
+        usual motion, and of its mean motion, which varies more. Few recordings show less of what is
+        usual, so one part in their number is added.
+    fitting : float
+        It fits under this share of them.
     least_deviation : float
         Least standard deviation of these logarithms.
     """
@@ -44,9 +46,9 @@ class ForeignOptions:
     max_left_out: int = 200
     max_motions: int = 10_000
     prior: float = 0.05
-    offset_prior: float = 0.01
-    deviations: float = 4.0
-    fitting: float = 2.5
+    usual: float = 3.5
+    mean: float = 5.0
+    fitting: float = 0.8
     least_deviation: float = 0.15
 
 
@@ -63,11 +65,10 @@ class Foreign:
 
 @dataclass(frozen=True, eq=False)
 class _Others:
-    """Gaussian of the motions of the other recordings, with two priors."""
+    """Gaussian of the motions of the other recordings."""
 
     mean: FloatArray
     precision: FloatArray
-    offset_precision: FloatArray
 
 
 def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[Foreign, ...]:
@@ -93,72 +94,70 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[For
     curves = np.concatenate(
         [ends.transpose(0, 2, 1) / np.sqrt(2.0), statistics.shapes / np.sqrt(n_phases)], axis=2
     )
-    models = _models(curves.reshape(len(curves), -1), list(rows.values()))
+    n_ends = 2 * len(statistics.joint_names)
+    models = _models(curves.reshape(len(curves), -1), list(rows.values()), _OPTIONS.prior / n_ends)
     pairs = list(zip(rows.values(), models, strict=True))
     table = np.array([_distances(curves[own], others) for own, others in pairs])
     found = []
     for i, (name, (own, others)) in enumerate(zip(rows, pairs, strict=True)):
         usual = np.delete(table, i, axis=0)
         deviations = _deviations(table[i], usual)
-        if deviations.max() > _OPTIONS.deviations:
+        if deviations.max() > 1.0 + 1.0 / len(usual):
             worst = int(deviations.argmax())
             ratio = float(np.exp(table[i, worst] - np.median(usual[:, worst])))
             cause = _cause(curves[own], others, usual, statistics.joint_names)
-            reason = f"its motions are {ratio:.1f} times as far from those of the others as is usual"
-            found.append(Foreign(name, reason + cause))
+            far = f"its motions are {ratio:.1f} times as far from those of the others as is usual"
+            found.append(Foreign(name, far + cause))
     return tuple(found)
 
 
-def _models(values: FloatArray, groups: list[list[int]]) -> list[_Others]:
+def _models(values: FloatArray, groups: list[list[int]], prior: float) -> list[_Others]:
     """For each recording, the Gaussian of the motions of the others."""
     centre = values.mean(axis=0)
     values = values - centre
     total, squares = values.sum(axis=0), values.T @ values
     if len(groups) > _OPTIONS.max_left_out:
-        return [_gaussian(centre, total, squares, len(values))] * len(groups)
+        return [_gaussian(centre, total, squares, len(values), prior)] * len(groups)
     return [
         _gaussian(
             centre,
             total - values[own].sum(axis=0),
             squares - values[own].T @ values[own],
             len(values) - len(own),
+            prior,
         )
         for own in groups
     ]
 
 
-def _gaussian(centre: FloatArray, total: FloatArray, squares: FloatArray, n: int) -> _Others:
+def _gaussian(
+    centre: FloatArray, total: FloatArray, squares: FloatArray, n: int, prior: float
+) -> _Others:
     mean = total / n
     covariance = squares / n - np.outer(mean, mean)
-    # The ends of a joint have most of the variance.
-    scale = np.trace(covariance) / len(covariance) ** 0.5 + 1e-12
-    precisions = [
-        np.linalg.inv(covariance + prior * scale * np.eye(len(mean)))
-        for prior in (_OPTIONS.prior, _OPTIONS.offset_prior)
-    ]
-    return _Others(centre + mean, *precisions)
+    precision = np.linalg.inv(
+        covariance + (prior * np.trace(covariance) + 1e-12) * np.eye(len(mean))
+    )
+    return _Others(centre + mean, precision)
 
 
 def _distances(curves: FloatArray, others: _Others) -> FloatArray:
-    """Logarithms of distances: of the usual motion, of the mean, and of the largest offset."""
+    """Logarithms of the distances of the usual motion and of the mean motion."""
     y = curves.reshape(len(curves), -1) - others.mean
     single = np.sqrt(np.sum((y @ others.precision) * y, axis=1))
     mean = y.mean(axis=0)
     of_mean = np.sqrt(mean @ others.precision @ mean)
-    _, deviations = _offsets(curves, others)
-    found = np.array([np.median(single), of_mean, deviations.max()])
+    found = np.array([np.median(single), of_mean])
     return np.asarray(np.log(np.maximum(found, 1e-9)))
 
 
 def _offsets(curves: FloatArray, others: _Others) -> tuple[FloatArray, FloatArray]:
     """Most likely offset of each joint [rad or m], and how far it is from 0."""
-    n_joints = curves.shape[1]
     directions = _directions(curves)
     y = curves.reshape(len(curves), -1).mean(axis=0) - others.mean
-    weighted = directions @ others.offset_precision
+    weighted = directions @ others.precision
     products = np.einsum("ij,ij->i", weighted, directions)
     along = weighted @ y
-    assert along.size == n_joints
     return along / products, np.abs(along) / np.sqrt(products) * np.sqrt(len(curves))
 
 
@@ -172,10 +171,11 @@ def _directions(curves: FloatArray) -> FloatArray:
 
 
 def _deviations(own: FloatArray, usual: FloatArray) -> FloatArray:
-    """Robust standard deviations of distances from the usual ones."""
+    """Robust standard deviations of distances from the usual ones, as shares of the thresholds."""
     centre = np.median(usual, axis=0)
     spread = 1.4826 * np.median(np.abs(usual - centre), axis=0)
-    return np.asarray((own - centre) / np.maximum(spread, _OPTIONS.least_deviation))
+    deviations = (own - centre) / np.maximum(spread, _OPTIONS.least_deviation)
+    return np.asarray(deviations / [_OPTIONS.usual, _OPTIONS.mean])
 
 
 def _cause(
@@ -195,7 +195,8 @@ def _cause(
     joint = int(deviations.argmax())
     shift = (offsets[joint] * _directions(curves)[joint]).reshape(curves.shape[1:])
     if fits(curves - shift):
-        return f"; they fit if '{joint_names[joint]}' is shifted by {-offsets[joint]:.2g} rad (or m)"
+        by = f"{-offsets[joint]:.2g} rad (or m)"
+        return f"; they fit if '{joint_names[joint]}' is shifted by {by}"
     signs = np.ones(len(joint_names))
     for _ in joint_names:
         flips: NDArray[np.float64] = signs * (1.0 - 2.0 * np.eye(len(signs)))

@@ -14,9 +14,39 @@ import numpy as np
 
 from ..exceptions import quote_names
 from . import cutting
+from .fingerprint import MIN_SHARE, common_shares
 from .load_one import LoadTask
 from .recording_set import GatheredSets
 from .segmentation import SegmentationOptions, absurd_extent, least_extent_of_set
+
+
+def refuse_copies(tasks: Sequence[LoadTask], loaded: GatheredSets) -> None:
+    """Reject recordings whose samples are those of another one, or a part of them.
+
+    Of a recording with a table of segments, the motions are those that a person chose.
+    """
+    originals: dict[str, str] = {}
+    values, owners = array("q"), array("q")
+    for index, task in enumerate(tasks):
+        for report in loaded.found(index)[0] if task.segments is None else ():
+            original = originals.setdefault(report.checksum, task.name)
+            if original != task.name:
+                loaded.refuse(index, task.name, f"it is a copy of '{original}', which is used")
+            else:
+                values.extend(report.fingerprint)
+                owners.extend([index] * len(report.fingerprint))
+    gone = set[int]()
+    for pair, shares in sorted(common_shares(np.array(values), np.array(owners)).items()):
+        if max(shares) >= MIN_SHARE and not gone & set(pair):
+            # Of equal ones, the first is kept.
+            part, whole = pair if shares[0] > shares[1] + 0.3 else pair[::-1]
+            gone.add(part)
+            where = f"in '{tasks[whole].name}', which is used"
+            if min(shares) < MIN_SHARE:
+                reason = f"it is a part of another recording: its samples are also {where}"
+            else:
+                reason = f"it is a copy in another form: its samples are also {where}"
+            loaded.refuse(part, tasks[part].name, reason)
 
 
 def with_joints_of_set(
@@ -24,21 +54,16 @@ def with_joints_of_set(
 ) -> dict[int, LoadTask]:
     """Recordings to load again with the joints of the set in its order, by index.
 
-    Copies of other recordings are rejected and, on request, recordings of other joints. With
-    `moving_only`, joints that move in no recording are no joints of the set.
+    On request, recordings of other joints are rejected. With `moving_only`, joints that move in no
+    recording are no joints of the set.
     """
     still = _still_joints(len(tasks), loaded) if moving_only else set[str]()
     orders: dict[frozenset[str], tuple[str, ...]] = {}
-    originals: dict[str, str] = {}
     counts = Counter[tuple[str, ...]]()
-    for index, task in enumerate(tasks):
+    for index in range(len(tasks)):
         for report in loaded.found(index)[0]:
-            original = originals.setdefault(report.checksum, task.name)
-            if original != task.name and task.segments is None:
-                loaded.refuse(index, task.name, f"it is a copy of '{original}', which is used")
-            else:
-                joints = tuple(name for name in report.joint_names if name not in still)
-                counts[orders.setdefault(frozenset(joints), joints)] += 1
+            joints = tuple(name for name in report.joint_names if name not in still)
+            counts[orders.setdefault(frozenset(joints), joints)] += 1
     common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
     is_one_set = same_joints and 2 * n_common > counts.total()
     again: dict[int, LoadTask] = {}

@@ -235,6 +235,18 @@ def without_cut_off(
     return kept
 
 
+def count_short_halves(recording: SmoothRecording, cuts: Sequence[Cut]) -> int:
+    """Number of motions at ends of pieces of which too little is left to be one of the cuts."""
+    ends = {(id(cut.piece), step) for cut in cuts for step in (cut.first, cut.last)}
+    n = 0
+    for piece in recording.pieces:
+        speed = joint_speed(piece.velocities)
+        for step in (0, speed.size - 1):
+            is_half = speed[step] > recording.thresholds.moving
+            n += bool(is_half and (id(piece), step) not in ends)
+    return n
+
+
 def counted(clean: CleanRecording, kind: str, n: int) -> CleanRecording:
     """A recording with another count of a repair."""
     return replace(clean, repairs={**clean.repairs, kind: n}) if n else clean

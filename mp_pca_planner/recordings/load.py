@@ -18,7 +18,7 @@ from ..files import as_path
 from ..robot.model import Robot
 from . import bags
 from .cache import ReadingCache, key_of
-from .comparison import with_extent_of_set, with_joints_of_set
+from .comparison import refuse_copies, with_extent_of_set, with_joints_of_set
 from .load_one import LoadOptions, LoadTask, load_one
 from .recording_set import GatheredSets, RecordingSet
 from .segments_file import segments_by_hand
@@ -148,6 +148,7 @@ def load_recordings(
     kept = ReadingCache() if resume is None else ReadingCache.resumed(resume)
     loaded = GatheredSets(len(tasks), on_disk=on_disk)
     _load_all(dict(enumerate(tasks)), loaded, kept, jobs, dask, progress)
+    refuse_copies(tasks, loaded)
     again = with_joints_of_set(tasks, loaded, same_joints, moving_only=settings.moving_only)
     _load_all(again, loaded, kept, jobs, dask, None)
     tasks = [again.get(index, task) for index, task in enumerate(tasks)]

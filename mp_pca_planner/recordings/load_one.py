@@ -172,6 +172,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
         overview=cutting.overview(smoothed.pieces) if options.overviews else None,
         marker_residuals=residuals,
         still_joints=clean.still_joints,
+        fingerprint=clean.fingerprint,
     )
     summaries = () if options.summarise is None else (options.summarise(motions),)
     n = options.most_samples
@@ -220,7 +221,8 @@ def _cut(
         cuts = found
         if not clean.pieces_are_motions:
             cuts = cutting.without_cut_off(found, recording.pieces, options, whole=is_whole)
-            clean = cutting.counted(clean, "cut_off", len(found) - len(cuts))
+            n_short = 0 if is_whole else cutting.count_short_halves(recording, found)
+            clean = cutting.counted(clean, "cut_off", len(found) - len(cuts) + n_short)
     if not cuts:
         raise RecordingError("no motion was found in it")
     ranges = np.max([cut.ranges for cut in cuts], axis=0)

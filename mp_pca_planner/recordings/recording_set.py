@@ -132,6 +132,8 @@ class RecordingReport:
         Residual of each marker; empty unless markers were recorded.
     still_joints : tuple of str
         The joints of `joint_names` that never move.
+    fingerprint : tuple of int
+        Shows copies of the recording, see :func:`.fingerprint.fingerprint`.
     seconds : float
         Time that it took to read it and to cut it into motions [s].
     """
@@ -152,6 +154,7 @@ class RecordingReport:
     overview: Overview | None = None
     marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
     still_joints: tuple[str, ...] = ()
+    fingerprint: tuple[int, ...] = ()
     seconds: float = field(default=0.0, compare=False)
 
 

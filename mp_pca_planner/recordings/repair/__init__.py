@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..fingerprint import fingerprint
 from ..joint_states import NS_PER_S, RawJointStates
 from .messages import (
     COUNTS,
@@ -106,6 +107,7 @@ def repair(
             rate=rate,
             sample_rate=rate / n_averaged,
             still_joints=still,
+            fingerprint=fingerprint(samples.positions, names),
             **findings(raw, repairs, notes),
         )
 

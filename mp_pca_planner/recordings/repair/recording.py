@@ -84,6 +84,8 @@ class CleanRecording:
         Whether each piece is one motion, which is not segmented.
     still_joints : tuple of str
         The joints of `joint_names` that never move.
+    fingerprint : tuple of int
+        See :func:`.fingerprint.fingerprint`; of commanded motions there is none.
     """
 
     joint_names: tuple[str, ...]
@@ -97,6 +99,7 @@ class CleanRecording:
     listed_joints: tuple[str, ...]
     pieces_are_motions: bool = False
     still_joints: tuple[str, ...] = ()
+    fingerprint: tuple[int, ...] = ()
 
     @property
     def duration(self) -> float:
