@@ -34,8 +34,9 @@ class ForeignOptions:
         Variance in every direction, as a share of the variance of a joint.
     usual, mean : float
         Robust standard deviations over which a recording is far: of the logarithmic distance of its
-        usual motion, and of its mean motion, which varies more. Few recordings show less of what is
-        usual, so one part in their number is added.
+        usual motion, and of its mean motion, which varies more.
+    few : float
+        Few recordings show less of what is usual: these thresholds grow by this over their number.
     fitting : float
         It fits under this share of them.
     least_deviation : float
@@ -48,6 +49,7 @@ class ForeignOptions:
     prior: float = 0.05
     usual: float = 3.5
     mean: float = 5.0
+    few: float = 3.0
     fitting: float = 0.8
     least_deviation: float = 0.15
 
@@ -102,7 +104,7 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[For
     for i, (name, (own, others)) in enumerate(zip(rows, pairs, strict=True)):
         usual = np.delete(table, i, axis=0)
         deviations = _deviations(table[i], usual)
-        if deviations.max() > 1.0 + 1.0 / len(usual):
+        if deviations.max() > 1.0 + _OPTIONS.few / len(usual):
             worst = int(deviations.argmax())
             ratio = float(np.exp(table[i, worst] - np.median(usual[:, worst])))
             cause = _cause(curves[own], others, usual, statistics.joint_names)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, FORMATS, Message, reaching, stamped, write_bag
+from conftest import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import bag, find_recordings, stored_size
@@ -97,8 +97,8 @@ def test_motions_beyond_the_limits_of_the_robot_are_noted_or_refused(
 
 
 def test_bad_recording_is_refused_by_name_and_the_rest_is_used(tmp_path: Path) -> None:
-    for name in FORMATS:
-        reaches(tmp_path / name, name)
+    for size, name in enumerate(FORMATS, start=1):
+        write_bag(tmp_path / name, name, stamped(0.3 * size * REACHES))
     (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\n")
     write_bag(tmp_path / "still", "mcap", stamped(np.ones((300, 2))))
     write_bag(tmp_path / "other", "mcap", [], unknown_type=True)
@@ -225,12 +225,40 @@ def test_without_a_majority_no_recording_is_rejected_for_its_joints(tmp_path: Pa
     assert [report.joint_names for report in loaded.reports] == [("a", "b"), ("c", "d")]
 
 
-def test_a_set_in_degrees_is_noted(tmp_path: Path) -> None:
+def test_a_set_in_degrees_is_rejected_without_a_robot(tmp_path: Path) -> None:
     for name in "12":
         write_bag(tmp_path / name, "mcap", stamped(float(name) * np.rad2deg(REACHES)))
-    for report in load_recordings([tmp_path]).reports:
-        assert report.notes[-1].startswith("joint 'a' moves over ")
-        assert "must be in radians (or m), not in degrees (or mm)" in report.notes[-1]
+    loaded = load_recordings([tmp_path])
+    assert [refusal.recording for refusal in loaded.refused] == ["1", "2"]
+    for refusal in loaded.refused:
+        assert re.search("2 of its 2 joints .* not in degrees .* --degrees", refusal.reason)
+    assert len(load_recordings([tmp_path], degrees=True).reports) == 2
+
+
+def test_a_joint_that_turns_on_and_on_is_not_in_degrees(tmp_path: Path) -> None:
+    turns = np.column_stack([12.0 * REACHES[:, 0], REACHES])
+    path = write_bag(tmp_path / "x", "mcap", stamped(turns, names=("wheel", "a", "b")))
+    (report,) = load_recordings([path]).reports
+    assert len(report.motions) == 2
+    assert "joint 'wheel' moves over 12 rad" in report.notes[-1]
+
+
+def test_copies_in_other_forms_and_parts_count_once(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    noisy = REACHES + rng.normal(0.0, 1e-3, REACHES.shape)
+    write_bag(tmp_path / "first", "mcap", stamped(noisy))
+    write_bag(tmp_path / "later", "sqlite3", stamped(noisy, start=EPOCH + 3600 * S))
+    write_bag(tmp_path / "a_part", "mcap", stamped(noisy[:250]))
+    again = REACHES + rng.normal(0.0, 1e-3, REACHES.shape)
+    write_bag(tmp_path / "same_task", "mcap", stamped(again))
+    swapped = stamped(noisy[:, ::-1], names=("b", "a"))
+    write_bag(tmp_path / "swapped", "rosbag1", swapped)
+    loaded = load_recordings([tmp_path])
+    assert [report.name for report in loaded.reports] == ["first", "same_task"]
+    reasons = {refusal.recording: refusal.reason for refusal in loaded.refused}
+    assert reasons.keys() == {"later", "a_part", "swapped"}
+    assert "a part of another recording" in reasons["a_part"]
+    assert all("also in 'first', which is used" in reason for reason in reasons.values())
 
 
 def test_a_copy_of_a_recording_counts_once(tmp_path: Path) -> None:
@@ -295,11 +323,12 @@ def test_recordings_of_the_same_joints_in_another_order_are_one_set(
     tmp_path: Path, joints: list[str] | None
 ) -> None:
     write_bag(tmp_path / "one", "mcap", stamped(REACHES))
-    write_bag(tmp_path / "two", "mcap", stamped(REACHES[:, ::-1], names=("b", "a")))
+    # Twice as large: the same samples would be those of a copy.
+    write_bag(tmp_path / "two", "mcap", stamped(2.0 * REACHES[:, ::-1], names=("b", "a")))
     loaded = load_recordings([tmp_path], joints=joints)
     assert {d.joint_names for d in loaded.demonstrations} == {tuple(joints or ("a", "b"))}
     for first, second in zip(*np.reshape(list(loaded.demonstrations), (2, 2)), strict=True):
-        np.testing.assert_array_equal(first.positions, second.positions)
+        np.testing.assert_allclose(2.0 * first.positions, second.positions, atol=1e-12)
 
 
 @pytest.mark.parametrize("rate", [10, 25, 100, 400])

@@ -320,6 +320,34 @@ def test_clock_that_is_set_back_cuts(bag: Bag) -> None:
         np.testing.assert_array_equal(piece.positions, MOTION)
 
 
+@pytest.mark.parametrize("seconds", [2.0, 0.3])
+def test_clock_that_is_set_back_while_recording_cuts(bag: Bag, seconds: float) -> None:
+    """The clock gives the times of reception, too, by which messages of a chunk are sorted."""
+    messages = stamped(MOTION)
+    for message in messages[N // 2 :]:
+        message.stamp -= int(seconds * S)
+    for message in messages:
+        message.receive = message.stamp
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"clock_jumps": 1}
+    for piece, part in zip(clean.pieces, (MOTION[: N // 2], MOTION[N // 2 :]), strict=True):
+        np.testing.assert_array_equal(piece.positions, part)
+
+
+@pytest.mark.parametrize("rate", [50.0, 500.0])
+def test_noise_of_a_degree_is_no_second_publisher(bag: Bag, rate: float) -> None:
+    rng = np.random.default_rng(1)
+    motion = reaching([0.1, 1.1, -0.4, 0.5], rate=rate)
+    messages = stamped(motion + rng.normal(0.0, np.deg2rad(1.0), motion.shape), rate=rate)
+    for message in messages:
+        message.receive = message.stamp
+    for late in rng.choice(len(messages) - 1, 20, replace=False):
+        messages[late], messages[late + 1] = messages[late + 1], messages[late]
+    for message, time in zip(messages, sorted(x.stamp for x in messages), strict=True):
+        message.receive = time
+    assert set(bag.repaired(messages).repairs) == {"out_of_order"}
+
+
 def test_gap_cuts_and_keeps_the_time(bag: Bag) -> None:
     messages = stamped(MOTION)
     clean = bag.repaired(messages[:100] + messages[180:])
