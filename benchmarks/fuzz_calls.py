@@ -35,13 +35,13 @@ from typing import Any
 import numpy as np
 
 import mp_pca_planner as mp
-from mp_pca_planner.planning.options import SearchOptions
-from mp_pca_planner.planning.part_options import (
+from mp_pca_planner.planning.options import (
     BrakingOptions,
     ClearanceOptions,
     DetourOptions,
     PathOptions,
     PoseSearchOptions,
+    SearchOptions,
     SelectionOptions,
     SolverOptions,
 )

@@ -20,7 +20,7 @@ from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.problem import Problem as Program
+from mp_pca_planner.planning.program.motion_program import MotionProgram as Program
 from mp_pca_planner.planning.search import candidate
 from mp_pca_planner.planning.solver.sqp import Solution, solve
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive

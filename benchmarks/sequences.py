@@ -19,9 +19,9 @@ import numpy as np
 from tables import benchmark_parser, show
 
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
+from mp_pca_planner.planning.motion import effort_of
 from mp_pca_planner.planning.plan import OPTIMAL, REAL_TIME, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.costs import effort_of
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file

@@ -24,8 +24,8 @@ from mp_pca_planner.evaluation.problems import Problem, held_out_problems, robot
 from mp_pca_planner.evaluation.referee import RigidArm, judge
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 from arm import arm_robot
 
 import mp_pca_planner as mp
-from mp_pca_planner.motion.validation import interpolate
+from mp_pca_planner.motion.interpolation import interpolate
 
 try:
     import coal

@@ -24,10 +24,9 @@ from scipy.linalg import null_space
 
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
-from ..planning.program.problem import Problem
-from ..planning.program.segment import SegmentProgram
+from ..planning.program.motion_program import MotionProgram
+from ..planning.program.segment import SegmentProgram, Unknowns
 from ..planning.program.tables import Tables
-from ..planning.program.unknowns import Unknowns
 from ..planning.search.threads import one_blas_thread
 from ..planning.solver.sqp import Solution, solve
 from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
@@ -144,7 +143,7 @@ def free_bsplines(robot: Robot) -> Predictor:
         boundary = np.zeros((6, motion.n_joints))
         boundary[[0, 3]] = motion.positions[[0, -1]]
         # The other rows are velocities and accelerations.
-        unknowns = Unknowns(basis.scales, boundary, motion.duration, free_rows=(1, 2, 4, 5))
+        unknowns = Unknowns(basis.scales, boundary, motion.duration, free_orders=((1, 2), (1, 2)))
         return _optimised(robot, basis, unknowns, PAPER_OPTIONS.start_spread, began)
 
     return predict
@@ -171,7 +170,7 @@ def _least_effort(
     """The best solution without limits, and the mean time of one optimisation [s]."""
     began = time.perf_counter()
     segment = SegmentProgram(robot, tables, unknowns, starts[0])
-    problem = Problem([segment], [[]], [[]], [None], None, [])
+    problem = MotionProgram([segment], [[]], [[]], [None], None, [])
     set_up = time.perf_counter() - began
     with one_blas_thread():
         found = [solve(problem, unknowns.from_weights(start)) for start in starts]

@@ -13,8 +13,8 @@ from scipy.integrate import trapezoid
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
+from ..motion.interpolation import interpolate
 from ..motion.trajectory import Trajectory
-from ..motion.validation import interpolate
 from ..recordings.bags import JOINT_STATE, Bag, Stored, choose_topic, open_bag
 from ..recordings.joint_states import NS_PER_S
 

@@ -11,14 +11,15 @@ are halved, down to a sixteenth of a millisecond. Bodies that may touch even the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..robot.collision import CollisionGeometry, package_folders
 from ..robot.distances import CONTACT, Indices
+from .interpolation import DenseSamples, interpolate
 from .trajectory import Trajectory
-from .validation import DenseSamples, interpolate
 
 __all__ = ["NOT_CHECKED", "Collision", "CollisionModel", "package_folders"]
 
@@ -119,7 +120,7 @@ class CollisionModel(CollisionGeometry):
         )
         met = _CollisionSearch(self, dense.q, travelled).moments_in_collision(precisely)
         found = [self._collision(dense, k, moments) for k, moments in met.items()]
-        return tuple(sorted(found, key=lambda one: -one.penetration))
+        return tuple(sorted(found, key=attrgetter("penetration"), reverse=True))
 
     def _collision(
         self, dense: DenseSamples, pair: int, moments: list[tuple[float, int]]

@@ -19,11 +19,8 @@ from ..exceptions import TrajectoryError
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .goal import JointState
-from .interpolation import BEZIER_POINTS, hermite_functions, segment_ends
+from .interpolation import BEZIER_POINTS, interpolate, segment_ends
 from .trajectory import Trajectory
-
-GRID_PERIOD = 1e-3
-"""Longest step of the grid on which limits are checked [s]."""
 
 LIMIT_TOLERANCE = 1e-6
 """Relative excess over a limit that counts as rounding."""
@@ -98,82 +95,6 @@ class LimitCheck:
         return max((v.excess for v in self.touched if not v.excess <= 0.0), default=0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class DenseSamples:
-    """The controller's interpolation of a trajectory on a fine grid.
-
-    Attributes
-    ----------
-    times : array, shape (n_samples,)
-        [s].
-    q, v, a, jerk : array, shape (n_samples, n_joints)
-        Positions and their first three derivatives. A jerk jumps at the points.
-    """
-
-    times: FloatArray
-    q: FloatArray
-    v: FloatArray
-    a: FloatArray
-    jerk: FloatArray
-
-
-def interpolate(
-    trajectory: Trajectory,
-    period: float = GRID_PERIOD,
-    segments: NDArray[np.bool_] | None = None,
-) -> DenseSamples:
-    """Sample the quintic interpolation of a trajectory.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The points.
-    period : float
-        Longest time between two samples [s]; every point is a sample.
-    segments : array of bool, shape (n_points - 1,), optional
-        The segments between points to sample; all unless given.
-    """
-    steps = np.diff(trajectory.times)
-    if steps.size == 0:
-        zero = np.zeros_like(trajectory.positions)
-        return DenseSamples(trajectory.times, *trajectory.states, zero)
-    # At its ends, a quintic from rest to rest has no speed and little effort for any duration; at a
-    # quarter of the duration, its acceleration is near the peak.
-    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), 4)
-    fractions = np.linspace(0.0, 1.0, n_parts + 1)
-    tables = np.array([hermite_functions(fractions, d) for d in range(4)])
-    ends, began = segment_ends(trajectory.times, *trajectory.states), trajectory.times[:-1]
-    if segments is not None:
-        ends, steps, began = ends[segments], steps[segments], began[segments]
-    q, v, a, jerk = _derivatives(ends, steps, tables)
-    return DenseSamples((began[:, None] + steps[:, None] * fractions).ravel(), q, v, a, jerk)
-
-
-def _derivatives(ends: FloatArray, steps: FloatArray, tables: FloatArray) -> FloatArray:
-    """Positions and derivatives by time at some phases of each segment, segment by segment.
-
-    Parameters
-    ----------
-    ends, steps : array, shape (n_segments, 6, n_joints) and (n_segments,)
-        Segments, see :func:`.segment_ends`, and their durations [s].
-    tables : array, shape (n_derivatives, n_phases, 6)
-        :func:`.hermite_functions` and their derivatives there.
-
-    Returns
-    -------
-    :
-        Shape (n_derivatives, n_segments * n_phases, n_joints).
-    """
-    n_derivatives, n_phases, n_values = tables.shape
-    n_segments, _, n_joints = ends.shape
-    # One product of matrices, however many segments there are.
-    columns = ends.transpose(1, 0, 2).reshape(n_values, -1)
-    values = tables.reshape(-1, n_values) @ columns
-    by_segment = values.reshape(n_derivatives, n_phases, n_segments, n_joints).swapaxes(1, 2)
-    rates = steps ** -np.arange(float(n_derivatives))[:, None]
-    return np.asarray((by_segment * rates[:, :, None, None]).reshape(n_derivatives, -1, n_joints))
-
-
 def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> LimitCheck:
     """Compare a trajectory with limits on a grid of at most 1 ms.
 
@@ -192,9 +113,9 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         If efforts are limited, and a moving link of the robot has no valid inertia.
     """
     require_effort_limits(robot, limits)
-    steps, ends = np.diff(trajectory.times), segment_ends(trajectory.times, *trajectory.states)
-    at_points = robot.inverse_dynamics(*trajectory.states)
-    start = trajectory.positions[0]
+    q, v, a = trajectory.positions, trajectory.velocities, trajectory.accelerations
+    steps, ends = np.diff(trajectory.times), segment_ends(trajectory.times, q, v, a)
+    at_points, start = robot.inverse_dynamics(q, v, a), q[0]
     inside = nearest_start(start, limits)
     # Only segments that come near a limit are sampled, and a single point.
     near, near_efforts = np.ones(1, dtype=bool), np.isfinite(limits.effort)

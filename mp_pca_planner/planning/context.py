@@ -12,7 +12,7 @@ from ..motion.collision import CollisionModel
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .options import PlannerOptions
-from .program.store import BasisStore
+from .program.bases import BasisStore
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +31,8 @@ class Context:
         The model of its collisions, if they are checked.
     bases : BasisStore
         The bases of motions, with tables that are kept.
+    longest : float
+        The longest duration of a motion that is accepted [s].
     """
 
     robot: Robot
@@ -38,11 +40,7 @@ class Context:
     options: PlannerOptions
     collision: CollisionModel | None
     bases: BasisStore
-
-    @property
-    def longest(self) -> float:
-        """The longest duration of a motion that is accepted [s]."""
-        return INPUT_LIMITS.longest_motion(self.options.sample_period)
+    longest: float
 
     def check_duration(self, what: str, seconds: float) -> None:
         """Reject a motion whose points would take too much time and memory, or overflow.

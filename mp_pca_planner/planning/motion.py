@@ -1,10 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A continuous motion: q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) with its duration."""
+"""A continuous motion, q(s) = h(s) + μ(s) + Σ wₖ φₖ(s) with its duration, and its cost."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ from ..arrays import FloatArray
 from ..motion.goal import JointState
 from ..primitives.basis import Basis
 from ..primitives.boundary import boundary_values, quintics
+from ..robot.model import Robot
+from .objectives import Effort, Nodes, Objective
+from .program.tables import Tables
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +63,9 @@ class Motion:
         """
         phases = np.clip(times / self.duration, 0.0, 1.0)
         states = self._at(phases)
-        for phase, state in ((0.0, self.start), (1.0, self.goal)):
-            states[:, phases == phase] = np.array(state.values)[:, None]
+        for phase, end in ((0.0, self.start), (1.0, self.goal)):
+            values = np.array([end.positions, end.velocities, end.accelerations])
+            states[:, phases == phase] = values[:, None]
         return states
 
     def sample(self, period: float) -> tuple[FloatArray, FloatArray]:
@@ -76,7 +81,8 @@ class Motion:
         n_steps = max(math.ceil(self.duration / period - 1e-9), 1)
         phases = np.linspace(0.0, 1.0, n_steps + 1)
         states = self._at(phases)
-        states[:, 0], states[:, -1] = self.start.values, self.goal.values
+        for i, end in ((0, self.start), (-1, self.goal)):
+            states[:, i] = end.positions, end.velocities, end.accelerations
         return self.duration * phases, states
 
     def _at(self, phases: FloatArray) -> FloatArray:
@@ -85,3 +91,45 @@ class Motion:
         states[1] /= self.duration
         states[2] /= self.duration**2
         return states
+
+
+def rank_of(cost: float) -> float:
+    """The cost in a ranking: a cost that is not a number counts as infinite."""
+    return float("inf") if np.isnan(cost) else cost
+
+
+def effort_of(robot: Robot, motion: Motion) -> float:
+    """½∫‖τ‖²dt of a motion [N²·m²·s].
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    motion : Motion
+        The motion.
+    """
+    return cost_of(robot, motion, Tables(motion.basis), [(1.0, Effort())])
+
+
+def cost_of(
+    robot: Robot,
+    motion: Motion,
+    tables: Tables,
+    objectives: Sequence[tuple[float, Objective]],
+) -> float:
+    """Weighted sum of the objectives of a motion on the tables of its basis."""
+    q, v, a, jerk = node_states(motion, tables)[:, 1:-1]
+    tau = robot.inverse_dynamics(q, v, a)
+    nodes = Nodes(robot, q, v, a, jerk, tau, motion.start.positions, motion.goal.positions)
+    squares = sum(
+        weight * np.sum(objective.residuals(nodes).values ** 2, axis=1)
+        for weight, objective in objectives
+    )
+    return float(0.5 * motion.duration * tables.quadrature @ squares)
+
+
+def node_states(motion: Motion, tables: Tables) -> FloatArray:
+    """Positions to jerks at the start, the nodes and the goal, shape (4, n_nodes + 2, n_joints)."""
+    shapes = tables.values @ np.concatenate([[1.0], motion.weights])
+    by_phase = tables.hermite @ motion.boundary + shapes
+    return np.asarray(by_phase / motion.duration ** np.arange(4.0)[:, None, None])

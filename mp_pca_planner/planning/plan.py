@@ -69,16 +69,15 @@ class MotionSolution:
     iterations: int
     kkt_residual: float
 
-    @classmethod
-    def unknown(cls, iterations: int = 0) -> MotionSolution:
-        """The result for a motion that was not optimised; the plan's assembly adds its costs."""
-        nan = float("nan")
-        return cls(np.zeros(0), nan, nan, 0.0, nan, False, iterations, nan)
-
     @property
     def cost(self) -> float:
         """The whole objective."""
         return self.objective_cost + self.naturalness_cost
+
+
+_NAN = float("nan")
+NOT_SOLVED = MotionSolution(np.zeros(0), _NAN, _NAN, 0.0, _NAN, False, 0, _NAN)
+"""The result for a motion that was not optimised; the search adds its costs."""
 
 
 @dataclass(frozen=True, eq=False)

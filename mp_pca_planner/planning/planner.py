@@ -20,6 +20,7 @@ from ..exceptions import (
     WorldError,
     quote_names,
 )
+from ..input_limits import INPUT_LIMITS
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
     GoalLike,
@@ -40,11 +41,10 @@ from .context import Context
 from .objectives import uses_efforts
 from .options import MODES, OPTIMAL, PlannerOptions
 from .plan import Plan
-from .program.store import BasisStore
+from .program.bases import BasisStore
 from .report import report
-from .requests.resolve import check_goal, resolve, target
+from .requests.resolve import check_goal, in_order, resolve, target
 from .requests.selection import Selector
-from .requests.states import in_order
 from .search.budget import Budget
 from .search.search import search
 from .search.threads import one_blas_thread
@@ -129,7 +129,8 @@ class Planner:
         objectives, selection = self.options.objectives, self.options.selection
         self._selector = Selector(self.robot, self.primitives, objectives, selection)
         bases = BasisStore(self.options)
-        self._context = Context(self.robot, self.limits, self.options, collision, bases)
+        longest = INPUT_LIMITS.longest_motion(self.options.sample_period)
+        self._context = Context(self.robot, self.limits, self.options, collision, bases, longest)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Planner, (self.robot, self.primitives, self.limits, self.options, self.collision)
@@ -217,14 +218,14 @@ class Planner:
         RobotError
             If there is no such frame.
         """
-        check_choice(mode, "the mode", GoalError, MODES)
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
+        check_choice(mode, "the mode", GoalError, MODES)
         began = time.perf_counter()
         most, each = self.options.max_solve_time, self.options.search.time_for_checks
         n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
         deadline = began + most - min(n_segments * each, 0.4 * most)
         budget = Budget(deadline, self.options.solver.should_stop)
-        requests = resolve(self._context, self._selector, goal, start)
-        outcome = search(self._context, requests, mode, began, budget)
+        requests = resolve(self._context, self._selector, goal, start, mode)
+        outcome = search(self._context, requests, began, budget)
         return report(self._context, outcome, goal, began, self)

@@ -7,32 +7,26 @@ All sentences about plans are in this module.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..exceptions import TrajectoryError
+from ..exceptions import quote_names
 from ..motion.collision import NOT_CHECKED
 from ..motion.goal import Goal, JointState
 from ..motion.trajectory import Trajectory
-from ..motion.validation import LimitCheck, check_executable
+from ..motion.validation import LimitCheck
 from .configurations import POSE_TOLERANCE
 from .context import Context
-from .figures import (
-    correction,
-    deviation_score,
-    expected_error,
-    is_corrected,
-    novelty,
-    selection_reason,
-)
+from .motion import Motion
 from .objectives import Effort
 from .options import DEMONSTRATED, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
+from .program.bases import MotionBasis
 from .request import Request
-from .requests.resolve import shifted
-from .search.candidate import Candidate, with_costs
+from .requests.selection import Selection
+from .search.candidate import Candidate
 from .search.sampling import missing_planner
 from .search.search import Outcome
 from .search.stop_and_go import brakes
@@ -46,6 +40,7 @@ _N_CHECKED, _NEAR = 50, 0.05
 _AROUND = 0.05
 # Share of the planning time up to which there is time for the precise search.
 _SHARE_OF_SOLVING = 0.5
+
 # Distance from a demonstrated range, in standard deviations of its values, that is reported, and
 # the least of these deviations [rad or m].
 _FAR_OUTSIDE, _LEAST_SPREAD = 2.0, 0.1
@@ -56,6 +51,7 @@ UNUSUAL_IN_SPAN_SCORE = 3.0
 """In-span score above which a motion is reported as unlike the demonstrations."""
 
 SENTENCES = {
+    # What was found.
     "least": "motion of least {what} found{effort}",
     "close": "motion close to the prediction found (naturalness {rho:g}){effort}",
     "between": (
@@ -63,56 +59,83 @@ SENTENCES = {
     ),
     "effort": ": effort {effort:.4g} N²m²s, {share:.2g} % {side} that of the predicted motion",
     "shortest": "shortest motion within the limits found",
-    "early": "time or iterations ran out before the least was found",
-    "joined": "motion concatenated in real time",
-    "joined_collision": "motion concatenated in real time, because in the optimal one {met}",
+    "early": "time or iterations ran out before the optimum was found",
+    "joined": "segments joined without optimisation",
+    "joined_collision": (
+        "segments joined without optimisation, because in the optimised motion {met}"
+    ),
     "joined_converged": (
-        "motion concatenated in real time, because no cheaper one within the limits was found"
+        "segments joined without optimisation, because no cheaper motion within the limits was "
+        "found"
     ),
     "joined_early": (
-        "motion concatenated in real time, because time or iterations ran out before a cheaper one "
-        "within the limits was found"
+        "segments joined without optimisation, because time or iterations ran out before a cheaper "
+        "motion within the limits was found"
     ),
     "slow": (
-        "{searched}; this one {follows} a minimum-jerk path{rests}, keeps the limits and may be "
+        "{searched}; this motion {follows} a minimum-jerk path{rests}, keeps the limits and may be "
         "executed"
     ),
     "slow_sequence": (
-        "{searched}; this one rests at each target{rests}, keeps the limits and may be executed"
+        "{searched}; this motion rests at each target{rests}, keeps the limits and may be executed"
     ),
+    "follows": "follows",
+    "brakes": "brakes, then follows",
     "around": " around obstacles with {n} stops",
+    # What was not found, and why.
     "none": "no motion {kind} was found",
     "ran_out": "time ran out (max_solve_time = {most:g} s) before a motion {kind} was found",
+    "within": "within the limits",
+    "optimised": "optimised within the limits",
+    "nonstop": "without stops within the limits",
+    "clear": "without {collision}",
+    "keeping": "that keeps {what}",
+    "reaching": "that reaches its targets",
     "refused": "{searched}: {why}",
     "too_fast": (
         "no motion within the limits takes {asked:.4g} s: at its limit of velocity, {limit:.4g}, "
         "joint '{joint}' alone needs {least:.4g} s"
     ),
     "feasible": "{message}; a feasible duration is {seconds:.4g} s",
-    "least_duration": ("{message}; the shortest duration that the limits allow is {seconds:.4g} s"),
-    "no_slow": "{message}; nor was a slow one found: {reason}",
+    "least_duration": "{message}; the shortest duration that the limits allow is {seconds:.4g} s",
+    "no_slow": "{message}; no slow motion was found: {reason}",
     "no_planner": "{message}; {missing}",
     "end": "{end} is in collision: {bodies} {place}",
-    "beyond": "the goal is passed at a velocity, and in the stop after it {met}",
-    "missed": "the nearest one is {missed:.3g} rad or m off",
-    "keeping": "that keeps {what}",
-    "strays": "the nearest one leaves it",
+    "beyond": "the motion ends at a velocity, and in the stop after it {met}",
+    "missed": "the nearest motion misses a target by {missed:.3g} rad or m",
+    "strays": "the nearest motion violates this constraint",
+    # Concessions, as the end of a sentence.
     "lengthened": "the duration was lengthened from {usual:.3g} to {duration:.3g} s",
     "raised": "the naturalness was raised from {asked:g} to {used:g}",
-    "given_up": "; {why}, {what}",
+    "given_up": "; to keep the limits{clear}, {what}",
     "detour": "; near a collision-free path, because the predicted motion collides",
-    "far": "; bodies stay {near:g} mm apart",
+    "far": "; the clearance is at least {near:g} mm",
     "near": "; the least clearance is {near:.1f} mm, of '{one}' and '{other}'",
     "cleared": "; bodies that would collide otherwise are kept apart",
     "corrected": (
-        "; beyond the components of the primitive it took B-splines, {added:.2g} rad or m in the "
-        "mean"
+        "; B-splines were added to the components of the primitive (RMS {added:.2g} rad or m)"
     ),
+    # Reasons for the choice of primitives.
+    "named": "the goal names '{name}'",
+    "only_primitive": "'{winner}' is the only primitive",
+    "only_near": (
+        "of {n} primitives, only '{winner}' has demonstrations near the request (in-span score "
+        "{score:.2f})"
+    ),
+    "were_near": "of {n} primitives, {near} are near the request: {names}; {reason}",
+    "more_names": " and {n} more",
+    "least_expected": (
+        "'{winner}' has the least expected cost, {cost:.4g}; '{second}' has {other:.4g}"
+    ),
+    "least_cost": "'{winner}' has the least cost of the {n} planned: {costs}",
+    "outside": "'{name}' not within the limits",
+    "cost": "'{name}' {cost:.4g}",
+    # Remarks.
     "unusual": (
         "the request is unlike the demonstrations (in-span score {score:.1f}, about 1 is usual), "
-        "so the motion may look unlike them, too"
+        "so the motion may look unlike them"
     ),
-    "outside": (
+    "outside_range": (
         "the {end} of '{joint}', {value:.3g} rad or m, is outside the demonstrated {low:.3g} to "
         "{high:.3g}"
     ),
@@ -136,13 +159,13 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     planner : Planner
         The planner.
     """
-    best, request = with_costs(context, outcome.best), outcome.best.request
-    trajectory, motions = best.trajectory.with_efforts(best.check.efforts), best.motions
+    best, request, motions = outcome.best, outcome.best.request, outcome.best.motions
+    trajectory = best.trajectory
     solve_time = max([best.solved_at, *[one.solved_at for one in outcome.found]]) - began
     status, message = _status(context, outcome, solve_time)
     ends = np.cumsum([motion.duration for motion in motions])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
-    score = novelty(context, best)
+    score = _novelty(context, best)
     return Plan(
         status=status,
         message=message,
@@ -151,10 +174,12 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         primitives=tuple([segment.primitive.name for segment in request.segments]),
         solution=best.solution,
         considered=max([len(segment.selection.considered) for segment in request.segments]),
-        selection=selection_reason(goal, outcome),
+        selection=_selection(goal, outcome),
+        correction=max(map(_correction, best.bases, motions)),
+        deviation_score=_deviation_score(best),
         in_span_score=score,
         outside=_outside(context, best, score),
-        expected_error=expected_error(context, best),
+        expected_error=_expected_error(context, best),
         limit_check=best.check,
         start_error=float(start_error),
         goal_error=best.target_errors[-1],
@@ -162,8 +187,6 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         via_phases=tuple((ends[:-1] / ends[-1]).tolist()),
         shortest_duration=outcome.stated,
         n_components_used=max([basis.n_components for basis in best.bases]),
-        correction=max(map(correction, best.bases, motions)),
-        deviation_score=deviation_score(best),
         naturalness=best.naturalness,
         solve_time=solve_time,
         mode=outcome.mode,
@@ -177,7 +200,7 @@ def _status(context: Context, outcome: Outcome, solve_time: float) -> tuple[str,
     if why := _refusal(context, outcome, solve_time):
         return INFEASIBLE, why
     concessions = _concessions(context, best)
-    if best is outcome.slow.candidate:
+    if outcome.is_slow:
         return STOPPED_EARLY, _slow(context, outcome) + concessions
     if outcome.mode == REAL_TIME:
         status, name, met = _joined(outcome)
@@ -213,11 +236,11 @@ def _outside(context: Context, best: Candidate, score: float) -> str:
     for segment, motion in zip(best.request.segments, best.motions, strict=True):
         demonstrated = segment.primitive.boundary_states[:, [0, 3]]
         low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
-        ends = np.array(shifted(context, replace(segment, start=motion.start), motion.goal))
+        ends = np.array(segment.shifted(context.robot, motion.start, motion.goal))
         beyond = np.maximum(low - ends, ends - high)
         beyond /= np.maximum(demonstrated.std(axis=0), _LEAST_SPREAD)
         end, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
-        text = SENTENCES["outside"].format(
+        text = SENTENCES["outside_range"].format(
             end=("start", "goal")[end],
             joint=segment.primitive.joint_names[j],
             value=ends[end, j],
@@ -243,15 +266,8 @@ def _joined(outcome: Outcome) -> tuple[str, str, str]:
 def _refusal(context: Context, outcome: Outcome, solve_time: float) -> str:
     """Why a motion must not be executed; empty if it may."""
     best, trajectory = outcome.best, outcome.best.trajectory
-    try:
-        check_executable(
-            trajectory,
-            best.check,
-            best.request.start,
-            allow_nonzero_end_velocity=context.options.allow_nonzero_end_velocity,
-        )
-    except TrajectoryError as error:
-        return _refused(context, outcome, "within the limits", str(error))
+    if best.refusal:
+        return _refused(context, outcome, SENTENCES["within"], best.refusal)
     met = ""
     if best.collisions:
         is_early = solve_time < _SHARE_OF_SOLVING * context.options.max_solve_time
@@ -259,14 +275,14 @@ def _refusal(context: Context, outcome: Outcome, solve_time: float) -> str:
     if context.collision is not None and np.any(trajectory.velocities[-1]):
         met = met or _met_beyond(context, trajectory)
     if met:
-        return _refused(context, outcome, f"without {_collision_kind(context)}", met)
+        return _refused(context, outcome, _clear_kind(context), met)
     if best.strayed:
         kind = SENTENCES["keeping"].format(what=" and ".join(best.strayed))
         return _refused(context, outcome, kind, SENTENCES["strays"])
     missed = max(best.target_errors)
     if missed > POSE_TOLERANCE:
         why = SENTENCES["missed"].format(missed=missed)
-        return _refused(context, outcome, "that passes where it was asked to", why)
+        return _refused(context, outcome, SENTENCES["reaching"], why)
     return ""
 
 
@@ -276,15 +292,14 @@ def _refused(context: Context, outcome: Outcome, kind: str, why: str) -> str:
     if cause := _end_in_collision(context, best.request):
         return cause
     message = SENTENCES["refused"].format(searched=_searched(context, outcome, kind), why=why)
-    if best.request.is_single and not best.request.duration_is_free:
+    if not (best.request.mode or best.request.duration_is_free):
         message = _too_fast(context, best) or message
     if np.isfinite(outcome.stated):
         name = "least_duration" if outcome.is_shortest else "feasible"
         return SENTENCES[name].format(message=message, seconds=outcome.stated)
-    if outcome.slow.reason:
-        message = SENTENCES["no_slow"].format(message=message, reason=outcome.slow.reason)
-    is_blocked = bool(best.collisions) or "collide" in outcome.slow.reason
-    if is_blocked and not best.is_hopeless and (missing := missing_planner()):
+    if outcome.no_slow:
+        message = SENTENCES["no_slow"].format(message=message, reason=outcome.no_slow)
+    if outcome.is_blocked and not best.is_hopeless and (missing := missing_planner()):
         message = SENTENCES["no_planner"].format(message=message, missing=missing)
     return message
 
@@ -295,9 +310,10 @@ def _searched(context: Context, outcome: Outcome, kind: str) -> str:
     return SENTENCES[name].format(kind=kind, most=context.options.max_solve_time)
 
 
-def _collision_kind(context: Context) -> str:
+def _clear_kind(context: Context) -> str:
     collision = context.collision
-    return "collision" if collision is not None and len(collision.world) else "self-collision"
+    has_world = collision is not None and len(collision.world)
+    return SENTENCES["clear"].format(collision="collision" if has_world else "self-collision")
 
 
 def _end_in_collision(context: Context, request: Request) -> str:
@@ -371,11 +387,11 @@ def _slow(context: Context, outcome: Outcome) -> str:
     best = outcome.best
     rests = SENTENCES["around"].format(n=best.n_stops) if best.n_stops else ""
     if outcome.mode:
-        searched = _searched(context, outcome, "without stops within the limits")
+        searched = _searched(context, outcome, SENTENCES["nonstop"])
         return SENTENCES["slow_sequence"].format(searched=searched, rests=rests)
-    searched = _searched(context, outcome, "optimised within the limits")
-    follows = "brakes, then follows" if np.any(best.request.start.values[1:]) else "follows"
-    return SENTENCES["slow"].format(searched=searched, follows=follows, rests=rests)
+    searched = _searched(context, outcome, SENTENCES["optimised"])
+    follows = "brakes" if np.any(best.request.start.values[1:]) else "follows"
+    return SENTENCES["slow"].format(searched=searched, follows=SENTENCES[follows], rests=rests)
 
 
 def _concessions(context: Context, best: Candidate) -> str:
@@ -391,18 +407,18 @@ def _concessions(context: Context, best: Candidate) -> str:
             SENTENCES["raised"].format(asked=options.naturalness, used=best.naturalness)
         )
     if given_up:
-        why = "to keep the limits"
+        clear = ""
         if collision is not None and collision.has_geometry:
-            why += f" without {_collision_kind(context)}"
-        kept = SENTENCES["given_up"].format(why=why, what=" and ".join(given_up))
+            clear = f" {_clear_kind(context)}"
+        kept = SENTENCES["given_up"].format(clear=clear, what=" and ".join(given_up))
     if is_detour:
         kept += SENTENCES["detour"] + _clearance(context, best.trajectory)
     elif best.has_clearances:
         kept += SENTENCES["cleared"]
     if collision is not None and not collision.has_geometry:
         kept += NOT_CHECKED
-    if options.basis == "pca" and any(map(is_corrected, best.bases)):
-        added = max(map(correction, best.bases, best.motions))
+    if options.basis == "pca" and any(map(_is_corrected, best.bases)):
+        added = max(map(_correction, best.bases, best.motions))
         kept += SENTENCES["corrected"].format(added=added)
     return kept
 
@@ -419,6 +435,117 @@ def _clearance(context: Context, trajectory: Trajectory) -> str:
     k = int(near.distances.argmin())
     one, other = context.collision.pairs[near.pairs[k]]
     return SENTENCES["near"].format(near=1e3 * near.distances[k], one=one, other=other)
+
+
+def _selection(goal: Goal, outcome: Outcome) -> str:
+    """The reason for the choice of the primitives."""
+    request = outcome.best.request
+    if goal.primitive is not None:
+        return SENTENCES["named"].format(name=goal.primitive)
+    if request.mode:
+        reasons = [
+            selection_reason(one.selection, one.primitive.name, {one.primitive.name: None})
+            for one in request.segments
+        ]
+        return "; ".join(dict.fromkeys(reasons))
+    segment = request.segments[0]
+    solved: dict[str, float | None] = {segment.primitive.name: None}
+    if len(outcome.found) > 1:
+        solved = {
+            one.request.segments[0].primitive.name: one.solution.cost if one.is_valid else None
+            for one in outcome.found
+            if one.request.goal is request.goal
+        }
+    return selection_reason(segment.selection, segment.primitive.name, solved)
+
+
+def selection_reason(selection: Selection, winner: str, solved: Mapping[str, float | None]) -> str:
+    """The reason for the choice of a primitive, one sentence.
+
+    Parameters
+    ----------
+    selection : Selection
+        The primitives that were compiled.
+    winner : str
+        Name of the chosen one.
+    solved : mapping of str to float or None
+        Costs of the motions that were planned, by primitive; None: not within the limits.
+    """
+    if selection.n_primitives == 1:
+        return SENTENCES["only_primitive"].format(winner=winner)
+    considered, first = selection.considered, selection.considered[0]
+    if len(considered) == 1:
+        return SENTENCES["only_near"].format(
+            n=selection.n_primitives, winner=winner, score=first.expected.in_span_score
+        )
+    most = selection.options.max_named
+    names = quote_names([one.name for one in considered[:most]])
+    if len(considered) > most:
+        names += SENTENCES["more_names"].format(n=len(considered) - most)
+    if len(solved) == 1:
+        reason = SENTENCES["least_expected"].format(
+            winner=winner, cost=first.cost, second=considered[1].name, other=considered[1].cost
+        )
+    else:
+        costs = [
+            SENTENCES["outside" if cost is None else "cost"].format(name=name, cost=cost)
+            for name, cost in solved.items()
+        ]
+        reason = SENTENCES["least_cost"].format(
+            winner=winner, n=len(solved), costs=", ".join(costs)
+        )
+    return SENTENCES["were_near"].format(
+        n=selection.n_primitives, near=len(considered), names=names, reason=reason
+    )
+
+
+def _novelty(context: Context, best: Candidate) -> float:
+    """The score of the request; for poses, of the configurations that were found."""
+    request = best.request
+    if not request.mode and request.pose is None:
+        return request.segments[0].expected.in_span_score
+    is_fixed = not (request.mode or request.duration_is_free)
+    scores = []
+    for segment, motion in zip(request.segments, best.motions, strict=True):
+        duration = motion.duration if is_fixed else None
+        scores.append(segment.in_span_score(context.robot, motion.start, motion.goal, duration))
+    return max(scores)
+
+
+def _expected_error(context: Context, best: Candidate) -> float:
+    """The largest error that the primitives expect of their predictions."""
+    errors = []
+    for segment, motion in zip(best.request.segments, best.motions, strict=True):
+        expected = segment.predict(context.robot, motion.start, motion.goal, motion.duration)
+        errors.append(segment.primitive.expected_error(expected))
+    return max(errors)
+
+
+def _is_corrected(basis: MotionBasis) -> bool:
+    """Whether the basis includes B-splines."""
+    return basis.n_components < basis.expected.size
+
+
+def _correction(basis: MotionBasis, motion: Motion) -> float:
+    """RMS of the correction that B-splines add to components [rad or m]."""
+    if not _is_corrected(basis):
+        return 0.0
+    shape = basis.tables.basis.shape
+    only = np.where(np.arange(basis.expected.size) < basis.n_components, 0.0, 1.0)
+    phases = np.linspace(0.0, 1.0, 101)
+    added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
+    return float(np.sqrt(np.mean(added**2)))
+
+
+def _deviation_score(best: Candidate) -> float:
+    """RMS deviation of the components' weights from the expected ones, in standard deviations."""
+    found = []
+    for basis, motion in zip(best.bases, best.motions, strict=True):
+        if n := basis.n_components:
+            assert basis.precision is not None
+            off = motion.weights[:n] - basis.expected[:n]
+            found.append(float(np.sqrt(off @ basis.precision[:n, :n] @ off / n)))
+    return max(found, default=float("nan"))
 
 
 class AnyPlan(Protocol):

@@ -10,23 +10,24 @@ and acceleration for any weights if their boundary parts h are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, set_frozen
 from ..exceptions import TrajectoryError
 from ..motion.goal import JointState, Pose
 from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
+from ..robot.model import Robot
 
 if TYPE_CHECKING:
     from .requests.selection import Selection
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class RequestSegment:
     """The motion to one target.
 
     Attributes
@@ -56,6 +57,27 @@ class Segment:
     expected: ConditionalDistribution
     duration: float
 
+    def predict(
+        self, robot: Robot, start: JointState, goal: JointState, duration: float | None
+    ) -> ConditionalDistribution:
+        """The prediction of its primitive for a motion between other states."""
+        return self.primitive.model.predict(*self.shifted(robot, start, goal), duration)
+
+    def in_span_score(
+        self, robot: Robot, start: JointState, goal: JointState, duration: float | None
+    ) -> float:
+        """The in-span score of that prediction."""
+        return self.primitive.model.in_span_score(*self.shifted(robot, start, goal), duration)
+
+    def shifted(
+        self, robot: Robot, start: JointState, goal: JointState
+    ) -> tuple[FloatArray, FloatArray]:
+        """Start and goal, with continuous joints shifted by full turns towards demonstrations."""
+        mean = self.primitive.model.mean[: self.primitive.n_joints]
+        turns = np.round((mean - start.positions) / (2.0 * np.pi))
+        shift = np.where(robot.continuous, 2.0 * np.pi * turns, 0.0)
+        return start.positions + shift, goal.positions + shift
+
 
 @dataclass(frozen=True, eq=False)
 class Request:
@@ -63,13 +85,14 @@ class Request:
 
     Attributes
     ----------
-    segments : tuple of Segment
+    segments : tuple of RequestSegment
         The segments.
     groups : tuple
         The segments between fixed times, and whether the sum of their durations is fixed, see
         :func:`duration_groups`.
-    is_single : bool
-        Whether it is of a single goal; a sequence of one target is joined as one of several.
+    mode : {'', 'optimal', 'real_time'}
+        How the segments of a sequence are joined, with or without optimisation; empty for a single
+        goal.
     start, goal : JointState
         States at the start and at the last target.
     pose : Pose or None
@@ -80,35 +103,20 @@ class Request:
         Whether the duration of the whole is not specified.
     """
 
-    segments: tuple[Segment, ...]
+    segments: tuple[RequestSegment, ...]
     groups: tuple[tuple[tuple[int, ...], bool], ...]
-    is_single: bool
-    start: JointState
-    goal: JointState
-    pose: Pose | None
-    duration: float
-    duration_is_free: bool
+    mode: str = ""
+    start: JointState = field(init=False)
+    goal: JointState = field(init=False)
+    pose: Pose | None = field(init=False)
+    duration: float = field(init=False)
+    duration_is_free: bool = field(init=False)
 
-    @classmethod
-    def of(
-        cls,
-        segments: Sequence[Segment],
-        groups: tuple[tuple[tuple[int, ...], bool], ...],
-        *,
-        is_single: bool,
-    ) -> Request:
-        """The request of some segments."""
-        last, duration = segments[-1], float(sum([segment.duration for segment in segments]))
-        return cls(
-            tuple(segments),
-            groups,
-            is_single,
-            segments[0].start,
-            last.goal,
-            last.pose,
-            duration,
-            not groups[-1][1],
-        )
+    def __post_init__(self) -> None:
+        last = self.segments[-1]
+        duration = float(sum([segment.duration for segment in self.segments]))
+        set_frozen(self, start=self.segments[0].start, goal=last.goal, pose=last.pose)
+        set_frozen(self, duration=duration, duration_is_free=not self.groups[-1][1])
 
     def resting_durations(self, least: FloatArray, usual: FloatArray) -> FloatArray:
         """Durations of segments from rest to rest, neither below the least nor the usual ones [s].

@@ -25,7 +25,7 @@ from ..execution.serving.goal_planner import GoalRequest, UnexecutablePlanError
 from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.threads import CancelledError, IsCancelled, PreemptiveWorker
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.requests.states import in_order
+from ..planning.requests.resolve import in_order
 from ..robot.model import Robot
 from . import messages
 from .last_motion import LastMotion

@@ -15,8 +15,8 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import CollisionModel
 from ..motion.goal import JointGoal, JointState, Pose, SequenceGoal
+from ..motion.interpolation import interpolate
 from ..motion.trajectory import Trajectory
-from ..motion.validation import interpolate
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.objectives import objective_by_name
 from ..planning.plan import DEMONSTRATED, TIMINGS, Plan, PlannerOptions

@@ -28,8 +28,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros.client import report_values
 from mp_pca_planner.ros.obstacle_markers import MarkerMessages, to_obstacle

@@ -1,16 +1,32 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A basis of motions, and starts of the solver in it."""
+"""The bases of a segment, from the narrowest to the widest, and those along paths.
+
+All components of the primitive come first. Fewer components would keep motions nearer to the
+demonstrations, but naturalness does so at a lower effort (benchmarks/families.py). Components with
+B-splines follow, whose motions may be unlike the demonstrations, then B-splines alone. Where a
+collision-free path is known, B-splines lead the primitive's motion along it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import block_diag
 
 from ...arrays import FloatArray
+from ...primitives.basis import BSplineBasis, SumBasis
+from ...primitives.boundary import quintics
+from ...primitives.primitive import MovementPrimitive
+from ..motion import Motion
+from ..options import PlannerOptions
+from ..request import RequestSegment
 from .tables import Tables
 
-N_NEAREST = 3
-"""Number of starts from demonstrations with similar ends."""
+# Number of starts from demonstrations with similar ends.
+_N_NEAREST = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +56,165 @@ class MotionBasis:
     starts: tuple[FloatArray, ...]
     is_detour: bool = False
 
+    @classmethod
+    def fixed(cls, tables: Tables) -> MotionBasis:
+        """The basis of a motion without weights."""
+        return cls(tables, tables.basis.scales, None, 0, ())
 
-def fixed_basis(tables: Tables) -> MotionBasis:
-    """The basis of a motion without weights."""
-    return MotionBasis(tables, tables.basis.scales, None, 0, ())
+
+class PathFollower:
+    """Motions of a primitive along paths.
+
+    Parameters
+    ----------
+    primitive : MovementPrimitive
+        The primitive.
+    options : PlannerOptions
+        Options of planning.
+    """
+
+    def __init__(self, primitive: MovementPrimitive, options: PlannerOptions) -> None:
+        detours = options.detours
+        least, self._spread = detours.min_naturalness, detours.spread
+        # The path is no demonstration: it counts as little at any naturalness.
+        self._share_of_path = least / max(options.naturalness, least)
+        n = detours.n_control_points
+        splines = BSplineBasis(primitive.n_joints, n)
+        basis = SumBasis(primitive.basis, splines, detours.spread)
+        self._tables, self._n_splines = Tables(basis, options.n_nodes), splines.n_weights
+        self._phases = np.linspace(0.0, 1.0, detours.n_phases)[1:-1]
+        # All joints have the same splines.
+        self._fit = np.linalg.pinv(splines.functions(self._phases)[:, 0, :n])
+
+    def basis(self, segment: RequestSegment, path: FloatArray) -> MotionBasis:
+        """The components and B-splines; the path takes the place of the prediction.
+
+        Parameters
+        ----------
+        segment : RequestSegment
+            The segment.
+        path : array, shape (n_points, n_joints)
+            Points with straight lines between them.
+        """
+        natural, s = segment.expected, self._phases
+        expected = np.append(natural.weights, np.zeros(self._n_splines))
+        line = Motion(segment.start, segment.goal, segment.duration, self._tables.basis, expected)
+        lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+        # Minimum jerk along the path.
+        along = lengths[-1] * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
+        points = np.stack([np.interp(along, lengths, q) for q in path.T], axis=1)
+        off = points - line.evaluate(s * line.duration)[0]
+        weights = expected.copy()
+        weights[natural.weights.size :] = (self._fit @ off).T.ravel()
+        of_path = np.eye(self._n_splines) * (self._share_of_path / self._spread**2)
+        precision = block_diag(natural.precision, of_path)
+        n_components = natural.weights.size
+        return MotionBasis(
+            self._tables, weights, precision, n_components, (weights,), is_detour=True
+        )
+
+    def rates(self, segment: RequestSegment, basis: MotionBasis) -> FloatArray:
+        """Velocities, accelerations and jerks by phase, shape (3, n_phases, n_joints)."""
+        s = np.append(0.0, np.append(self._phases, 1.0))
+        line = Motion(
+            segment.start, segment.goal, segment.duration, basis.tables.basis, basis.expected
+        )
+        shapes = basis.tables.basis.shapes(basis.expected, s, 3)
+        return np.asarray((quintics(s, line.boundary, 3) + shapes)[1:])
+
+
+class BasisStore:
+    """The bases of segments, with the tables that are the same for all requests.
+
+    Parameters
+    ----------
+    options : PlannerOptions
+        Options of planning.
+    """
+
+    def __init__(self, options: PlannerOptions) -> None:
+        self._options = options
+        self._tables = lru_cache(options.search.n_kept_tables)(
+            lambda primitive: Tables(primitive.basis, options.n_nodes)
+        )
+        self.follower = lru_cache(64)(lambda primitive: PathFollower(primitive, options))
+        self._splines = lru_cache(8)(
+            lambda n_joints: Tables(BSplineBasis(n_joints), options.n_nodes)
+        )
+
+    @property
+    def n_widths(self) -> int:
+        """Number of bases of a segment."""
+        return 1 if self._options.basis == "bspline" else 3
+
+    def basis(
+        self,
+        segment: RequestSegment,
+        width: int = 0,
+        *,
+        is_paced: bool = True,
+        shortest: bool = False,
+    ) -> MotionBasis:
+        """A basis of a segment.
+
+        Parameters
+        ----------
+        segment : RequestSegment
+            The segment.
+        width : int
+            0: the components of the primitive (B-splines alone if the options say so); 1: with
+            B-splines of every joint added; 2: B-splines alone, without a prediction.
+        is_paced : bool
+            Whether motions have the time scaling that is predicted.
+        shortest : bool
+            Whether the shortest duration is searched. There, and where motions may be far from the
+            expected one, a paced motion has starts beside the expected weights.
+        """
+        options = self._options
+        has_starts = is_paced and (shortest or options.naturalness < options.search.near_expected)
+        primitive = segment.primitive
+        if width == 2 or options.basis == "bspline":
+            zero = np.zeros(self._splines(primitive.n_joints).basis.n_weights)
+            tables = self._splines(primitive.n_joints)
+            return MotionBasis(tables, zero, None, 0, (zero,))
+        components = self._components(segment, is_paced=is_paced, has_starts=has_starts)
+        return components if width == 0 else self._corrected(components, primitive)
+
+    def _components(
+        self, segment: RequestSegment, *, is_paced: bool, has_starts: bool
+    ) -> MotionBasis:
+        """The principal components of the primitive."""
+        primitive, expected = segment.primitive, segment.expected
+        ends = segment.start.positions, segment.goal.positions
+        if is_paced and expected.pace.any():
+            # The basis of a motion with its own time scaling is not known in advance.
+            tables = Tables(primitive.paced_basis(*ends, expected.pace), self._options.n_nodes)
+        else:
+            tables = self._tables(primitive)
+        starts = [expected.weights]
+        if has_starts:
+            starts.append(np.zeros_like(expected.weights))
+            known = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
+            distances = np.sum((known - np.concatenate(ends)) ** 2, axis=1)
+            nearest = np.argsort(distances, kind="stable")[:_N_NEAREST]
+            starts += list(primitive.weights[nearest])
+        n_components = len(expected.weights)
+        return MotionBasis(
+            tables, expected.weights, expected.precision, n_components, tuple(starts)
+        )
+
+    def _corrected(self, narrow: MotionBasis, primitive: MovementPrimitive) -> MotionBasis:
+        """The components with B-splines of every joint added."""
+        usual = float(np.sqrt(np.mean(primitive.fit_residual**2)))
+        usual = max(usual, self._options.search.usual_correction)
+        splines = BSplineBasis(primitive.n_joints)
+        tables = Tables(SumBasis(narrow.tables.basis, splines, usual), self._options.n_nodes)
+        none = np.zeros(splines.n_weights)
+        assert narrow.precision is not None
+        return MotionBasis(
+            tables,
+            np.append(narrow.expected, none),
+            block_diag(narrow.precision, np.eye(splines.n_weights) / usual**2),
+            narrow.n_components,
+            tuple(np.append(start, none) for start in narrow.starts),
+        )

@@ -19,8 +19,7 @@ from ...motion.collision import Collision, CollisionModel
 from ...primitives.basis import Basis
 from ..options import ClearanceOptions
 from .constraints import Findings
-from .segment import Course
-from .unknowns import StateMap, Unknowns, state_map
+from .segment import Course, StateMap, Unknowns, state_map
 
 
 @dataclass(frozen=True, eq=False)

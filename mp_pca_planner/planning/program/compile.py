@@ -1,61 +1,68 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a request and a setting to a problem."""
+"""From a request and a setting to a program: step 3 of planning."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
 from ...arrays import FloatArray
 from ...motion.goal import JointState
+from ...primitives.prediction import ConditionalDistribution
 from ..context import Context
+from ..options import SearchOptions
 from ..request import Request
-from .along_path import AlongPath
-from .chain import Chain, junctions_of
+from .bases import MotionBasis
 from .clearance import Clearance
-from .constraints import Constraint
+from .constraints import AlongPath, Constraint, PoseTarget
 from .limits import Limits, near_limits
-from .naturalness import goal_precision, segment_precision
-from .problem import Problem
-from .segment import SegmentProgram
+from .motion_program import Chain, MotionProgram, junctions_of
+from .segment import (
+    END_SCALES,
+    GOAL_POSITION,
+    LOG_DURATION_SCALE,
+    Naturalness,
+    SegmentProgram,
+    Unknowns,
+)
 from .setting import Setting
-from .targets import PoseTarget
-from .terms import Naturalness
-from .unknowns import GOAL_POSITION, Unknowns
 
 
-def compile_problem(context: Context, request: Request, setting: Setting) -> Problem:
-    """Make the problem of a request."""
-    junctions, near = junctions_of(request, setting.initial), is_near_expected(context, setting)
-    segments, terms, constraints = [], [], []
-    targets = list[PoseTarget | None]()
-    for i, (segment, basis) in enumerate(zip(request.segments, setting.bases, strict=True)):
+def compile_program(context: Context, request: Request, setting: Setting) -> MotionProgram:
+    """Make the program of a request."""
+    junctions = junctions_of(request, setting.initial)
+    segments, terms, targets = [], [], list[PoseTarget | None]()
+    for i, (requested, basis) in enumerate(zip(request.segments, setting.bases, strict=True)):
         here, there = junctions[i : i + 2]
         motion, tables = setting.initial[i], basis.tables
         unknowns = Unknowns(
             tables.basis.scales,
             motion.boundary,
             motion.duration,
-            free_rows=(*here.orders, *[GOAL_POSITION + order for order in there.orders]),
+            free_orders=(here.orders, there.orders),
             duration_is_free=setting.is_timed or here.time_is_free or there.time_is_free,
         )
-        program = SegmentProgram(
+        segment = SegmentProgram(
             context.robot, tables, unknowns, motion.weights, setting.objectives
         )
-        natural = _naturalness(context, request, setting, program, i)
-        ends = here.fixed_state, there.fixed_state
-        segments.append(program)
-        terms.append(natural)
-        constraints.append(_constraints(context, program, natural, ends, is_near=near))
+        segments.append(segment)
+        terms.append(_naturalness(context, request, setting, segment, i))
         targets.append(None)
-        if segment.pose is not None:
-            targets[i] = PoseTarget(context.robot, tables, unknowns, segment.pose)
-    links = None if request.is_single else Chain(junctions, segments)
+        if requested.pose is not None:
+            targets[i] = PoseTarget(context.robot, tables, unknowns, requested.pose)
+    links = Chain(junctions, segments) if request.mode else None
+    near = is_near_expected(context, setting)
     starts = [links.start] if links else _starts(setting, segments[0], terms[0], near)
-    problem = Problem(segments, terms, constraints, targets, links, starts)
-    if setting.bases[0].is_detour or _starts_in_collision(context, setting, problem):
-        problem = problem.constrained([_clear(part) for part in constraints])
-    return problem
+    clear = setting.bases[0].is_detour
+    if not (links or clear):
+        clear = _starts_in_collision(context, setting, segments[0], starts[0])
+    constraints = []
+    for segment, natural, (here, there) in zip(segments, terms, pairwise(junctions), strict=True):
+        ends = here.fixed_state, there.fixed_state
+        constraints.append(_constraints(context, segment, natural, ends, near=near, clear=clear))
+    return MotionProgram(segments, terms, constraints, targets, links, starts)
 
 
 def is_near_expected(context: Context, setting: Setting) -> bool:
@@ -73,16 +80,105 @@ def _naturalness(
     """
     search, basis, segment = context.options.search, setting.bases[i], request.segments[i]
     price = setting.naturalness
-    if not request.is_single:
+    if request.mode:
         price *= program.effort(program.expected)
-        precision = segment_precision(program, basis, segment.expected, search)
+        precision = _segment_precision(program, basis, segment.expected, search)
     elif basis.precision is not None and price > 0.0:
         # A free goal is natural where demonstrations end.
         goals = segment.primitive.boundary_states[:, GOAL_POSITION]
-        precision = goal_precision(program, basis, goals, search)
+        precision = _goal_precision(program, basis, goals, search)
     else:
         return []
     return [Naturalness(program.expected, price * precision)]
+
+
+def _goal_precision(
+    segment: SegmentProgram, basis: MotionBasis, goals: FloatArray, search: SearchOptions
+) -> FloatArray:
+    """Precision of the unknowns of a motion to a single goal, in units of its objective.
+
+    Parameters
+    ----------
+    segment : SegmentProgram
+        The motion.
+    basis : MotionBasis
+        Its basis, with a prediction.
+    goals : array, shape (n_demonstrations, n_joints)
+        Goals of the demonstrations. A free goal is natural near the configuration of the search
+        that is most like them; their spread is the unit of its changes.
+    search : SearchOptions
+        Options.
+
+    Returns
+    -------
+    precision : array, shape (n_unknowns, n_unknowns)
+        At ρ = 1.
+    """
+    assert basis.precision is not None
+    n, size = segment.unknowns.n_weights, segment.unknowns.scales.size
+    own = basis.precision * np.outer(segment.unknowns.scales[:n], segment.unknowns.scales[:n])
+    precision = np.zeros((size, size))
+    precision[:n, :n] = own
+    free = range(n, segment.unknowns.n_linear)
+    if free:
+        spread = np.maximum(goals.std(axis=0), search.min_spread)
+        precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
+    return precision * _unit_of_naturalness(segment, own, search.effort_weight)
+
+
+def _segment_precision(
+    segment: SegmentProgram,
+    basis: MotionBasis,
+    expected: ConditionalDistribution,
+    search: SearchOptions,
+) -> FloatArray:
+    """Precision of the unknowns of a segment, shape (n_unknowns, n_unknowns).
+
+    A change of the boundary states bends the motion as weights do. Its cost is relative to the
+    spread of the demonstrations of each joint, averaged over the motion.
+    """
+    unknowns, tables = segment.unknowns, basis.tables
+    n, n_joints = unknowns.n_weights, unknowns.boundary.shape[1]
+    precision = np.zeros((segment.unknowns.scales.size, segment.unknowns.scales.size))
+    if basis.precision is not None:
+        precision[:n, :n] = basis.precision * np.outer(
+            segment.unknowns.scales[:n], segment.unknowns.scales[:n]
+        )
+    if unknowns.duration_is_free:
+        precision[unknowns.n_linear, unknowns.n_linear] = (
+            LOG_DURATION_SCALE / search.duration_spread
+        ) ** 2
+    variances = np.zeros(n_joints)
+    if basis.n_components:
+        k = basis.n_components
+        functions = tables.values[0, 1:-1, :, 1 : k + 1]
+        variances = np.einsum(
+            "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
+        )
+    spreads = search.bend_spread * np.maximum(np.sqrt(variances), search.min_spread)
+    rows = unknowns.free_rows
+    bends = tables.hermite[0, 1:-1, rows].T * END_SCALES[rows]
+    gram = bends.T @ (bends * tables.quadrature[:, None])
+    for j in range(n_joints):
+        index = n + j + n_joints * np.arange(len(rows))
+        precision[np.ix_(index, index)] += gram / spreads[j] ** 2
+    return precision
+
+
+def _unit_of_naturalness(
+    segment: SegmentProgram, precision: FloatArray, effort_weight: float
+) -> float:
+    """Cost of one standard deviation from the expected motion at ρ = 1.
+
+    It is the larger of two values: the cost of the expected motion, and `effort_weight` times the
+    decrease of the objective along one standard deviation. The second keeps motions natural if
+    their effort could decrease fast: to first order, the optimum is at most 1 / (ρ effort_weight)
+    standard deviations away.
+    """
+    _, here = segment.at(segment.expected)
+    gradient = here.gradient[: len(precision)]
+    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
+    return max(here.cost, effort_weight * descent)
 
 
 def _constraints(
@@ -91,28 +187,31 @@ def _constraints(
     natural: list[Naturalness],
     ends: tuple[JointState | None, JointState | None],
     *,
-    is_near: bool,
+    near: bool,
+    clear: bool,
 ) -> list[Constraint]:
-    """The constraints of a segment; of limits, those that motions are expected to come near.
+    """The constraints of a segment. To add a constraint, append it here.
 
-    To add a constraint, append it here.
+    Of limits, those that motions near the expected one may come near; clearances if one of its
+    first motions collides.
     """
     tables, unknowns, options = program.tables, program.unknowns, context.options
+    known = [end for end in ends if end is not None]
+    places = [None if end is None else end.positions for end in ends]
     chosen = None
-    if is_near:
+    if near:
         expected, _ = program.at(program.expected)
         timed, is_known = unknowns.n_linear, not unknowns.duration_is_free
         if natural and not is_known:
             is_known = natural[0].precision[timed, timed] > 0.0
         chosen = near_limits(context.limits, expected, options.search.near_limit, is_known)
-    known = [end for end in ends if end is not None]
     found: list[Constraint] = [
         Limits(context.robot, tables, unknowns, context.limits, known, chosen)
     ]
-    places = [None if end is None else end.positions for end in ends]
     if context.collision is not None:
         basis = tables.basis
-        found.append(Clearance(context.collision, unknowns, basis, places, options.clearance))
+        clearance = Clearance(context.collision, unknowns, basis, places, options.clearance)
+        found.append(clearance.everywhere() if clear else clearance)
     for path in options.constraints:
         phases = np.linspace(0.0, 1.0, options.search.n_path_phases)
         found.append(AlongPath(context.robot, path, unknowns, tables.basis, places, phases))
@@ -134,15 +233,11 @@ def _starts(
     return found
 
 
-def _starts_in_collision(context: Context, setting: Setting, problem: Problem) -> bool:
+def _starts_in_collision(
+    context: Context, setting: Setting, segment: SegmentProgram, start: FloatArray
+) -> bool:
     """Whether the first motion of a single segment is in collision at a quadrature node."""
     collision = context.collision
-    if collision is None or not collision.pairs or problem.links or setting.is_shortest:
+    if collision is None or not collision.pairs or setting.is_shortest:
         return False
-    positions = problem.segments[0].states(problem.starts[0])[0]
-    return collision.collide_anywhere(positions)
-
-
-def _clear(constraints: list[Constraint]) -> list[Constraint]:
-    """The constraints with all clearances, before any collision."""
-    return [one.everywhere() if isinstance(one, Clearance) else one for one in constraints]
+    return collision.collide_anywhere(segment.states(start)[0])

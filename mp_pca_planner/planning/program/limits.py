@@ -22,9 +22,8 @@ from ...motion.validation import Violation
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from .constraints import Findings
-from .segment import Course
-from .tables import N_LIMIT_POINTS, Tables, limit_phases
-from .unknowns import N_RATES, Rows, StateMap, Unknowns
+from .segment import Course, Rows, StateMap, Unknowns
+from .tables import N_LIMIT_POINTS, N_RATES, Tables, limit_phases
 
 # Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
 # peaks between points of the grid miss, which the check on the denser grid finds.
@@ -97,7 +96,7 @@ class Limits:
         units = scale[quantities, joints]
         if n_state_rows:
             rows = Rows(quantities[of_states], joints[of_states], units[of_states])
-            self._states = tables.on_grid(unknowns, rows)
+            self._states = StateMap(unknowns, *tables.on_grid(rows.orders, rows.joints), rows)
         self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
 
     def _widen(self, outside: FloatArray, joints: NDArray[np.intp]) -> None:

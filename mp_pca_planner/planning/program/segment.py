@@ -2,24 +2,313 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion compiler ([P] Section 2): one segment as functions of its unknowns.
 
-The objective is J = ½∫‖τ‖²dt ([P] eq. (6)), or another sum of running costs, plus other terms.
-With Gauss–Legendre nodes the integral becomes a sum of squares, ½‖r(x)‖², whose Jacobian follows
-from the chain rule, ∂τ/∂w = ∂τ/∂q φ + ∂τ/∂q̇ φ'/T + M φ''/T².
+The unknowns x are the weights, then the quantities that a request leaves free: boundary values, on
+which a motion depends linearly as on its weights, and log T. States of the motion are functions of
+them, and so is its objective: J = ½∫‖τ‖²dt ([P] eq. (6)), or another sum of running costs, plus
+other terms. With Gauss–Legendre nodes the integral becomes a sum of squares, ½‖r(x)‖², whose
+Jacobian follows from the chain rule, ∂τ/∂w = ∂τ/∂q φ + ∂τ/∂q̇ φ'/T + M φ''/T².
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...primitives.basis import Basis
 from ...robot.model import Robot
 from ..objectives import QUANTITIES, Effort, Nodes, Objective
-from .tables import Tables
-from .unknowns import N_RATES, Unknowns, all_states
+from .tables import N_RATES, Tables, hermite_tables
+
+# Scales of the unknowns: typical changes of boundary values by phase [rad or m], and of log T.
+END_SCALES = np.array([0.3, 1.0, 5.0, 0.3, 1.0, 5.0])
+LOG_DURATION_SCALE = 0.2
+GOAL_POSITION = 3
+"""Row of the goal positions among the boundary values."""
+# A free duration stays within a factor of 20 of its initial value.
+_MAX_LOG = np.log(20.0)
+# Powers of the duration in boundary values with respect to phase.
+_POWERS = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
+
+
+class Unknowns:
+    """The unknowns of a segment, in the order of its vector x.
+
+    The unknowns are the weights; changes of the free rows of the boundary values; log T minus that
+    of `duration`. Each is in units of its typical change.
+
+    Parameters
+    ----------
+    weight_scales : array, shape (n_weights,)
+        Usual magnitudes of the weights.
+    boundary : array, shape (6, n_joints)
+        Boundary values with respect to phase.
+    duration : float
+        Duration [s], or its initial value if it is free.
+    free_orders : pair of (sequence of int)
+        Orders of the derivatives that are unknowns at the start and at the goal, 0 is the position.
+    duration_is_free : bool
+        Whether the duration is an unknown.
+
+    Attributes
+    ----------
+    scales : array, shape (n_unknowns,)
+        Usual changes of the unknowns.
+    """
+
+    def __init__(
+        self,
+        weight_scales: FloatArray,
+        boundary: FloatArray,
+        duration: float,
+        *,
+        free_orders: tuple[Sequence[int], Sequence[int]] = ((), ()),
+        duration_is_free: bool = False,
+    ) -> None:
+        self.boundary, self.duration = boundary, duration
+        self.free_rows = [*free_orders[0], *map(GOAL_POSITION.__add__, free_orders[1])]
+        self.duration_is_free = duration_is_free
+        self.n_weights, self.n_joints = weight_scales.size, boundary.shape[1]
+        self.n_linear = self.n_weights + self.n_joints * len(self.free_rows)
+        self.ends = slice(self.n_weights, self.n_linear)
+        self.scales = np.ones(self.n_linear + int(duration_is_free))
+        self.scales[: self.n_weights] = weight_scales
+        self.scales[self.ends] = np.repeat(END_SCALES[self.free_rows], self.n_joints)
+        self.scales[self.n_linear :] = LOG_DURATION_SCALE
+        self.powers = np.repeat(_POWERS[self.free_rows], self.n_joints)
+
+    def from_weights(self, weights: FloatArray) -> FloatArray:
+        """Unknowns with these weights and otherwise the request's values, shape (n_unknowns,)."""
+        x = np.zeros(self.scales.size)
+        x[: self.n_weights] = weights / self.scales[: self.n_weights]
+        return x
+
+    def weights(self, x: FloatArray) -> FloatArray:
+        """The weights w, shape (n_weights,)."""
+        return np.asarray((x * self.scales)[: self.n_weights])
+
+    def duration_at(self, x: FloatArray) -> float:
+        """The duration [s]."""
+        if not self.duration_is_free:
+            return self.duration
+        change = LOG_DURATION_SCALE * x[self.n_linear]
+        return float(self.duration * np.exp(_MAX_LOG * np.tanh(change / _MAX_LOG)))
+
+    def log_duration_slope(self, x: FloatArray) -> float:
+        """Derivative of log T by its unknown, if it is free."""
+        change = LOG_DURATION_SCALE * x[self.n_linear]
+        return float(LOG_DURATION_SCALE / np.cosh(change / _MAX_LOG) ** 2)
+
+    def boundary_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Boundary values by phase, and their derivative by log T, each shape (6, n_joints)."""
+        boundary = self.boundary.copy()
+        changes = self.scales[self.ends] * x[self.ends]
+        boundary[self.free_rows] += changes.reshape(-1, boundary.shape[1])
+        boundary *= (self.duration_at(x) / self.duration) ** _POWERS[:, None]
+        return boundary, _POWERS[:, None] * boundary
+
+    def growth(self, x: FloatArray) -> FloatArray:
+        """Factors by which the duration scales the contributions of weights and boundary values."""
+        growth = np.ones(self.n_linear)
+        if self.powers.any():
+            growth[self.ends] = (self.duration_at(x) / self.duration) ** self.powers
+        return growth
+
+    def accepts(self, duration: float) -> bool:
+        """Whether a duration is in the range of a free duration, or equals the fixed one."""
+        if not self.duration_is_free:
+            return True
+        return bool(duration > 0.0 and abs(np.log(duration / self.duration)) < _MAX_LOG)
+
+    def log_duration_unknown(self, duration: float) -> float:
+        """The unknown of a duration: the inverse of `duration_at`."""
+        change = np.log(duration / self.duration) / _MAX_LOG
+        return float(_MAX_LOG * np.arctanh(change) / LOG_DURATION_SCALE)
+
+
+class Rows(NamedTuple):
+    """The rows of a :class:`StateMap`: each is a derivative of a joint's position.
+
+    Attributes
+    ----------
+    orders, joints : array of int, shape (n_rows,)
+        Order of the derivative (0: the position), and the joint.
+    units : array, shape (n_rows,)
+        Units of the states [rad or m, /s, …].
+    """
+
+    orders: NDArray[np.intp]
+    joints: NDArray[np.intp]
+    units: FloatArray
+
+
+class Timing(NamedTuple):
+    """The part of a free duration in :class:`Slopes`.
+
+    Attributes
+    ----------
+    growth : array, shape (n_linear,)
+        Factors of the columns.
+    rates : array, shape (n_states,)
+        Factors of the states.
+    by_duration : array, shape (n_states,)
+        Derivatives by the unknown of the duration.
+    decay : array, shape (n_states,)
+        Relative decrease of the states of given path with that unknown.
+    """
+
+    growth: FloatArray
+    rates: FloatArray
+    by_duration: FloatArray
+    decay: FloatArray
+
+
+class Slopes(NamedTuple):
+    """Derivatives of n_states states by the unknowns at one x, as factors.
+
+    Attributes
+    ----------
+    columns : array, shape (n_states, n_linear)
+        Derivatives by the unknowns on which the motion depends linearly; of states by phase, if the
+        duration is free.
+    n_unknowns : int
+        Number of unknowns.
+    timing : Timing or None
+        The part of the duration, if that is free.
+    """
+
+    columns: FloatArray
+    n_unknowns: int
+    timing: Timing | None = None
+
+    def changes(self, step: FloatArray) -> FloatArray:
+        """Changes of the states with a step of the unknowns, to first order."""
+        n_linear = self.columns.shape[1]
+        if self.timing is None:
+            return np.asarray(self.columns @ step[:n_linear])
+        growth, rates, by_duration, _ = self.timing
+        along = self.columns @ (growth * step[:n_linear])
+        return np.asarray(along * rates + step[n_linear] * by_duration)
+
+    def after(self, values: FloatArray, step: FloatArray) -> FloatArray:
+        """States after a step, by their values before: to first order but for powers of T."""
+        after = values + self.changes(step)
+        if self.timing is not None:
+            fallen = step[self.columns.shape[1]] * self.timing.decay
+            after += fallen * values
+            after *= np.exp(-fallen)
+        return np.asarray(after)
+
+    def rows(
+        self, chosen: NDArray[np.intp] | slice = slice(None), room: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """Derivatives of the chosen states, shape (n_chosen, n_unknowns).
+
+        With bounds minus the states as the room, derivatives of dᵏq/dsᵏ − bound · Tᵏ, in units of
+        Tᵏ. It is negative where the state is within its bound, linear in the weights and concave in
+        log T, so that a step within this bound to first order is within it altogether.
+        """
+        columns = self.columns[chosen]
+        n_linear = columns.shape[1]
+        rows = np.zeros((len(columns), self.n_unknowns))
+        rows[:, :n_linear] = columns
+        if self.timing is not None:
+            growth, rates, by_duration, decay = self.timing
+            rows[:, :n_linear] *= growth
+            rows *= rates[chosen, None]
+            rows[:, n_linear] = by_duration[chosen] - decay[chosen] * room
+        return rows
+
+
+class StateMap:
+    """States at some phases as functions of the unknowns.
+
+    Parameters
+    ----------
+    unknowns : Unknowns
+        The unknowns.
+    hermite : array, shape (n_rows, n_phases, 6)
+        Quintic Hermite functions, or their derivatives by phase.
+    shapes : array, shape (n_rows, n_phases, 1 + n_weights)
+        The mean shape and the basis functions, or their derivatives.
+    rows : Rows
+        The rows.
+    """
+
+    def __init__(
+        self,
+        unknowns: Unknowns,
+        hermite: FloatArray,
+        shapes: FloatArray,
+        rows: Rows,
+    ) -> None:
+        orders, self._joints, self._units = rows
+        self._unknowns, self._hermite, self._orders = unknowns, hermite, orders[:, None]
+        self._mean = shapes[:, :, 0]
+        columns = shapes[:, :, 1:] * unknowns.scales[: unknowns.n_weights]
+        for row in unknowns.free_rows:
+            own = np.eye(unknowns.boundary.shape[1])[self._joints][:, None, :]
+            moved = END_SCALES[row] * self._hermite[:, :, row, None] * own
+            columns = np.concatenate([columns, moved], axis=2)
+        self._columns = columns.reshape(self._mean.size, columns.shape[2])
+        if not unknowns.duration_is_free:
+            rates = self._rates(unknowns.duration)
+            self._fixed = (self._boundary_part(unknowns.boundary) + self._mean) * rates
+            columns = self._columns * np.repeat(rates, self._mean.shape[1], axis=0)
+            self._constant = Slopes(columns, unknowns.scales.size)
+
+    def _rates(self, duration: float) -> FloatArray:
+        """Factors of the derivatives by phase, shape (n_rows, 1)."""
+        return np.asarray(duration ** -self._orders.astype(float) / self._units[:, None])
+
+    def _boundary_part(self, boundary: FloatArray) -> FloatArray:
+        return np.asarray((self._hermite @ boundary.T[self._joints][:, :, None])[:, :, 0])
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """The states, shape (n_rows, n_phases)."""
+        if not self._unknowns.duration_is_free:
+            return np.asarray(self._fixed + self._constant.changes(x).reshape(self._fixed.shape))
+        boundary, _ = self._unknowns.boundary_at(x)
+        weights = x[: self._unknowns.n_weights]
+        shape = self._mean + (self._columns[:, : weights.size] @ weights).reshape(self._mean.shape)
+        rates = self._rates(self._unknowns.duration_at(x))
+        return np.asarray((self._boundary_part(boundary) + shape) * rates)
+
+    def slopes(self, x: FloatArray, values: FloatArray) -> Slopes:
+        """Their derivatives at x, where they have the given values."""
+        unknowns = self._unknowns
+        if not unknowns.duration_is_free:
+            return self._constant
+        rates, (_, growth) = self._rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
+        slope = unknowns.log_duration_slope(x)
+        by_duration = slope * (self._boundary_part(growth) * rates - self._orders * values).ravel()
+        n_phases = self._mean.shape[1]
+        decay = np.asarray(slope * np.repeat(self._orders, n_phases))
+        of_states = np.repeat(rates[:, 0], n_phases)
+        timing = Timing(unknowns.growth(x), of_states, by_duration, decay)
+        return Slopes(self._columns, unknowns.scales.size, timing)
+
+    def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:
+        """The same as an array, shape (n_rows * n_phases, n_unknowns)."""
+        return self.slopes(x, values).rows()
+
+
+def state_map(unknowns: Unknowns, basis: Basis, phases: FloatArray, highest: int) -> StateMap:
+    """States of all joints at some phases, order by order of their derivatives."""
+    hermite = hermite_tables(phases.tobytes())[: highest + 1]
+    return all_states(unknowns, hermite, basis.tables(phases, highest))
+
+
+def all_states(unknowns: Unknowns, hermite: FloatArray, tables: FloatArray) -> StateMap:
+    """States of all joints from Hermite functions and tables of a basis, order by order."""
+    n_orders, n_phases, n_joints, n_functions = tables.shape
+    orders, joints = np.divmod(np.arange(n_orders * n_joints), n_joints)
+    shapes = tables.transpose(0, 2, 1, 3).reshape(-1, n_phases, n_functions)
+    return StateMap(unknowns, hermite[orders], shapes, Rows(orders, joints, np.ones(joints.size)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,3 +465,32 @@ class SegmentProgram:
         """The states from rows of them, shape (4, n_nodes, n_joints)."""
         by_joint = by_row.reshape(N_RATES, self.unknowns.n_joints, self.tables.n_nodes)
         return by_joint.transpose(0, 2, 1)
+
+
+class Term(Protocol):
+    """One piece of the objective of a segment."""
+
+    def at(self, course: Course) -> Quadratic:
+        """Its value for a motion, with derivatives by the unknowns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Naturalness:
+    """½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), the cost of deviations from the demonstrations.
+
+    Attributes
+    ----------
+    expected : array, shape (n_unknowns,)
+        The unknowns of the expected motion.
+    precision : array, shape (n_unknowns, n_unknowns)
+        ρΛ⁻¹ of the scaled unknowns.
+    """
+
+    expected: FloatArray
+    precision: FloatArray
+
+    def at(self, course: Course) -> Quadratic:
+        """The term with its derivatives."""
+        deviation = course.x - self.expected
+        pull = self.precision @ deviation
+        return Quadratic(0.5 * float(pull @ deviation), pull, self.precision)

@@ -11,11 +11,14 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...primitives.basis import Basis
-from .unknowns import N_RATES, Rows, StateMap, Unknowns, hermite_tables
+from ...primitives.boundary import hermite_functions
 
+N_RATES = 4
+"""Positions, velocities, accelerations and jerks."""
 N_NODES = 28
 """Usual number of quadrature nodes."""
 # With six nodes in each piece of a spline, the error of the integral is at most 0.02 %, even for
@@ -69,17 +72,31 @@ class Tables:
         self.values = basis.tables(phases, N_RATES - 1)
         self._on_grid: dict[int, FloatArray] = {}
 
-    def on_grid(self, unknowns: Unknowns, rows: Rows) -> StateMap:
+    def on_grid(
+        self, orders: NDArray[np.intp], joints: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
         """Bounds of the peaks of states around the points of the grid, see :func:`limit_phases`.
 
         The tables are computed when limits become constraints, because those of a basis with its
         own time scaling are never used by another request.
+
+        Parameters
+        ----------
+        orders, joints : array of int, shape (n_rows,)
+            Order of the derivative of each state, and its joint.
+
+        Returns
+        -------
+        hermite : array, shape (n_rows, n_points, 6)
+            Hermite functions, or their derivatives.
+        shapes : array, shape (n_rows, n_points, 1 + n_weights)
+            The mean shape and the basis functions, or their derivatives.
         """
-        phases, highest = limit_phases(), int(rows.orders.max())
+        phases, highest = limit_phases(), int(orders.max())
         if highest not in self._on_grid:
             self._on_grid[highest] = self.basis.tables(phases, highest)
-        shapes = _peaks(self._on_grid[highest][rows.orders, :, rows.joints], phases)
-        return StateMap(unknowns, _hermite_peaks(phases.tobytes())[rows.orders], shapes, rows)
+        shapes = _peaks(self._on_grid[highest][orders, :, joints], phases)
+        return _hermite_peaks(phases.tobytes())[orders], shapes
 
     def from_nodes(self) -> FloatArray:
         """Matrix from values at the nodes to the same bounds, shape (n_points, n_nodes)."""
@@ -112,6 +129,12 @@ def _peaks(values: FloatArray, phases: FloatArray) -> FloatArray:
     peaks = values.copy()
     peaks[:, 1:-1] -= bend
     return peaks
+
+
+@lru_cache(maxsize=64)
+def hermite_tables(phases: bytes) -> FloatArray:
+    """Quintic Hermite functions and their first three derivatives, shape (4, n_phases, 6)."""
+    return np.array([hermite_functions(np.frombuffer(phases), d) for d in range(N_RATES)])
 
 
 @lru_cache(maxsize=64)

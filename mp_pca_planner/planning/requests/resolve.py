@@ -8,37 +8,41 @@ similar to the demonstrations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain, pairwise
 
 import numpy as np
 
 from ...arrays import FloatArray
-from ...exceptions import GoalError
+from ...exceptions import GoalError, quote_names, unknown_name
 from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ...primitives.prediction import ConditionalDistribution
+from ...motion.validation import nearest_start
+from ...robot.limits import JointLimits
+from ...robot.model import Robot
 from ..configurations import configurations_at, starts_near
 from ..context import Context
 from ..options import SHORTEST
-from ..program.targets import pose_error
-from ..request import Request, Segment, duration_groups, fit_durations
+from ..request import Request, RequestSegment, duration_groups, fit_durations
 from .selection import Selector
-from .states import check_start, check_within_limits, completed, in_order, unwrapped
 
+# Largest positions, velocities and accelerations where there is no limit [SI].
+_NO_ROBOT = 1e6
+_QUANTITIES = ("position", "velocity", "acceleration")
+_UNITS = ("radians (or metres)", "rad/s (or m/s)", "rad/s² (or m/s²)")
 # Targets within this distance of each other count as the same [rad or m].
 _SAME = 1e-6
 
 
 def resolve(
-    context: Context, selector: Selector, goal: Goal, start: JointState
-) -> Iterator[Request]:
+    context: Context, selector: Selector, goal: Goal, start: JointState, mode: str
+) -> Iterable[Request]:
     """Fill in the open quantities of a goal; reject a goal that can't be served.
 
     A pose can be reached in several configurations: several requests, the most natural first.
     A configuration can be reached with several primitives, the one expected to be cheapest
-    first. Requests are made one by one: the first usually suffices, and choosing primitives for
-    all would take 3 % of the planning time for a pose with one primitive, more with many.
+    first.
 
     Parameters
     ----------
@@ -50,6 +54,8 @@ def resolve(
         The goal.
     start : JointState
         Present state.
+    mode : {'optimal', 'real_time'}
+        Whether to optimise a sequence, or only to join its segments.
 
     Raises
     ------
@@ -59,28 +65,43 @@ def resolve(
     here = in_order(start, context.robot.joint_names)
     check_start(here, context.limits)
     _check_path(context, "start", here)
-    if isinstance(goal, SequenceGoal):
-        yield _sequence(context, selector.among(goal.primitive), goal, here)
-        return
-    if goal.duration is not None:
+    if not isinstance(goal, SequenceGoal) and goal.duration is not None:
         context.check_duration("the duration is", goal.duration)
-    selector = selector.among(goal.primitive)
+    if goal.primitive is not None:
+        selector = selector.named(goal.primitive)
+    if isinstance(goal, SequenceGoal):
+        return (_sequence(context, selector, goal, here, mode),)
     if isinstance(goal, JointGoal):
-        goals, pose = [target(context, goal, here)], None
-    else:
-        goals, pose = _configurations(context, selector, goal, here), goal.pose
+        there = target(context, goal, here)
+        return _requests(context, selector, goal, here, there)
+    first, *others = _configurations(context, selector, goal, here)
+    # The others are usually not needed. Choosing primitives for them, too, takes 4 % of the time
+    # of a plan with one primitive, more with many.
+    later = (_requests(context, selector, goal, here, there) for there in others)
+    return chain(_requests(context, selector, goal, here, first), chain.from_iterable(later))
+
+
+def _requests(
+    context: Context,
+    selector: Selector,
+    goal: JointGoal | PoseGoal,
+    here: JointState,
+    there: JointState,
+) -> tuple[Request, ...]:
+    """Requests for one configuration, which differ in their primitives."""
+    pose = goal.pose if isinstance(goal, PoseGoal) else None
+    selection = selector.choose(here.positions, there.positions, goal.duration)
     # Several primitives are tried for one configuration, but not in the search for the shortest
     # duration, nor for each of several configurations.
     one_each = pose is not None or (goal.duration is None and context.options.timing == SHORTEST)
-    groups = (((0,), goal.duration is not None),)
-    for there in goals:
-        selection = selector.choose(here.positions, there.positions, goal.duration)
-        for one in [selection.first] if one_each else selection.contenders:
-            duration = one.expected.duration
-            segment = Segment(
-                here, there, pose, True, selection, one.primitive, one.expected, duration
-            )
-            yield Request.of([segment], groups, is_single=True)
+    groups, found = (((0,), goal.duration is not None),), []
+    for one in selection.contenders[: 1 if one_each else None]:
+        duration = one.expected.duration
+        segment = RequestSegment(
+            here, there, pose, True, selection, one.primitive, one.expected, duration
+        )
+        found.append(Request((segment,), groups))
+    return tuple(found)
 
 
 def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
@@ -88,7 +109,8 @@ def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
     robot, limits = context.robot, context.limits
     if goal.duration is not None:
         context.check_duration("the duration is", goal.duration)
-    selector.check_name(goal.primitive)
+    if goal.primitive is not None:
+        selector.primitives.check_name(goal.primitive)
     zero = np.zeros(robot.n_joints)
     here = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
     there = completed(goal.state, here, robot, "goal")
@@ -145,32 +167,8 @@ def _configurations(
     return goals
 
 
-def predict(
-    context: Context, segment: Segment, goal: JointState, duration: float | None
-) -> ConditionalDistribution:
-    """The prediction for a motion to a goal, with continuous joints shifted by full turns."""
-    return segment.primitive.model.predict(*shifted(context, segment, goal), duration)
-
-
-def in_span_score(
-    context: Context, segment: Segment, start: JointState, goal: JointState, duration: float | None
-) -> float:
-    """The in-span score of that prediction."""
-    moved = replace(segment, start=start)
-    return segment.primitive.model.in_span_score(*shifted(context, moved, goal), duration)
-
-
-def shifted(context: Context, segment: Segment, goal: JointState) -> tuple[FloatArray, FloatArray]:
-    """Start and goal, with continuous joints shifted by full turns towards the demonstrations."""
-    primitive, start = segment.primitive, segment.start
-    mean = primitive.model.mean[: primitive.n_joints]
-    turns = np.round((mean - start.positions) / (2.0 * np.pi))
-    shift = np.where(context.robot.continuous, 2.0 * np.pi * turns, 0.0)
-    return start.positions + shift, goal.positions + shift
-
-
 def _sequence(
-    context: Context, selector: Selector, goal: SequenceGoal, here: JointState
+    context: Context, selector: Selector, goal: SequenceGoal, here: JointState, mode: str
 ) -> Request:
     """Choose configurations, primitives and usual durations of a sequence."""
     last = max((when for when in goal.times if when is not None), default=1.0)
@@ -188,7 +186,7 @@ def _sequence(
     for i, selection in enumerate(chosen):
         pose, first = targets[i], selection.first
         segments.append(
-            Segment(
+            RequestSegment(
                 states[i],
                 states[i + 1],
                 pose if isinstance(pose, Pose) else None,
@@ -199,7 +197,7 @@ def _sequence(
                 durations[i],
             )
         )
-    return Request.of(segments, duration_groups(times), is_single=False)
+    return Request(tuple(segments), duration_groups(times), mode)
 
 
 def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
@@ -209,7 +207,9 @@ def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
             there = completed(aim, here, context.robot, f"target {n_passed + 1}")
             missed = there.positions - here.positions
         else:
-            missed, _ = pose_error(context.robot, aim, here.positions)
+            missed, _ = context.robot.pose_error(
+                aim.frame, here.positions, aim.position, aim.orientation
+            )
         if np.abs(missed).max() > context.options.search.here:
             return n_passed
         if when is not None:
@@ -292,3 +292,121 @@ def _through(
             longer_routes.append(route.to(there, selector))
         longer.append(min(longer_routes, key=lambda route: route.cost))
     return longer
+
+
+def in_order(state: JointState, names: Sequence[str]) -> JointState:
+    """The present state of the named joints alone, in their order.
+
+    Raises
+    ------
+    GoalError
+        If the state lacks a joint.
+    """
+    if state.joint_names == names:
+        return state
+    missing = [name for name in names if name not in state.joint_names]
+    if missing:
+        raise GoalError(
+            f"the present state lacks {quote_names(missing)}; it has "
+            f"{quote_names(state.joint_names)}"
+        )
+    index = [state.joint_names.index(name) for name in names]
+    return JointState(
+        names, state.positions[index], state.velocities[index], state.accelerations[index]
+    )
+
+
+def completed(state: JointState, before: JointState, robot: Robot, what: str) -> JointState:
+    """The goal state of all joints; joints that are not named stay at rest.
+
+    Parameters
+    ----------
+    state : JointState
+        The requested state.
+    before : JointState
+        The state before, of all joints in the robot's order.
+    robot : Robot
+        The model; its continuous joints turn by less than half a turn.
+    what : str
+        Name of the state in messages.
+
+    Raises
+    ------
+    GoalError
+        If it names an unknown joint, or a position that no robot has.
+    """
+    names = robot.joint_names
+    if state.joint_names == names and not robot.continuous.any():
+        _check_plausible(state.positions, names, what)
+        return state
+    for name in state.joint_names:
+        if name not in names:
+            raise GoalError(f"the {what} can't be used: {unknown_name('joint', name, names)}")
+    q, v, a = before.positions.copy(), np.zeros(len(names)), np.zeros(len(names))
+    index = [names.index(name) for name in state.joint_names]
+    q[index], v[index], a[index] = state.positions, state.velocities, state.accelerations
+    # Checked before the reduction of a continuous joint's angle, which would lose all digits.
+    _check_plausible(q, names, what)
+    return JointState(names, unwrapped(q, before, robot), v, a)
+
+
+def _check_plausible(q: FloatArray, names: Sequence[str], what: str) -> None:
+    absurd = np.abs(q) > _NO_ROBOT
+    if absurd.any():
+        j = int(absurd.argmax())
+        raise GoalError(
+            f"the {what} position of joint '{names[j]}' is {q[j]:.6g}, but no robot goes "
+            f"beyond ±{_NO_ROBOT:g}"
+        )
+
+
+def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
+    """Positions to which continuous joints turn by less than half a turn."""
+    turns = np.round((before.positions - q) / (2.0 * np.pi))
+    return np.asarray(q + np.where(robot.continuous, 2.0 * np.pi * turns, 0.0))
+
+
+def check_start(start: JointState, limits: JointLimits) -> None:
+    """Reject a start that violates a limit, except positions within `START_TOLERANCE` of it.
+
+    Raises
+    ------
+    GoalError
+        If it violates a limit.
+    """
+    inside = nearest_start(start.positions, limits)
+    _check("present", start.joint_names, (inside, start.velocities, start.accelerations), limits)
+
+
+def check_within_limits(what: str, state: JointState, limits: JointLimits) -> None:
+    """Reject an end state that violates a limit.
+
+    Raises
+    ------
+    GoalError
+        If it violates a limit.
+    """
+    values = state.positions, state.velocities, state.accelerations
+    _check(what, state.joint_names, values, limits)
+
+
+def _check(
+    what: str, names: Sequence[str], state: tuple[FloatArray, ...], limits: JointLimits
+) -> None:
+    values, (low, high) = np.array(state), _bounds(limits)
+    inside = (low <= values) & (values <= high)
+    if inside.all():
+        return
+    k, j = np.argwhere(~inside)[0].tolist()
+    raise GoalError(
+        f"the {what} {_QUANTITIES[k]} of joint '{names[j]}' is {values[k, j]:.9g}, "
+        f"outside its limits [{low[k, j]:.9g}, {high[k, j]:.9g}] in {_UNITS[k]}"
+    )
+
+
+@lru_cache(maxsize=8)
+def _bounds(limits: JointLimits) -> tuple[FloatArray, FloatArray]:
+    """Least and largest positions, velocities and accelerations, shape (3, n_joints)."""
+    rates = limits.velocity, limits.acceleration
+    low = np.maximum([limits.lower, *(-bound for bound in rates)], -_NO_ROBOT)
+    return low, np.minimum([limits.upper, *rates], _NO_ROBOT)

@@ -12,7 +12,7 @@ the least one by less.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -20,17 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...exceptions import quote_names
 from ...motion.goal import JointState
 from ...primitives.in_span import RequestIndex
 from ...primitives.library.library import PrimitiveLibrary
 from ...primitives.prediction import ConditionalDistribution
 from ...primitives.primitive import MovementPrimitive
 from ...robot.model import Robot
-from ..motion import Motion
+from ..motion import Motion, cost_of, rank_of
 from ..objectives import Effort, Objective
 from ..options import SelectionOptions
-from ..program.costs import cost_of, rank_of
 from ..program.tables import Tables
 
 
@@ -88,41 +86,6 @@ class Selection:
         others = [c for c in self.considered[1:] if c.cost <= near]
         return (self.first, *others)[: self.options.max_contenders]
 
-    def reason(self, winner: str, solved: Mapping[str, float | None]) -> str:
-        """The reason for the choice of a primitive, one sentence.
-
-        Parameters
-        ----------
-        winner : str
-            Its name.
-        solved : mapping of str to float or None
-            Costs of the motions that were planned, by primitive; None: not within the limits.
-        """
-        if self.n_primitives == 1:
-            return f"'{winner}' is the only primitive"
-        if len(self.considered) == 1:
-            return (
-                f"of {self.n_primitives} primitives only '{winner}' has demonstrations near "
-                f"the request (in-span score {self.first.expected.in_span_score:.2f})"
-            )
-        names = quote_names([c.name for c in self.considered[: self.options.max_named]])
-        more = len(self.considered) - self.options.max_named
-        were = (
-            f"of {self.n_primitives} primitives {len(self.considered)} were near the request: "
-            f"{names}{f' and {more} more' if more > 0 else ''}; "
-        )
-        if len(solved) == 1:
-            second = self.considered[1]
-            return were + (
-                f"'{winner}' was expected to cost least, {self.first.cost:.4g}, before "
-                f"'{second.name}' with {second.cost:.4g}"
-            )
-        costs = (
-            f"'{name}' {'outside of the limits' if cost is None else f'{cost:.4g}'}"
-            for name, cost in solved.items()
-        )
-        return were + f"'{winner}' won of the {len(solved)} planned: {', '.join(costs)}"
-
 
 class Selector:
     """Chooses among primitives of the same joints.
@@ -152,22 +115,15 @@ class Selector:
         self._index = RequestIndex(library.means, library.precisions, robot.continuous)
         self._tables = lru_cache(options.n_kept_tables)(lambda i: Tables(library[i].basis))
 
-    def among(self, name: str | None) -> Selector:
-        """The selector for the primitive of that name; the selector for all if no name is given.
+    def named(self, name: str) -> Selector:
+        """The selector for the primitive of that name alone.
 
         Raises
         ------
         GoalError
             If no primitive has that name.
         """
-        if name is None:
-            return self
         return Selector(self._robot, [self.primitives.named(name)], self._objectives, self._options)
-
-    def check_name(self, name: str | None) -> None:
-        """Reject a name that no primitive has, see :meth:`among`."""
-        if name is not None:
-            self.primitives.check_name(name)
 
     def scores(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -207,13 +163,14 @@ class Selector:
             request = _request(start, goal, duration)
             nearest, scores = self._index.nearest(request, self._options.max_considered)
             chosen = nearest[is_near(scores, self._options)]
-        found = []
-        for i, turn in zip(chosen.tolist(), self._index.turns(start, chosen), strict=True):
-            primitive = self.primitives[i]
+        primitives = list(map(self.primitives.__getitem__, chosen.tolist()))
+        turns, found = self._index.turns(start, chosen), []
+        for i, primitive, turn in zip(chosen.tolist(), primitives, turns, strict=True):
             expected = primitive.model.predict(start + turn, goal + turn, duration)
             cost = float("nan") if len(chosen) == 1 else self._cost(i, start, goal, expected)
             found.append(Considered(primitive, expected, cost))
-        found.sort(key=lambda one: rank_of(one.cost))
+        if len(found) > 1:
+            found.sort(key=lambda one: rank_of(one.cost))
         return Selection(tuple(found), len(self.primitives), self._options)
 
     def _cost(

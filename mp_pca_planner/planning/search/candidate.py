@@ -7,32 +7,31 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, repeat
 
 import numpy as np
 
 from ...arrays import FloatArray
+from ...exceptions import TrajectoryError
 from ...motion.collision import Collision
+from ...motion.goal import JointState
+from ...motion.interpolation import GRID_PERIOD
 from ...motion.trajectory import Trajectory
-from ...motion.validation import GRID_PERIOD, LimitCheck
-from ..configurations import POSE_TOLERANCE
+from ...motion.validation import LimitCheck, check_executable, check_limits
+from ..configurations import POSE_TOLERANCE, nearest_configuration
 from ..context import Context
-from ..motion import Motion
-from ..objectives import Effort
-from ..plan import MotionSolution
+from ..motion import Motion, rank_of
+from ..plan import NOT_SOLVED, MotionSolution
 from ..program.bases import MotionBasis
-from ..program.compile import compile_problem
+from ..program.compile import compile_program
 from ..program.constraints import Findings
-from ..program.costs import cost_of, rank_of
-from ..program.motions import motions_at
-from ..program.problem import Problem
+from ..program.motion_program import MotionProgram
+from ..program.segment import GOAL_POSITION
 from ..program.setting import Setting
-from ..program.targets import pose_error
 from ..request import Request
 from ..solver.program import FEASIBLE
 from ..solver.sqp import Solution, SolverMemory, solve
 from .budget import Budget
-from .examine import Examined, examine
 
 Violation = tuple[float, float, float, float]
 """Largest relative excess over a limit, penetration [m], violation of path constraints, and error
@@ -40,6 +39,9 @@ of a target [rad or m]."""
 
 _Start = tuple[FloatArray, SolverMemory | None]
 """Unknowns to start from, and the state of a solver there."""
+
+# Violation of a path constraint that counts as rounding.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,8 @@ class Candidate:
         Whether there were clearance constraints.
     strayed : tuple of str
         Path constraints that it violates.
+    refusal : str
+        Why a controller must not execute it, collisions aside; empty if it may.
     corners : array, shape (n_corners, n_joints), or None
         Corners of a collision-free path, if one is known but no valid motion near it.
     n_stops : int
@@ -102,6 +106,7 @@ class Candidate:
     end_collision: tuple[str, Collision] | None
     has_clearances: bool = False
     strayed: tuple[str, ...] = ()
+    refusal: str = ""
     corners: FloatArray | None = None
     n_stops: int = 0
 
@@ -114,6 +119,33 @@ class Candidate:
     def is_hopeless(self) -> bool:
         """Whether bodies collide at an end of the motion that is fixed."""
         return self.end_collision is not None
+
+
+def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, LimitCheck]:
+    """The points of a motion of several segments, and their comparison with the limits.
+
+    Raises
+    ------
+    GoalError
+        If the motion would take too long or too short; nothing is sampled then.
+    """
+    ends = np.cumsum([motion.duration for motion in motions])
+    context.check_duration("the motion would take", float(ends[-1]))
+    times, states = [], []
+    for i, (motion, end) in enumerate(zip(motions, ends, strict=True)):
+        own, values = motion.sample(context.options.sample_period)
+        times.append(end - motion.duration + own[min(i, 1) :])
+        states.append(values[:, min(i, 1) :])
+    q, v, a = np.concatenate(states, axis=1)
+    trajectory = Trajectory(context.robot.joint_names, np.concatenate(times), q, v, a)
+    check = check_limits(trajectory, context.robot, context.limits)
+    return trajectory.with_efforts(check.efforts), check
+
+
+def collides(context: Context, trajectory: Trajectory) -> bool:
+    """Whether bodies collide, if that is checked."""
+    model = context.collision
+    return model is not None and bool(model.collisions(trajectory, precisely=False))
 
 
 def collision_at_end(
@@ -133,9 +165,10 @@ def checked(
     request: Request,
     bases: tuple[MotionBasis, ...],
     motions: tuple[Motion, ...],
-    solution: MotionSolution | None = None,
 ) -> Candidate:
-    """The candidate of motions that were found without the solver.
+    """The candidate of motions, sampled and checked; its solution is unknown.
+
+    Collisions are not checked if limits are violated: then another motion will be checked.
 
     Parameters
     ----------
@@ -143,59 +176,59 @@ def checked(
         Of the planner; the request.
     bases, motions
         See :class:`Candidate`.
-    solution : MotionSolution, optional
-        Result of an earlier attempt to solve; nothing unless given.
     """
-    found, naturalness = examine(context, motions), context.options.naturalness
-    solution = MotionSolution.unknown() if solution is None else solution
-    now = time.perf_counter()
-    return candidate(context, request, bases, motions, solution, naturalness, found, now)
-
-
-def candidate(
-    context: Context,
-    request: Request,
-    bases: tuple[MotionBasis, ...],
-    motions: tuple[Motion, ...],
-    solution: MotionSolution,
-    naturalness: float,
-    found: Examined,
-    solved_at: float,
-    *,
-    has_clearances: bool = False,
-) -> Candidate:
-    """The candidate of a motion that was examined."""
-    trajectory, check, collisions, strayed = found
-    errors = []
+    trajectory, check = sampled(context, motions)
+    refusal = ""
+    try:
+        check_executable(
+            trajectory,
+            check,
+            motions[0].start,
+            allow_nonzero_end_velocity=context.options.allow_nonzero_end_velocity,
+        )
+    except TrajectoryError as error:
+        refusal = str(error)
+    collisions: tuple[Collision, ...] = ()
+    if context.collision is not None and not check.violations:
+        collisions = context.collision.collisions(trajectory, precisely=False)
+    errors, strayed, excess = [], list[str](), 0.0
+    for constraint in context.options.constraints:
+        values, _ = constraint.values(context.robot, trajectory.positions)
+        if values.min() < -_ROUNDING:
+            strayed.append(str(constraint))
+            excess -= float(values.min())
     for segment, motion in zip(request.segments, motions, strict=True):
-        missed = motion.goal.positions - segment.goal.positions
-        if segment.pose is not None:
-            missed, _ = pose_error(context.robot, segment.pose, motion.goal.positions)
+        reached, pose = motion.goal.positions, segment.pose
+        missed = reached - segment.goal.positions
+        if pose is not None:
+            missed, _ = context.robot.pose_error(
+                pose.frame, reached, pose.position, pose.orientation
+            )
         errors.append(float(np.abs(missed).max()))
     duration = float(sum([motion.duration for motion in motions]))
     violation = (
         check.worst_excess if check.violations else 0.0,
         sum([POSE_TOLERANCE + one.penetration for one in collisions]),
-        sum([excess for _, excess in strayed]),
+        excess,
         0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
     )
     return Candidate(
         request,
         bases,
         motions,
-        solution,
-        naturalness,
+        NOT_SOLVED,
+        context.options.naturalness,
         trajectory,
         check,
         collisions,
-        solved_at,
+        time.perf_counter(),
         tuple(errors),
         violation,
         duration,
         is_valid=not any(violation),
         end_collision=collision_at_end(collisions, request, duration) if collisions else None,
-        has_clearances=has_clearances,
-        strayed=tuple([str(constraint) for constraint, _ in strayed]),
+        strayed=tuple(strayed),
+        refusal=refusal,
     )
 
 
@@ -209,82 +242,91 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
     budget : Budget
         The time for it.
     """
-    refined = problem = compile_problem(context, request, setting)
+    refined = program = compile_program(context, request, setting)
     n_starts, passes, touched = context.options.n_starts, 0, False
-    starts: Sequence[_Start] = [(x, None) for x in problem.starts[:n_starts]]
+    starts: Sequence[_Start] = list(zip(program.starts[:n_starts], repeat(None)))
     for _ in range(context.options.search.max_refinements):
         solutions = list[Solution]()
         for x, memory in starts:
             # Among clearance constraints, the first solution that meets them is enough.
-            is_clear = problem.has_clearances and solutions and _is_feasible(solutions[-1])
+            is_clear = program.has_clearances and solutions and _is_feasible(solutions[-1])
             if is_clear or (solutions and budget.is_over()):
                 break
-            solutions.append(solve(problem, x, setting.solver, memory, budget.deadline))
+            solutions.append(solve(program, x, setting.solver, memory, budget.deadline))
         best = solutions[0]
         if len(solutions) > 1:
             best = min(solutions, key=lambda one: (not _is_feasible(one), rank_of(one.cost)))
         solved_at = time.perf_counter()
         passes += sum([one.iterations for one in solutions])
-        motions = motions_at(context, request, setting, problem, best.unknowns)
-        found = examine(context, motions)
+        motions = motions_at(context, request, setting, program, best.unknowns)
+        found = checked(context, request, setting.bases, motions)
         is_wrong = bool(found.check.violations or found.collisions or found.strayed)
         if (is_wrong and budget.is_over()) or not (is_wrong or found.check.touched):
             break
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.
-        refined = problem.refined(
-            _findings(request, motions, found, touches=not touched), bool(found.check.violations)
+        refined = program.refined(
+            _findings(found, touches=not touched), bool(found.check.violations)
         )
-        is_longer = refined.lower.size != problem.lower.size
+        is_longer = refined.lower.size != program.lower.size
         is_cut = is_longer and bool(found.check.violations)
-        if refined is problem or not (best.converged or is_cut):
+        if refined is program or not (best.converged or is_cut):
             break
         if not is_cut:
             touched = not found.check.violations and (touched or bool(found.check.touched))
-        starts = _continued(problem, best, is_longer, is_cut, n_starts)
-        problem = refined
-    solution = _described(problem, setting, best, motions, passes)
-    return candidate(
-        context,
-        request,
-        setting.bases,
-        motions,
-        solution,
-        setting.naturalness,
+        starts = _continued(program, best, is_longer, is_cut, n_starts)
+        program = refined
+    return replace(
         found,
-        solved_at,
+        solution=_described(program, setting, best, motions, passes),
+        naturalness=setting.naturalness,
+        solved_at=solved_at,
         has_clearances=refined.has_clearances,
     )
 
 
-def with_costs(context: Context, found: Candidate) -> Candidate:
-    """A candidate whose costs are known, also if its motion was not optimised."""
-    if np.isfinite(found.solution.objective_cost):
-        return found
-    objective = effort = 0.0
-    for motion, basis in zip(found.motions, found.bases, strict=True):
-        objectives = context.options.objectives
-        objective += cost_of(context.robot, motion, basis.tables, objectives)
-        effort += cost_of(context.robot, motion, basis.tables, [(1.0, Effort())])
-    solution = replace(found.solution, objective_cost=objective, effort_cost=effort)
-    return replace(found, solution=solution)
+def motions_at(
+    context: Context, request: Request, setting: Setting, program: MotionProgram, x: FloatArray
+) -> tuple[Motion, ...]:
+    """The motions that unknowns stand for, with ends that are corrected to reach poses exactly."""
+    if program.links is None:
+        unknowns, goal = program.segments[0].unknowns, request.goal
+        n = unknowns.n_weights
+        weights = [x[:n] * unknowns.scales[:n]]
+        if request.pose is not None:
+            boundary, _ = unknowns.boundary_at(x)
+            goal = JointState(goal.joint_names, boundary[GOAL_POSITION])
+        states = [(request.start, 0.0), (goal, unknowns.duration_at(x))]
+    else:
+        states, weights = program.links.states(x), program.links.weights(x)
+    for i, segment in enumerate(request.segments):
+        if segment.pose is not None:
+            state, time = states[i + 1]
+            search = context.options.poses
+            q, _ = nearest_configuration(
+                context.robot, context.limits, segment.pose, state.positions, search
+            )
+            states[i + 1] = JointState(state.joint_names, q, *state.values[1:]), time
+    motions = []
+    for ((here, began), (there, ended)), basis, own in zip(
+        pairwise(states), setting.bases, weights, strict=True
+    ):
+        motions.append(Motion(here, there, ended - began, basis.tables.basis, own))
+    return tuple(motions)
 
 
 def _is_feasible(solution: Solution) -> bool:
     return solution.infeasibility <= FEASIBLE
 
 
-def _findings(
-    request: Request, motions: Sequence[Motion], found: Examined, *, touches: bool
-) -> list[Findings]:
+def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
     """What was found in each segment, with times from its start.
 
     Nothing is done about collisions at an end that is fixed.
     """
-    trajectory, check, collisions, _ = found
-    ends = np.cumsum([0.0, *(motion.duration for motion in motions)]).tolist()
-    if collision_at_end(collisions, request, ends[-1]):
-        collisions = ()
+    trajectory, check = candidate.trajectory, candidate.check
+    collisions = () if candidate.is_hopeless else candidate.collisions
+    ends = np.cumsum([0.0, *(motion.duration for motion in candidate.motions)]).tolist()
     parts = []
     for began, ended in pairwise(ends):
         # At a target, a violation may belong to either segment.
@@ -307,7 +349,7 @@ def _findings(
 
 
 def _continued(
-    problem: Problem, best: Solution, is_longer: bool, is_cut: bool, n_starts: int
+    program: MotionProgram, best: Solution, is_longer: bool, is_cut: bool, n_starts: int
 ) -> Sequence[_Start]:
     """Where to start after a refinement.
 
@@ -317,14 +359,15 @@ def _continued(
     """
     if not is_longer:
         return [(best.unknowns, best.memory)]
-    if is_cut and not problem.has_clearances:
-        return [(x, None) for x in problem.starts[:n_starts]]
+    if is_cut and not program.has_clearances:
+        return list(zip(program.starts[:n_starts], repeat(None)))
     # The inequalities were renumbered.
-    return [(best.unknowns, best.memory.curvature_alone()), (problem.starts[0], None)]
+    memory = replace(best.memory, sides=best.memory.sides[:0])
+    return [(best.unknowns, memory), (program.starts[0], None)]
 
 
 def _described(
-    problem: Problem,
+    program: MotionProgram,
     setting: Setting,
     found: Solution,
     motions: Sequence[Motion],
@@ -334,10 +377,10 @@ def _described(
 
     The objective of the shortest motion is not the planner's; the report computes that.
     """
-    parts = problem.parts(found.unknowns)
+    parts = program.parts(found.unknowns)
     assert parts is not None
     natural = effort = expected = 0.0
-    for segment, terms, (own, _) in zip(problem.segments, problem.terms, parts, strict=True):
+    for segment, terms, (own, _) in zip(program.segments, program.terms, parts, strict=True):
         course, _ = segment.at(own)
         for term in terms:
             natural += term.at(course).cost

@@ -2,26 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detours: motions that start from collision-free paths, where descent finds no motion.
 
+A path is a straight line in joint space, or else one of RRT-Connect.
+
 The program lowers the cost within limits and clearances, as for any other motion.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+
+import numpy as np
 
 from ...arrays import FloatArray
 from ..context import Context
 from ..motion import Motion
 from ..options import FREE, SHORTEST
 from ..program.bases import MotionBasis
-from ..program.setting import Setting
+from ..program.clearance import least_distances
+from ..program.setting import Setting, first_setting
 from ..request import Request
 from ..time_scaling import kinematic_stretch, slowdown
 from .budget import Budget
-from .candidate import Candidate, attempt, checked
-from .examine import examine
-from .paths import corners_of, paths
-from .settings import as_shortest, scaled_duration
+from .candidate import Candidate, attempt, checked, sampled
+from .sampling import SamplingOptions, missing_planner, sampled_path
 
 
 def along_path(context: Context, request: Request, budget: Budget) -> Candidate | None:
@@ -54,8 +58,8 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
         least *= options.search.scaling_margin
         duration = min(max(at_least, least), context.longest)
         motion = _motion(request, basis, duration)
-        slower = slowdown(examine(context, [motion], collides=False).check)
-        duration = min(duration * slower, context.longest)
+        _, check = sampled(context, [motion])
+        duration = min(duration * slowdown(check), context.longest)
     if budget.is_over():
         return _along(context, request, basis, duration)
     setting = _setting(context, request, basis, duration)
@@ -83,10 +87,9 @@ def _setting(context: Context, request: Request, basis: MotionBasis, duration: f
     solver = replace(
         options.solver, tolerance=options.detours.tolerance, first_radius=options.detours.radius
     )
-    is_shortest = request.duration_is_free and options.timing == SHORTEST
-    if is_shortest:
-        duration = scaled_duration(context, request, basis, is_timed=True)
-    setting = Setting(
+    if request.duration_is_free and options.timing == SHORTEST:
+        return replace(first_setting(context, request, basis, shortest=True), solver=solver)
+    return Setting(
         (basis,),
         (_motion(request, basis, duration),),
         max(options.naturalness, options.detours.min_naturalness),
@@ -94,7 +97,6 @@ def _setting(context: Context, request: Request, basis: MotionBasis, duration: f
         solver,
         is_timed=request.duration_is_free and options.timing == FREE,
     )
-    return as_shortest(context, setting) if is_shortest else setting
 
 
 def _optimised(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
@@ -115,3 +117,90 @@ def _along(context: Context, request: Request, basis: MotionBasis, duration: flo
 
 def _motion(request: Request, basis: MotionBasis, duration: float) -> Motion:
     return Motion(request.start, request.goal, duration, basis.tables.basis, basis.expected)
+
+
+def paths(
+    context: Context, ends: tuple[FloatArray, FloatArray], budget: Budget
+) -> Iterator[FloatArray]:
+    """Different paths between two configurations, the cheapest to find first.
+
+    Made one by one: each takes far longer than a motion near it.
+
+    Parameters
+    ----------
+    context : Context
+        Robot, limits and options of the planner, with a collision model.
+    ends : tuple of (array, shape (n_joints,))
+        Start and goal.
+    budget : Budget
+        The time for all of it.
+
+    Yields
+    ------
+    path : array, shape (n_points, n_joints)
+        Points with straight lines between them.
+    """
+    collision, limits, options = context.collision, context.limits, context.options.paths
+    assert collision is not None
+    bounds = np.minimum(limits.lower, ends[0]), np.maximum(limits.upper, ends[0])
+    least = least_distances(np.array(ends), collision, context.options.clearance)
+    if np.any(least < 0.0):  # an end is in collision
+        return
+    if _is_free(collision.collides, *ends, options.step):
+        yield np.array(ends)
+    checks = (collision.check(least, hulls=hulls) for hulls in (True, False))
+    collides = next((one for one in checks if not any(map(one, ends))), None)
+    if collides is None or missing_planner():  # OMPL would wait for other ends
+        return
+    longest = options.max_detour * _length(np.array(ends))
+    found: list[FloatArray] = []
+    early = budget.share(options.share_of_comparison)
+    for seed in range(1, options.n_paths + 1):
+        search = budget.share(options.share_of_search)
+        # Few searches take far longer than most: another seed is often faster.
+        sampling = SamplingOptions(seed, options.step, max_checks=options.n_checks * seed)
+        near = _around(ends, options.reach * seed, bounds)
+        path = sampled_path(collides, near, ends, sampling, search.is_over)
+        if path is not None:
+            found.append(path)
+        is_last = seed == options.n_paths or early.is_over() or search.is_over()
+        if found and (is_last or _length(found[-1]) <= longest):
+            yield from sorted(found, key=_length)
+            found = []
+        if search.is_over():
+            return
+
+
+def corners_of(context: Context, path: FloatArray) -> FloatArray:
+    """The points of a path between which straight lines are free of collisions."""
+    assert context.collision is not None
+    collides, step = context.collision.collides, context.options.paths.fine_step
+    kept = [0]
+    while kept[-1] < len(path) - 1:
+        here, k = path[kept[-1]], len(path) - 1
+        while k > kept[-1] + 1 and not _is_free(collides, here, path[k], step):
+            k -= 1
+        kept.append(k)
+    return path[kept]
+
+
+def _around(
+    ends: tuple[FloatArray, FloatArray], reach: float, bounds: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Least and largest positions within a reach of the ends, and within bounds."""
+    low, high = np.min(ends, axis=0) - reach, np.max(ends, axis=0) + reach
+    return np.maximum(low, bounds[0]), np.minimum(high, bounds[1])
+
+
+def _length(path: FloatArray) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def _is_free(
+    collides: Callable[[FloatArray], bool], start: FloatArray, goal: FloatArray, step: float
+) -> bool:
+    """Whether a straight line is free of collisions, coarsely first."""
+    n = 1 + int(np.ceil(np.linalg.norm(goal - start) / step))
+    shares = np.linspace(0.0, 1.0, n + 1)
+    order = np.concatenate([shares[first::8] for first in (4, 0, 2, 6, 1, 3, 5, 7)])
+    return not any(collides(start + share * (goal - start)) for share in order)

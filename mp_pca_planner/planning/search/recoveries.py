@@ -15,12 +15,10 @@ from dataclasses import dataclass, replace
 from ...motion.validation import LimitCheck
 from ..context import Context
 from ..motion import Motion
-from ..program.setting import Setting
+from ..program.setting import Setting, first_setting
 from ..request import Request
 from ..time_scaling import slowdown
-from .candidate import Candidate, Violation
-from .examine import collides, examine
-from .settings import first_setting, setting_basis
+from .candidate import Candidate, Violation, collides, sampled
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +101,9 @@ def wider_basis(failure: Failure) -> Setting | None:
     width = failure.setting.width + 1
     if width >= context.bases.n_widths:
         return None
+    basis = context.bases.basis(request.segments[0], width, shortest=first.is_shortest)
     if first.is_shortest:
-        return first_setting(context, request, width, shortest=True)
-    basis = setting_basis(context, request, width, shortest=False)
+        return first_setting(context, request, basis, width, shortest=True)
     wider = replace(first, bases=(basis,), width=width)
     return replace(lasting(wider, first.duration), is_timed=first.is_timed)
 
@@ -139,7 +137,7 @@ def failure_of(
     """The failure of the last of the attempts with one basis."""
     candidate = found[-1]
     expected = replace(candidate.motions[0], weights=setting.bases[0].expected)
-    trajectory, check, *_ = examine(context, [expected], collides=False)
+    trajectory, check = sampled(context, [expected])
     is_recoverable = (
         not setting.is_shortest
         and not candidate.is_hopeless

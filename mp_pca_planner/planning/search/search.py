@@ -8,31 +8,98 @@ valid one, a slow motion is searched; if the requested duration has none, the sh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import chain
 from operator import attrgetter
 
+import numpy as np
+
 from ..context import Context
-from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME
-from ..plan import MotionSolution
-from ..program.costs import rank_of
-from ..program.joining import expected_motion
+from ..motion import cost_of, rank_of
+from ..objectives import Effort
+from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME, SHORTEST
+from ..plan import NOT_SOLVED
+from ..program.bases import MotionBasis
+from ..program.setting import Setting, first_setting, joined_motion, sequence_setting, stretched
 from ..request import Request
-from ..requests.resolve import predict
 from .budget import Budget
-from .candidate import Candidate, attempt, with_costs
-from .cases import Case, first_case
+from .candidate import Candidate, attempt, checked, collides
 from .detours import along_path
-from .examine import collides, searches_paths
 from .recoveries import failure_of, recovered
 from .sampling import missing_planner
-from .settings import first_setting
 from .slow import Slow, slow_motion
 
 
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A request, and what is known of its motions.
+
+    Attributes
+    ----------
+    context : Context
+        Of the planner.
+    request : Request
+        The request.
+    first : Setting
+        The first setting.
+    joined : Candidate or None
+        The expected motion of several segments, within the limits if possible.
+    tried : tuple of str
+        Names of the stages that were tried.
+    found : tuple of Candidate
+        Their candidates.
+    """
+
+    context: Context
+    request: Request
+    first: Setting
+    joined: Candidate | None
+    tried: tuple[str, ...] = ()
+    found: tuple[Candidate, ...] = ()
+
+
+def first_case(context: Context, request: Request, budget: Budget) -> Case:
+    """A request before anything was tried.
+
+    Parameters
+    ----------
+    context, request
+        Of the planner; the request.
+    budget : Budget
+        The time for joining segments.
+    """
+    if request.mode:
+        bases = tuple([context.bases.basis(one, is_paced=False) for one in request.segments])
+        expected = _joined(context, request, bases, budget)
+        first = sequence_setting(context, bases, expected.motions)
+        return Case(context, request, first, expected)
+    shortest = request.duration_is_free and context.options.timing == SHORTEST
+    basis = context.bases.basis(request.segments[0], shortest=shortest)
+    return Case(context, request, first_setting(context, request, basis, shortest=shortest), None)
+
+
+def _joined(
+    context: Context, request: Request, bases: tuple[MotionBasis, ...], budget: Budget
+) -> Candidate:
+    """Lengthen free durations, and lower passing velocities, until the limits are kept."""
+    search, durations = context.options.search, [one.duration for one in request.segments]
+    found = list[Candidate]()
+    for share in search.passing_shares:
+        for _ in range(search.max_stretches):
+            motions = joined_motion(request, bases, durations, share)
+            found.append(checked(context, request, bases, motions))
+            if not found[-1].check.violations or budget.is_over():
+                return min(found, key=attrgetter("violation"))
+            longer = stretched(request, found[-1].check, durations, search.max_stretch)
+            if longer == durations or sum(longer) > context.longest:
+                break
+            durations = longer
+    return min(found, key=attrgetter("violation"))
+
+
 @dataclass(frozen=True)
-class Stage:
+class SearchStage:
     """What is tried, and when.
 
     Attributes
@@ -58,12 +125,16 @@ class Outcome:
     ----------
     best : Candidate
         The motion.
+    is_slow : bool
+        Whether it is a slow motion.
     found : tuple of Candidate
         The best candidate of each request that was tried.
     optimised : Candidate or None
         The motion of several segments that was optimised in vain.
-    slow : Slow
-        Result of the search for a slow motion, if there was one.
+    no_slow : str
+        Why there is no slow motion, if one was searched in vain.
+    is_blocked : bool
+        Whether collisions are the reason why there is no motion.
     ran_out : bool
         Whether time ran out before a motion within the limits was found by optimisation.
     stated : float
@@ -75,13 +146,20 @@ class Outcome:
     """
 
     best: Candidate
+    is_slow: bool
     found: tuple[Candidate, ...]
     optimised: Candidate | None
-    slow: Slow
+    no_slow: str
+    is_blocked: bool
     ran_out: bool
     stated: float
     is_shortest: bool
     mode: str
+
+
+def searches_paths(context: Context) -> bool:
+    """Whether there are pairs of bodies that paths lead around."""
+    return context.collision is not None and bool(context.collision.pairs)
 
 
 def expected_collides(case: Case) -> bool:
@@ -92,27 +170,32 @@ def expected_collides(case: Case) -> bool:
     naturalness is asked for.
     """
     context, request, options = case.context, case.request, case.context.options
-    if not (request.is_single and searches_paths(context) and request.duration_is_free):
+    if request.mode or not (searches_paths(context) and request.duration_is_free):
         return False
     is_natural = options.naturalness >= options.search.near_expected
     if is_natural or options.timing == DEMONSTRATED:
         return False
     assert context.collision is not None
     basis = case.first.bases[0]
-    (motion,) = expected_motion(request, case.first.bases, [request.duration])
+    motion = replace(case.first.initial[0], duration=request.duration)
     positions = motion.evaluate(request.duration * basis.tables.phases)[0]
     return context.collision.collide_anywhere(positions)
 
 
 def bodies_meet(case: Case) -> bool:
     """Whether descent failed by collisions between the ends of a single segment."""
-    if not case.found or not case.request.is_single or not searches_paths(case.context):
+    if not case.found or case.request.mode or not searches_paths(case.context):
         return False
     last = case.found[-1]
     if "path" in case.tried or last.is_hopeless:
         return False
     # Collisions of a motion outside the limits are not known yet.
     return last.meets_bodies or collides(case.context, last.trajectory)
+
+
+def optimises(case: Case) -> bool:
+    """Whether motions are optimised; otherwise segments are only joined."""
+    return case.request.mode != REAL_TIME
 
 
 def path(case: Case, budget: Budget) -> Candidate | None:
@@ -126,7 +209,7 @@ def descent(case: Case, budget: Budget) -> Candidate:
     If paths may help, it ends when bodies collide.
     """
     context, request, setting = case.context, case.request, case.first
-    leads = request.is_single and searches_paths(context) and not missing_planner()
+    leads = not request.mode and searches_paths(context) and not missing_planner()
     within, found, same = budget, list[Candidate](), list[Candidate]()
     if leads and not case.tried:
         within = budget.share(context.options.search.share_of_descent)
@@ -134,7 +217,7 @@ def descent(case: Case, budget: Budget) -> Candidate:
         candidate = attempt(context, request, setting, within)
         found.append(candidate)
         same.append(candidate)
-        if candidate.is_valid or candidate.is_hopeless or not request.is_single:
+        if candidate.is_valid or candidate.is_hopeless or request.mode:
             break
         if leads and (within.is_over() or candidate.meets_bodies):
             within = budget
@@ -155,45 +238,42 @@ def joined(case: Case, budget: Budget) -> Candidate:
     """The expected motion of several segments, joined within the limits if possible."""
     assert case.joined is not None
     passes = sum(one.solution.iterations for one in case.found)
-    return replace(case.joined, solution=MotionSolution.unknown(passes))
+    return replace(case.joined, solution=replace(NOT_SOLVED, iterations=passes))
 
 
 ORDER = (
-    Stage("path", expected_collides, path),
-    Stage("descent", attrgetter("optimises"), descent),
-    Stage("path", bodies_meet, path),
-    Stage("joined", attrgetter("joined"), joined),
+    SearchStage("path", expected_collides, path),
+    SearchStage("descent", optimises, descent),
+    SearchStage("path", bodies_meet, path),
+    SearchStage("joined", attrgetter("joined"), joined),
 )
 """What is tried for one request, in this order; the first valid candidate ends it."""
 
 
-def search(
-    context: Context, requests: Iterator[Request], mode: str, began: float, budget: Budget
-) -> Outcome:
+def search(context: Context, requests: Iterable[Request], began: float, budget: Budget) -> Outcome:
     """The best motion for one of several alternative requests.
 
     Parameters
     ----------
     context : Context
         Robot, limits and options of the planner.
-    requests : iterator of Request
+    requests : iterable of Request
         Requests for one goal, at least one.
-    mode : {'real_time', 'optimal'}
-        Whether a motion through several targets is optimised.
     began : float
         When planning began, by the clock of the budget [s].
     budget : Budget
         The time for all of it.
     """
     every, found, tried, slow, ran_out = list[Candidate](), list[Candidate](), [], Slow(), False
+    requests = iter(requests)
     for request in requests:
         tried.append(request)
         first = budget
-        if request.is_single and not request.duration_is_free:
+        if not (request.mode or request.duration_is_free):
             # Part of the time is kept for finding a feasible duration.
             share = context.options.search.share_of_fixed
             first = replace(budget, deadline=began + share * (budget.deadline - began))
-        case = first_case(context, request, mode, first)
+        case = first_case(context, request, first)
         for stage in ORDER:
             if stage.applies(case):
                 candidate = stage.search(case, first)
@@ -215,16 +295,31 @@ def search(
         ran_out = first.is_over()
         slow = slow_motion(context, chain(tried, requests), best, every, budget)
         best = slow.candidate or best
-    stated, is_shortest, optimised, joins = float("nan"), True, None, ""
+    stated, is_shortest, optimised, mode = float("nan"), True, None, ""
     if not best.is_valid:
         stated, is_shortest = feasible_duration(context, best, slow, budget)
     elif case.first.is_shortest:
         stated = best.duration
-    if not request.is_single:
+    if request.mode:
         is_joined = best is slow.candidate or case.tried[-1] == "joined"
-        joins = REAL_TIME if is_joined else OPTIMAL
-        optimised = case.found[0] if is_joined and mode == OPTIMAL else None
-    return Outcome(best, tuple(found), optimised, slow, ran_out, stated, is_shortest, joins)
+        mode = REAL_TIME if is_joined else OPTIMAL
+        optimised = case.found[0] if is_joined and request.mode == OPTIMAL else None
+    is_slow = best is slow.candidate
+    if not np.isfinite(best.solution.objective_cost):
+        best = with_costs(context, best)
+    is_blocked = slow.is_blocked or bool(best.collisions)
+    return Outcome(
+        best,
+        is_slow,
+        tuple(found),
+        optimised,
+        slow.reason,
+        is_blocked,
+        ran_out,
+        stated,
+        is_shortest,
+        mode,
+    )
 
 
 def feasible_duration(
@@ -232,19 +327,33 @@ def feasible_duration(
 ) -> tuple[float, bool]:
     """A feasible duration to report [s], NaN if none is known, and whether it is the shortest."""
     request, search = best.request, context.options.search
-    if request.duration_is_free or best.is_hopeless or budget.is_over() or not request.is_single:
+    if request.duration_is_free or best.is_hopeless or budget.is_over() or request.mode:
         return slow.duration, False
     segment, groups = request.segments[0], (((0,), False),)
-    expected = predict(context, segment, request.goal, None)
+    expected = segment.predict(context.robot, request.start, request.goal, None)
     segment = replace(segment, expected=expected, duration=expected.duration)
-    free = Request.of([segment], groups, is_single=True)
+    free = Request((segment,), groups)
     for width in range(context.bases.n_widths):
         if budget.is_over():
             break
-        setting = first_setting(context, free, width, shortest=True)
+        basis = context.bases.basis(segment, width, shortest=True)
+        setting = first_setting(context, free, basis, width, shortest=True)
         found = attempt(context, free, setting, budget)
         if found.is_valid:
             seconds, is_shortest = found.duration, found.solution.converged
             seconds *= search.duration_margin
             return (slow.duration, False) if slow.duration < seconds else (seconds, is_shortest)
     return slow.duration, False
+
+
+def with_costs(context: Context, found: Candidate) -> Candidate:
+    """A candidate whose costs are known, also if its motion was not optimised."""
+    if np.isfinite(found.solution.objective_cost):
+        return found
+    objective = effort = 0.0
+    for motion, basis in zip(found.motions, found.bases, strict=True):
+        objectives = context.options.objectives
+        objective += cost_of(context.robot, motion, basis.tables, objectives)
+        effort += cost_of(context.robot, motion, basis.tables, [(1.0, Effort())])
+    solution = replace(found.solution, objective_cost=objective, effort_cost=effort)
+    return replace(found, solution=solution)

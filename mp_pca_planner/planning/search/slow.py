@@ -19,14 +19,13 @@ from ...motion.goal import JointState
 from ..context import Context
 from ..options import SHORTEST
 from ..plan import MotionSolution
-from ..program.bases import fixed_basis
+from ..program.bases import MotionBasis
 from ..program.tables import Tables
 from ..request import Request
 from ..time_scaling import slowdown
 from .budget import Budget
-from .candidate import Candidate, checked
-from .examine import examine
-from .paths import corners_of, paths
+from .candidate import Candidate, checked, sampled
+from .detours import corners_of, paths
 from .stop_and_go import StopAndGo, stop_and_go
 
 Corners = tuple[FloatArray, ...]
@@ -46,11 +45,14 @@ class Slow:
         A feasible duration [s]; NaN if none is known.
     reason : str
         Why there is no motion in any duration; empty if there is one.
+    is_blocked : bool
+        Whether a collision is the reason.
     """
 
     candidate: Candidate | None = None
     duration: float = float("nan")
     reason: str = ""
+    is_blocked: bool = False
 
 
 def slow_motion(
@@ -75,7 +77,7 @@ def slow_motion(
     budget : Budget
         The time for further paths.
     """
-    feasible, reason, done = float("inf"), "", list[JointState]()
+    feasible, reason, is_blocked, done = float("inf"), "", False, list[JointState]()
     for request in requests:
         if request.goal in done:  # requests for one configuration differ in their primitives only
             continue
@@ -95,6 +97,7 @@ def slow_motion(
                 reason = reason or str(error)
                 continue
             if found.collisions:
+                is_blocked = is_blocked or not reason
                 reason = reason or str(found.collisions[0])
                 continue
             if found.strayed:
@@ -104,13 +107,15 @@ def slow_motion(
             if request.duration_is_free or found.duration <= asked * (1.0 + 1e-9):
                 return Slow(found)
             feasible = min(feasible, found.duration)
-    return Slow(duration=feasible) if np.isfinite(feasible) else Slow(reason=reason)
+    if np.isfinite(feasible):
+        return Slow(duration=feasible)
+    return Slow(reason=reason, is_blocked=is_blocked)
 
 
 def _usual_durations(context: Context, request: Request) -> list[FloatArray]:
     """Durations of the segments to try, not below the least ones [s]."""
     usual = np.array([segment.duration for segment in request.segments])
-    if not request.is_single:
+    if request.mode:
         return [usual]
     if request.duration_is_free:
         return [0.0 * usual if context.options.timing == SHORTEST else usual]
@@ -130,7 +135,7 @@ def _around(
     if path is not None:
         return _slow(context, request, failed, usual, (path[1:-1],))
     found = _slow(context, request, failed, usual, (none,) * len(request.segments))
-    if request.is_single or not found.collisions:  # paths of one segment were searched before
+    if not (request.mode and found.collisions):  # paths of one segment were searched before
         return found
     corners = []
     for segment in request.segments:
@@ -165,16 +170,17 @@ def _slow(
     for _ in range(context.options.braking.max_stretches):
         durations = _durations(context, request, route, counts, usual)
         motions = route.motions(durations, counts)
-        check = examine(context, motions, collides=False).check
+        _, check = sampled(context, motions)
         if not check.violations:
             break
         route = route.slowed(slowdown(check))
     else:
         raise TrajectoryError(str(check.violations[0]))
     n_nodes = context.options.n_nodes
-    bases = tuple(fixed_basis(Tables(motion.basis, n_nodes)) for motion in motions)
-    found = checked(context, request, bases, motions, _not_optimised(failed.solution))
-    return replace(found, n_stops=sum(map(len, corners)))
+    bases = tuple(MotionBasis.fixed(Tables(motion.basis, n_nodes)) for motion in motions)
+    found = checked(context, request, bases, motions)
+    solution = _not_optimised(failed.solution)
+    return replace(found, solution=solution, n_stops=sum(map(len, corners)))
 
 
 def _route(
@@ -195,11 +201,11 @@ def _durations(
     """Durations of the legs, which share out those of the segments, shape (n_legs,) [s]."""
     legs, firsts = route.durations, np.cumsum([0, *counts[:-1]])
     least = np.add.reduceat(legs, firsts)
-    if request.is_single:
-        durations = np.maximum(least, usual)
-    else:
+    if request.mode:
         durations = request.resting_durations(least, usual)
-    if route.moves_at_ends and (request.is_single or not request.groups[0][1]):
+    else:
+        durations = np.maximum(least, usual)
+    if route.moves_at_ends and not (request.mode and request.groups[0][1]):
         # Between other points, the controller's quintics would exceed the jerk of the brake.
         durations[0] = route.step * np.ceil(durations[0] / route.step - 1e-9)
     context.check_duration("the slow motion would take", float(durations.sum()))

@@ -21,8 +21,8 @@ from ...arrays import FloatArray
 FEASIBLE = 1e-6
 """Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
 
-# Violation of an inequality that counts as rounding.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
+"""Violation of an inequality that counts as rounding."""
 
 
 class Point(Protocol):
@@ -114,7 +114,7 @@ def violated_sides(program: Program, values: FloatArray, outside: FloatArray) ->
     The neighbours are included because a constrained peak often moves by one point. Side 2i is the
     lower bound of inequality i, 2i + 1 the upper one.
     """
-    broken = np.flatnonzero(outside > _ROUNDING)
+    broken = np.flatnonzero(outside > ROUNDING)
     if not broken.size:
         return broken
     by, last = outside[broken], outside.size - 1

@@ -123,11 +123,15 @@ def nearest_step(
     return step, np.where(broken, penalty * np.maximum(rows @ step - bounds, 0.0), 0.0)
 
 
-def convexified(hessian: FloatArray) -> FloatArray:
-    """The matrix with the absolute values of its eigenvalues, bounded from below."""
+def convex_factor(hessian: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+    """The matrix, if needed with the absolute values of its eigenvalues, and its lower factor."""
+    factor = cholesky(hessian)
+    if factor is not None:
+        return hessian, factor
     eigenvalues, vectors = np.linalg.eigh(hessian)
     sizes = np.abs(eigenvalues)
-    return np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
+    convex = np.asarray((vectors * np.maximum(sizes, 1e-10 * sizes.max())) @ vectors.T)
+    return convex, cholesky(convex)
 
 
 class TrustRegionStep(NamedTuple):
@@ -169,17 +173,8 @@ def trust_region_step(hessian: FloatArray, gradient: FloatArray, radius: float) 
         return TrustRegionStep(-newton, 0.5 * float(newton @ gradient), 0.0)
     eigenvalues, vectors = np.linalg.eigh(hessian)
     rotated = vectors.T @ gradient
-    shift = _shift(eigenvalues, rotated, radius)
-    step = -rotated / (eigenvalues + shift)
-    predicted = -float(rotated @ step + 0.5 * step @ (eigenvalues * step))
-    return TrustRegionStep(vectors @ step, predicted, shift)
-
-
-def _shift(eigenvalues: FloatArray, rotated: FloatArray, radius: float) -> float:
-    """The μ ≥ 0 with H + μI positive definite and ‖(H + μI)⁻¹g‖ about the radius."""
     margin = 1e-10 * max(float(np.abs(eigenvalues).max()), 1e-300)
-    lowest = max(0.0, margin - float(eigenvalues[0]))
-    shift = lowest
+    shift = lowest = max(0.0, margin - float(eigenvalues[0]))
     for _ in range(50):
         step = rotated / (eigenvalues + shift)
         length = float(np.linalg.norm(step))
@@ -189,4 +184,6 @@ def _shift(eigenvalues: FloatArray, rotated: FloatArray, radius: float) -> float
         # Newton's method on 1/‖p(μ)‖, which is nearly linear in μ.
         slope = float(np.sum(step**2 / (eigenvalues + shift))) / length
         shift = max(lowest, shift + excess * length / slope)
-    return shift
+    step = -rotated / (eigenvalues + shift)
+    predicted = -float(rotated @ step + 0.5 * step @ (eigenvalues * step))
+    return TrustRegionStep(vectors @ step, predicted, shift)

@@ -27,6 +27,7 @@ from ...arrays import FloatArray
 from ..options import SolverOptions
 from .program import (
     FEASIBLE,
+    ROUNDING,
     Point,
     Program,
     infeasibility,
@@ -38,7 +39,7 @@ from .quadratic import (
     TINY,
     TrustRegionStep,
     cholesky,
-    convexified,
+    convex_factor,
     nearest_step,
     solve_quadratic,
     trust_region_step,
@@ -71,10 +72,6 @@ class SolverMemory:
     curvature: FloatArray
     radius: float
     sides: NDArray[np.intp]
-
-    def curvature_alone(self) -> SolverMemory:
-        """The memory for a similar program, whose active limits may differ."""
-        return replace(self, sides=self.sides[:0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,9 +303,11 @@ class Subproblem:
             change = self._lifted(held.step)
             after = here.inequalities_after(change)
             outside = outside_bounds(program, after)
+            if not (outside.max(initial=0.0) > ROUNDING and held.is_within and left):
+                break
             broken = violated_sides(program, after, outside)
             added = broken[~(broken[:, None] == sides).any(axis=1)]
-            if not (added.size and held.is_within and left):
+            if not added.size:
                 break
             kept = held.multipliers > 0.0
             new_rows, new_bounds = _at_sides(program, here, added)
@@ -362,11 +361,7 @@ class Subproblem:
     @cached_property
     def _convex(self) -> tuple[FloatArray, FloatArray | None]:
         """The Hessian made positive definite, and its factor."""
-        factor = cholesky(self._hessian)
-        if factor is not None:
-            return self._hessian, factor
-        hessian = convexified(self._hessian)
-        return hessian, cholesky(hessian)
+        return convex_factor(self._hessian)
 
     def _held(self, rows: FloatArray, bounds: FloatArray, damping: float) -> Held:
         """The step within inequalities rows · step ≤ bounds of the whole step.

@@ -13,7 +13,7 @@ from worlds import plain_distances
 from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.motion.validation import interpolate
+from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
 MARGIN, RADIUS = 0.01, 0.03

@@ -12,8 +12,8 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
+from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.motion.validation import interpolate
 
 JOINTS = ("a", "b")
 # Two motions of degree 5: the quintic through any of their points is the polynomial itself.

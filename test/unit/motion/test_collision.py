@@ -19,8 +19,8 @@ from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.collision import Collision, CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.plan import (
     INFEASIBLE,

@@ -15,8 +15,8 @@ import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.motion.validation import interpolate
 from mp_pca_planner.planning.plan import INFEASIBLE
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file

@@ -11,14 +11,13 @@ from scipy.interpolate import BPoly
 
 from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.motion.interpolation import BEZIER_POINTS
+from mp_pca_planner.motion.interpolation import BEZIER_POINTS, interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import (
     LIMIT_NEAR,
     START_TOLERANCE,
     check_executable,
     check_limits,
-    interpolate,
 )
 from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
 from mp_pca_planner.robot.limits import JointLimits, merge_limits

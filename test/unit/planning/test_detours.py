@@ -24,7 +24,7 @@ from mp_pca_planner.planning.options import PathOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.search.budget import Budget
-from mp_pca_planner.planning.search.paths import paths
+from mp_pca_planner.planning.search.detours import paths
 from mp_pca_planner.planning.search.sampling import SamplingOptions, sampled_path
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.world import World
@@ -32,7 +32,7 @@ from mp_pca_planner.robot.world import World
 BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 ENDS = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
 # A post in the middle of a motion of the primitive: descent ends at it.
-POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
+POST = ("post", "box", [0.04, 0.04, 1.2], [0.354, -0.399, 0.14])
 
 # A plate between the ends of the same motion.
 WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, 0.003])
@@ -256,5 +256,5 @@ def test_goal_in_motion_is_refused_where_no_stop_after_it_is_clear():
         assert not collision.collides(goal)
         plan = Planner(robot, [primitive], limits, options, collision).plan(*request)
         assert plan.is_executable == may_execute, plan.message
-    assert "the goal is passed at a velocity, and in the stop after it" in plan.message
+    assert "the motion ends at a velocity, and in the stop after it" in plan.message
     assert "'ball' collide" in plan.message

@@ -14,11 +14,9 @@ from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.validation import Violation
 from mp_pca_planner.planning.program.constraints import Findings
 from mp_pca_planner.planning.program.limits import MARGIN, QUANTITIES, Limits
-from mp_pca_planner.planning.program.problem import Problem
-from mp_pca_planner.planning.program.segment import SegmentProgram
+from mp_pca_planner.planning.program.motion_program import MotionProgram
+from mp_pca_planner.planning.program.segment import Naturalness, SegmentProgram, Unknowns
 from mp_pca_planner.planning.program.tables import N_LIMIT_POINTS, Tables, limit_phases
-from mp_pca_planner.planning.program.terms import Naturalness
-from mp_pca_planner.planning.program.unknowns import Unknowns
 from mp_pca_planner.planning.solver.sqp import solve
 
 FAR_FROM_LIMITS = [JointState(JOINTS, [0.0, 0.0, 0.0, -1.0])]
@@ -27,7 +25,7 @@ FAR_FROM_LIMITS = [JointState(JOINTS, [0.0, 0.0, 0.0, -1.0])]
 def bounded(segment, bounds, rho=0.0):
     """The problem of a segment with limits."""
     terms = [[Naturalness(segment.expected, rho * np.eye(segment.expected.size))]]
-    return Problem([segment], terms, [[bounds]], [None], None, [])
+    return MotionProgram([segment], terms, [[bounds]], [None], None, [])
 
 
 def constrained(name, overrides, seed=0, rho=0.0):

@@ -12,16 +12,15 @@ from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.objectives import OBJECTIVES, QUANTITIES, objective_by_name
-from mp_pca_planner.planning.program.segment import SegmentProgram
+from mp_pca_planner.planning.program.constraints import PoseTarget
+from mp_pca_planner.planning.program.segment import SegmentProgram, Unknowns
 from mp_pca_planner.planning.program.tables import Tables
-from mp_pca_planner.planning.program.targets import PoseTarget
-from mp_pca_planner.planning.program.unknowns import Unknowns
 
 START = JointState(JOINTS, [-0.2, 0.1, 0.2, -0.6], [0.2, 0.1, -0.3, 0.1], [1.0, -1.0, 0.5, 2.0])
 GOAL = JointState(JOINTS, [0.6, 0.4, -0.1, -1.4])
 
 
-def compile_free(name="arm", seed=0, free_rows=(3,), **options):
+def compile_free(name="arm", seed=0, free_orders=((), (0,)), **options):
     """A program of which everything is free, and unknowns at which nothing is 0."""
     basis = BASES[name]
     motion = Motion(START, GOAL, 0.9, basis, np.zeros(basis.n_weights))
@@ -32,7 +31,7 @@ def compile_free(name="arm", seed=0, free_rows=(3,), **options):
             basis.scales,
             motion.boundary,
             0.9,
-            free_rows=free_rows,
+            free_orders=free_orders,
             duration_is_free=True,
         ),
         motion.weights,
@@ -58,7 +57,9 @@ def motion_of(program, x, basis):
 @pytest.mark.parametrize("name", OBJECTIVES)
 def test_the_gradient_of_each_objective_equals_central_differences(name, basis):
     objective = objective_by_name(name, arm_robot())
-    program, x = compile_free(basis, objectives=[(0.7, objective)], free_rows=range(6))
+    program, x = compile_free(
+        basis, objectives=[(0.7, objective)], free_orders=(range(3), range(3))
+    )
     found = program.at(x)[1].gradient
     wanted = central_differences(lambda x: np.array(program.at(x)[1].cost), x)
     np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
@@ -66,7 +67,7 @@ def test_the_gradient_of_each_objective_equals_central_differences(name, basis):
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_derivatives_of_states_and_efforts_by_every_unknown_equal_central_differences(quantity):
-    program, x = compile_free(free_rows=range(6))
+    program, x = compile_free(free_orders=(range(3), range(3)))
     found = program.at(x)[0].slopes[quantity].reshape(-1, x.size)
     wanted = central_differences(lambda x: getattr(program.at(x)[0].nodes, quantity).ravel(), x)
     np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())

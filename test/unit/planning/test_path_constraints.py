@@ -13,8 +13,7 @@ from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.path_constraints import Upright, path_constraints
 from mp_pca_planner.planning.plan import INFEASIBLE
-from mp_pca_planner.planning.program.along_path import AlongPath
-from mp_pca_planner.planning.program.constraints import Findings
+from mp_pca_planner.planning.program.constraints import AlongPath, Findings
 from mp_pca_planner.resources import config_file
 
 FRAME = "wrist"

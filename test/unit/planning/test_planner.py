@@ -120,9 +120,9 @@ def test_starts_that_there_is_no_time_for_are_left_out():
 
 def test_limits_without_a_demonstration_and_poses_of_least_effort():
     # None of the demonstrations lies within these limits.
-    narrow = {name: {"min_position": 0.3, "max_position": 0.31} for name in JOINTS}
+    narrow = {name: {"min_position": 0.3, "max_position": 0.32} for name in JOINTS}
     subject = planner(overrides=narrow, naturalness=0.0)
-    inside = JointState(JOINTS, np.full(4, 0.305))
+    inside = JointState(JOINTS, np.full(4, 0.31))
     assert subject.plan(JointGoal(inside, 1.0), inside).status == SOLVED
     subject = planner(naturalness=0.0)
     goal, start = request(2)

@@ -9,10 +9,8 @@ from scipy.integrate import quad_vec
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.program.segment import SegmentProgram
+from mp_pca_planner.planning.program.segment import Naturalness, SegmentProgram, Unknowns
 from mp_pca_planner.planning.program.tables import N_NODES, Tables
-from mp_pca_planner.planning.program.terms import Naturalness
-from mp_pca_planner.planning.program.unknowns import Unknowns
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.recordings.synthetic import generate_motions
 

@@ -11,10 +11,10 @@ from patience import PATIENT
 
 import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
-from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.motion import Motion, effort_of, rank_of
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.costs import effort_of, rank_of
+from mp_pca_planner.planning.report import selection_reason
 from mp_pca_planner.planning.requests.selection import Considered, Selection, Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -112,15 +112,17 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender_and_says_so() -> 
         assert cheapest.selection == f"the goal names '{plan.primitive}'"
         if len(names) > 1:
             n_contested += 1
-            assert f"'{plan.primitive}' won of the {len(names)} planned" in plan.selection
+            assert (
+                f"'{plan.primitive}' has the least cost of the {len(names)} planned"
+                in plan.selection
+            )
     assert n_contested
 
 
 def test_a_motion_outside_of_the_limits_is_told_in_the_reason() -> None:
     selection = Selection((considered(100.0), considered(101.0)), 2)
-    assert "'b' won of the 2 planned: 'a' outside of the limits, 'b' 12.5" in selection.reason(
-        "b", {"a": None, "b": 12.5}
-    )
+    reason = selection_reason(selection, "b", {"a": None, "b": 12.5})
+    assert "'b' has the least cost of the 2 planned: 'a' not within the limits, 'b' 12.5" in reason
 
 
 def test_a_pose_and_the_shortest_duration_are_planned_with_the_first_alone() -> None:

@@ -20,11 +20,10 @@ from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.options import SolverOptions
 from mp_pca_planner.planning.plan import MODES, OPTIMAL, REAL_TIME, Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.compile import compile_problem
-from mp_pca_planner.planning.program.joining import expected_motion
-from mp_pca_planner.planning.program.problem import Problem
+from mp_pca_planner.planning.program.compile import compile_program
+from mp_pca_planner.planning.program.motion_program import MotionProgram
+from mp_pca_planner.planning.program.setting import joined_motion, sequence_setting
 from mp_pca_planner.planning.requests.resolve import resolve
-from mp_pca_planner.planning.search.settings import sequence_setting
 from mp_pca_planner.planning.solver.sqp import solve
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
@@ -113,18 +112,18 @@ def test_optimal_takes_less_effort_in_the_same_time() -> None:
     assert best.effort_cost == pytest.approx(integral, rel=5e-3)
 
 
-def chain(posed: bool, *, with_limits: bool) -> Problem:
+def chain(posed: bool, *, with_limits: bool) -> MotionProgram:
     """The program of a sequence with tight limits, bounded by them or not."""
     goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
     context = tight._context
-    resolved = next(resolve(context, tight._selector, goal, start))
+    (resolved,) = resolve(context, tight._selector, goal, start, OPTIMAL)
     bases = tuple(context.bases.basis(one, is_paced=False) for one in resolved.segments)
-    joined = expected_motion(resolved, bases, [one.duration for one in resolved.segments])
-    problem = compile_problem(context, resolved, sequence_setting(context, bases, joined))
+    joined = joined_motion(resolved, bases, [one.duration for one in resolved.segments])
+    program = compile_program(context, resolved, sequence_setting(context, bases, joined))
     if with_limits:
-        return problem.constrained([[one.everywhere() for one in p] for p in problem.constraints])
-    return problem.constrained([[] for _ in problem.segments])
+        return program.constrained([[one.everywhere() for one in p] for p in program.constraints])
+    return program.constrained([[] for _ in program.segments])
 
 
 @pytest.mark.parametrize("posed", [False, True])

@@ -94,7 +94,8 @@ def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
     assert plan.status == STOPPED_EARLY
     assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before")
     assert (
-        "this one follows a minimum-jerk path, keeps the limits and may be executed" in plan.message
+        "this motion follows a minimum-jerk path, keeps the limits and may be executed"
+        in plan.message
     )
     assert f"lengthened from {arm_duration(goal, start):.3g} to" in plan.message
     summary = plan.summary()
@@ -142,7 +143,7 @@ def test_search_that_ends_without_a_motion_does_not_blame_the_time():
     plan = planner(overrides=overrides, max_solve_time=EVER).plan(goal, start)
     assert_serves(plan, start, overrides)
     assert plan.status == STOPPED_EARLY
-    assert plan.message.startswith("no motion optimised within the limits was found; this one")
+    assert plan.message.startswith("no motion optimised within the limits was found; this motion")
 
 
 @given(st.floats(0.2, 3.0), st.booleans())
@@ -203,7 +204,7 @@ def test_gravity_beyond_the_limits_of_effort_is_said():
     for limit in (NO_TIME, 30.0):
         plan = planner(overrides=overrides, max_solve_time=limit).plan(goal, start)
         assert plan.status == INFEASIBLE
-        assert "nor was a slow one found: on the straight path gravity alone" in plan.message
+        assert "no slow motion was found: on the straight path gravity alone" in plan.message
         assert f"of joint '{JOINTS[j]}'" in plan.message
 
 
@@ -285,7 +286,7 @@ def test_knots_of_a_brake_are_points_of_the_trajectory_in_any_predicted_duration
     subject = planner(overrides=dict.fromkeys(JOINTS, bounds), max_solve_time=NO_TIME)
     plan = subject.plan(goal, start)
     assert plan.is_executable, plan.message
-    if "this one brakes" in plan.message:
+    if "this motion brakes" in plan.message:
         steps = plan.trajectory.times / subject.options.sample_period
         np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 

@@ -13,8 +13,8 @@ from scipy.optimize import minimize
 from test_segment import BASES, compile_motion
 
 from mp_pca_planner.planning.options import SolverOptions
-from mp_pca_planner.planning.program.problem import Problem
-from mp_pca_planner.planning.program.terms import Naturalness
+from mp_pca_planner.planning.program.motion_program import MotionProgram
+from mp_pca_planner.planning.program.segment import Naturalness
 from mp_pca_planner.planning.solver.program import FEASIBLE
 from mp_pca_planner.planning.solver.quadratic import nearest_step, trust_region_step
 from mp_pca_planner.planning.solver.sqp import Subproblem, solve
@@ -181,7 +181,7 @@ def unlimited(basis, seed=0, rho=0.0):
     """The problem of a motion without limits, and the motion."""
     segment, motion = compile_motion(basis, seed)
     natural = Naturalness(segment.expected, rho * np.eye(segment.expected.size))
-    return Problem([segment], [[natural]], [[]], [None], None, []), motion
+    return MotionProgram([segment], [[natural]], [[]], [None], None, []), motion
 
 
 @pytest.mark.parametrize("name", BASES)

@@ -1,0 +1,357 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The nonlinear program of a motion: terms and constraints of its segments, stacked.
+
+The unknowns of neighbours meet at their target: its position if it is a pose, its velocity and
+acceleration unless the motion stops there, and the time at which it is passed. With passing times
+as unknowns, fixed sums of durations need no constraint.
+
+The solver enforces limits at the points of a grid, and clearances of pairs of links that collided
+before. The validator checks the motion on a denser grid. If it finds a violation, constraints are
+refined, and the solver continues from its last solution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from operator import is_
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...motion.goal import JointState
+from ..motion import Motion
+from ..request import Request
+from .clearance import Clearance
+from .constraints import Constraint, Findings, Linear, PoseTarget
+from .segment import END_SCALES, LOG_DURATION_SCALE, SegmentProgram, Term
+
+
+@dataclass(frozen=True, eq=False)
+class Junction:
+    """The start or a target: the state and time that adjacent segments share.
+
+    Attributes
+    ----------
+    state : JointState
+        Initial value of the state.
+    time : float
+        Initial value of the passing time [s].
+    unit : float
+        A typical duration [s], the unit of changes of times and derivatives.
+    orders : tuple of int
+        Orders of the derivatives that are unknowns; 0 is the position.
+    time_is_free : bool
+        Whether the time is an unknown.
+    fixed_state : JointState or None
+        The fixed part of the state, derivatives 0 where free; None if the position is free.
+    """
+
+    state: JointState
+    time: float
+    unit: float
+    orders: tuple[int, ...]
+    time_is_free: bool
+    fixed_state: JointState | None
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: those of the derivatives, then the time."""
+        return len(self.orders) * self.state.positions.size + self.time_is_free
+
+    def at(self, x: FloatArray) -> tuple[JointState, float]:
+        """State and time [s]."""
+        values, n = [*self.state.values], self.state.positions.size
+        for k, order in enumerate(self.orders):
+            unit = END_SCALES[order] / self.unit**order
+            values[order] = values[order] + unit * x[k * n : (k + 1) * n]
+        time = self.time + self.time_unit * float(x[-1]) if self.time_is_free else self.time
+        return JointState(self.state.joint_names, *values), time
+
+    @property
+    def time_unit(self) -> float:
+        """Usual change of the time [s]."""
+        return LOG_DURATION_SCALE * self.unit
+
+
+def junctions_of(request: Request, initial: Sequence[Motion]) -> tuple[Junction, ...]:
+    """The junctions of a request, with initial values of a motion."""
+    durations = np.array([motion.duration for motion in initial])
+    ends = np.cumsum(durations)
+    last_of_groups = [group[-1] for group, _ in request.groups]
+    start = initial[0].start
+    found = [Junction(start, 0.0, 1.0, (), False, start)]
+    for i, (motion, segment) in enumerate(zip(initial, request.segments, strict=True)):
+        orders = (*([] if segment.pose is None else [0]), *([] if segment.stops else [1, 2]))
+        unit = float(durations[i : i + 2].mean())
+        fixed: JointState | None = motion.goal
+        if orders:
+            rests = 0 not in orders
+            fixed = JointState(motion.goal.joint_names, motion.goal.positions) if rests else None
+        is_free = i not in last_of_groups
+        found.append(Junction(motion.goal, float(ends[i]), unit, orders, is_free, fixed))
+    return tuple(found)
+
+
+class Chain:
+    """The unknowns of several segments between junctions.
+
+    These are the weights of the first segment, the first target, the weights of the second segment,
+    and so on.
+
+    Parameters
+    ----------
+    junctions : sequence of Junction
+        The start and the targets.
+    segments : sequence of SegmentProgram
+        The segments, with the free rows and the free durations of the junctions.
+
+    Attributes
+    ----------
+    slices : tuple of slice
+        The unknowns on which each segment depends.
+    start : array, shape (n,)
+        Unknowns of the expected weights and of the initial junctions.
+    """
+
+    def __init__(self, junctions: Sequence[Junction], segments: Sequence[SegmentProgram]) -> None:
+        self._junctions, self._segments = junctions, segments
+        self._where, self._own, at = [slice(0, 0)], list[slice](), 0
+        for junction, segment in zip(junctions[1:], segments, strict=True):
+            first = at + segment.unknowns.n_weights
+            self._own.append(slice(at, first))
+            self._where.append(slice(first, first + junction.size))
+            at = first + junction.size
+        befores = self._where[:-1]
+        self.slices = tuple(
+            slice(before.start, after.stop)
+            for before, after in zip(befores, self._where[1:], strict=True)
+        )
+        self.start = np.zeros(at)
+        for own, segment in zip(self._own, segments, strict=True):
+            self.start[own] = segment.expected[: segment.unknowns.n_weights]
+
+    def states(self, x: FloatArray) -> list[tuple[JointState, float]]:
+        """States and times of the junctions, see :meth:`Junction.at`."""
+        pairs = zip(self._junctions, self._where, strict=True)
+        return [junction.at(x[where]) for junction, where in pairs]
+
+    def weights(self, x: FloatArray) -> list[FloatArray]:
+        """Weights of the segments."""
+        pairs = zip(self._own, self._segments, strict=True)
+        return [x[own] * segment.unknowns.scales[: own.stop - own.start] for own, segment in pairs]
+
+    def parts(self, x: FloatArray) -> list[tuple[FloatArray, FloatArray]] | None:
+        """Each segment's unknowns, and their derivatives by its slice of x.
+
+        None if a duration is out of range.
+        """
+        parts = []
+        for i, ((_, began), (_, ended)) in enumerate(pairwise(self.states(x))):
+            if not self._segments[i].unknowns.accepts(ended - began):
+                return None
+            parts.append(self._part(i, x, ended - began))
+        return parts
+
+    def _part(self, i: int, x: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
+        unknowns, n = self._segments[i].unknowns, self._segments[i].unknowns.n_joints
+        m, own, where = unknowns.n_weights, self._own[i], self.slices[i]
+        local = np.zeros(unknowns.scales.size)
+        jacobian = np.zeros((unknowns.scales.size, where.stop - where.start))
+        local[:m] = x[own]
+        jacobian[:m, own.start - where.start : own.stop - where.start] = np.eye(m)
+        row = m
+        for side, sign in ((0, -1.0), (1, 1.0)):
+            junction = self._junctions[i + side]
+            column = self._where[i + side].start - where.start
+            for order in junction.orders:
+                factor = (unknowns.duration / junction.unit) ** order
+                local[row : row + n] = factor * x[where][column : column + n]
+                jacobian[row : row + n, column : column + n] = factor * np.eye(n)
+                row, column = row + n, column + n
+            if junction.time_is_free:
+                local[-1] = unknowns.log_duration_unknown(duration)
+                by_time = 1.0 / (duration * unknowns.log_duration_slope(local))
+                jacobian[-1, column] = sign * by_time * junction.time_unit
+        return local, jacobian
+
+
+class MotionProgram:
+    """A compiled request (see :class:`.solver.program.Program`).
+
+    Parameters
+    ----------
+    segments : sequence of SegmentProgram
+        The segments with their running costs.
+    terms : sequence of (sequence of Term)
+        Further terms of each segment.
+    constraints : sequence of (sequence of Constraint)
+        The constraints of each segment.
+    targets : sequence of (PoseTarget or None)
+        The pose at the end of each segment, if its goal positions are unknowns.
+    links : Chain or None
+        What the unknowns of several segments share; None for one segment.
+    starts : sequence of (array, shape (n,))
+        Unknowns to start from, the cheapest first.
+
+    Attributes
+    ----------
+    lower, upper : array, shape (n_inequalities,)
+        Bounds of the inequalities, segment after segment.
+    """
+
+    def __init__(
+        self,
+        segments: Sequence[SegmentProgram],
+        terms: Sequence[Sequence[Term]],
+        constraints: Sequence[Sequence[Constraint]],
+        targets: Sequence[PoseTarget | None],
+        links: Chain | None,
+        starts: Sequence[FloatArray],
+    ) -> None:
+        self.segments, self.terms, self.targets = segments, terms, targets
+        self.constraints, self.links, self.starts = constraints, links, starts
+        size = segments[0].unknowns.scales.size
+        self.slices = (slice(0, size),) if links is None else links.slices
+        flat = [one for part in constraints for one in part]
+        self.lower = np.concatenate([np.zeros(0), *(one.lower for one in flat)])
+        self.upper = np.concatenate([np.zeros(0), *(one.upper for one in flat)])
+        self.has_clearances = any(one.lower.size for one in flat if isinstance(one, Clearance))
+
+    def parts(self, x: FloatArray) -> Sequence[tuple[FloatArray, FloatArray | None]] | None:
+        """Each segment's unknowns, and their derivatives by its slice of x (None: the identity).
+
+        None if a duration is out of range.
+        """
+        return [(x, None)] if self.links is None else self.links.parts(x)
+
+    def evaluate(self, x: FloatArray) -> MotionPoint:
+        """Objective and constraints at x; the cost is NaN if there is no motion."""
+        return MotionPoint(self, x, self.parts(x))
+
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """Errors of the targets alone."""
+        parts = self.parts(x)
+        assert parts is not None
+        found = zip(self.targets, parts, strict=True)
+        errors = [target.errors(own) for target, (own, _) in found if target is not None]
+        return np.concatenate([np.zeros(0), *errors])
+
+    def refined(self, found: Sequence[Findings], violates: bool) -> MotionProgram:
+        """The program with constraints refined after a check; itself if nothing was found.
+
+        Parameters
+        ----------
+        found : sequence of Findings
+            What was found in each segment.
+        violates : bool
+            Whether limits are violated.
+        """
+        refined = [
+            [constraint.refined(one) for constraint in part]
+            for part, one in zip(self.constraints, found, strict=True)
+        ]
+        if violates:
+            # A limit that is violated in one segment is likely to be violated in others, too.
+            longer = np.zeros(len(refined[0]), dtype=bool)
+            for part, before in zip(refined, self.constraints, strict=True):
+                sizes = zip(part, before, strict=True)
+                longer |= [new.lower.size > old.lower.size for new, old in sizes]
+            refined = [
+                [one.everywhere() if more else one for one, more in zip(part, longer, strict=True)]
+                for part in refined
+            ]
+        for part, before in zip(refined, self.constraints, strict=True):
+            if not all(map(is_, part, before)):
+                return self.constrained(refined)
+        return self
+
+    def constrained(self, constraints: Sequence[Sequence[Constraint]]) -> MotionProgram:
+        """The same with other constraints."""
+        return MotionProgram(
+            self.segments, self.terms, constraints, self.targets, self.links, self.starts
+        )
+
+
+class MotionPoint:
+    """A program at one x (see :class:`.solver.program.Point`).
+
+    Attributes
+    ----------
+    cost : float
+        The objective; NaN if there is no motion.
+    gradient : array, shape (n,)
+        Its gradient.
+    hessian : array, shape (n, n)
+        The part of its Hessian that is known.
+    inequalities : array, shape (n_inequalities,)
+        Values of the constraints.
+    equalities : array, shape (n_equalities,)
+        Errors of the targets.
+    equality_rows : array, shape (n_equalities, n)
+        Their derivatives.
+    """
+
+    def __init__(
+        self,
+        program: MotionProgram,
+        x: FloatArray,
+        parts: Sequence[tuple[FloatArray, FloatArray | None]] | None,
+    ) -> None:
+        self.cost, self.gradient, self._size = 0.0, np.zeros(x.size), x.size
+        self.inequalities, self.equalities = np.zeros(program.lower.size), np.zeros(0)
+        self.equality_rows = np.zeros((0, x.size))
+        self._linear: list[tuple[slice, FloatArray | None, slice, Linear]] = []
+        self.hessian = np.zeros((x.size, x.size))
+        if parts is None:
+            self.cost = float("nan")
+            return
+        first, errors, slopes = 0, [self.equalities], [self.equality_rows]
+        for i, (own, by_x) in enumerate(parts):
+            segment, where = program.segments[i], program.slices[i]
+            course, (cost, gradient, hessian) = segment.at(own)
+            for term in program.terms[i]:
+                more = term.at(course)
+                cost, gradient = cost + more.cost, gradient + more.gradient
+                hessian = hessian + more.hessian
+            if by_x is not None:
+                gradient, hessian = gradient @ by_x, by_x.T @ hessian @ by_x
+            self.cost += cost
+            self.gradient[where] += gradient
+            self.hessian[where, where] += hessian
+            for constraint in program.constraints[i]:
+                if constraint.lower.size:
+                    at = constraint.at(course)
+                    rows = slice(first, first + at.values.size)
+                    self.inequalities[rows] = at.values
+                    self._linear.append((where, by_x, rows, at))
+                    first = rows.stop
+            if (target := program.targets[i]) is not None:
+                missed, by_own = target.equations(own)
+                errors.append(missed)
+                slopes.append(np.zeros((missed.size, x.size)))
+                slopes[-1][:, where] = by_own if by_x is None else by_own @ by_x
+        self.equalities, self.equality_rows = np.concatenate(errors), np.concatenate(slopes)
+
+    def inequality_rows(
+        self, chosen: NDArray[np.intp], bounds: FloatArray | None = None
+    ) -> FloatArray:
+        """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
+        rows = np.zeros((chosen.size, self._size))
+        for where, by_x, at_rows, at in self._linear:
+            own = (chosen >= at_rows.start) & (chosen < at_rows.stop)
+            if own.any():
+                there = None if bounds is None else bounds[own]
+                part = at.rows(chosen[own] - at_rows.start, there)
+                rows[own, where] = part if by_x is None else part @ by_x
+        return rows
+
+    def inequalities_after(self, step: FloatArray) -> FloatArray:
+        """Their linear prediction."""
+        after = np.empty(self.inequalities.size)
+        for where, by_x, rows, at in self._linear:
+            after[rows] = at.after(step[where] if by_x is None else by_x @ step[where])
+        return after
