@@ -154,7 +154,7 @@ def test_manifest_names_every_package_that_is_imported() -> None:
 
 def test_ci_runs_the_commands_of_the_readme() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    demo, tests = re.findall(r"^(scripts/in_venv .+)$", readme, re.MULTILINE)[:2]
+    demo, tests = re.findall(r"^(scripts/in_venv \S+ python3 .+)$", readme, re.MULTILINE)[:2]
     assert demo.endswith("-m mp_pca_planner demo --output demo_output")
     assert tests in (ROOT / ".ci/run").read_text(encoding="utf-8")
 
