@@ -40,6 +40,7 @@ from virtual_node import VirtualNode, scene_and_model
 
 from mp_pca_planner.evaluation.problems import Scene
 from mp_pca_planner.execution.serving.assembly import Model
+from mp_pca_planner.execution.serving.execution import GoalOutcome
 from mp_pca_planner.motion.goal import JointGoal, JointState
 
 EVENTS_IN_A_RUN = 10
@@ -402,7 +403,7 @@ def summary(results: Sequence[Result]) -> dict[str, Any]:
     return {
         "events": sum(len(run.events) for run in runs),
         "goals": sum(run.n_goals for run in runs),
-        **{status: plans[status] for status in ("served", "under_way", "overtaken", "refused")},
+        **{status: plans[status] for status in GoalOutcome},
         **dict(sorted(ends.items())),
         "limits exceeded": sum(len(result.verdict.exceeded) for result in results),
         "jumps": sum(result.n_jumps for result in results),

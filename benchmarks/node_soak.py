@@ -49,6 +49,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
+from mp_pca_planner.execution.serving.execution import GoalOutcome
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.ros.client import is_served, report_values, this_machine_only
 from mp_pca_planner.ros.messages import to_stamp_text
@@ -58,7 +59,7 @@ T = TypeVar("T")
 _KINDS = ("good", "bad", "mixed")
 _MOST_MEGABYTES = 5.0
 _PATIENCE = 5.0
-_COUNTS = ("served", "refused", "under_way", "overtaken")
+_COUNTS = tuple(GoalOutcome)
 
 
 class Outcome(NamedTuple):

@@ -22,7 +22,11 @@ from mp_pca_planner.evaluation.problems import Scene, robot_file
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.serving.assembly import Model, assemble_model
-from mp_pca_planner.execution.serving.execution import Execution, ExecutionReport
+from mp_pca_planner.execution.serving.execution import (
+    Execution,
+    ExecutionReport,
+    GoalOutcome,
+)
 from mp_pca_planner.execution.serving.goal_planner import GoalRequest
 from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
 from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
@@ -75,10 +79,10 @@ def receive(
 
 @dataclass(frozen=True)
 class PlanReport:
-    """Report of a goal: 'served', 'under_way', 'overtaken' or 'refused', and the reason."""
+    """Report of a goal: what became of it, and the reason."""
 
     name: Any
-    status: str
+    status: GoalOutcome
     message: str
     time: float
 
@@ -156,13 +160,13 @@ class VirtualNode:
     def goal(self, goal: Goal, name: Any) -> None:
         """Receive a goal, which replaces a waiting one."""
         if self._pending is not None:
-            self._answer(self._pending[0], "overtaken", "")
+            self._answer(self._pending[0], GoalOutcome.OVERTAKEN, "")
         self._pending = name, goal
 
     def stop(self) -> str:
         """Call the service ~/stop."""
         if self._pending is not None:
-            self._answer(self._pending[0], "overtaken", "")
+            self._answer(self._pending[0], GoalOutcome.OVERTAKEN, "")
             self._pending = None
         self._is_cancelled = True
         self.stops.append(self.now)
@@ -199,14 +203,15 @@ class VirtualNode:
             served = self.server.serve(GoalRequest(goal, self._model, name), is_cancelled)
         except CancelledError:
             self._may_cancel = False
-            self._answer(name, "overtaken", "")
+            self._answer(name, GoalOutcome.OVERTAKEN, "")
         except PlannerError as error:
             self._may_cancel = True
-            self._answer(name, "refused", str(error))
+            self._answer(name, GoalOutcome.REFUSED, str(error))
             self.advance(0.001)
         else:
             self._may_cancel = True
-            self._answer(name, "under_way" if served.under_way else "served", served.under_way)
+            outcome = GoalOutcome.UNDER_WAY if served.under_way else GoalOutcome.SERVED
+            self._answer(name, outcome, served.under_way)
             self.advance(0.001)
 
     def _slow(self, planner: Any, name: str) -> Any:
@@ -278,5 +283,5 @@ class VirtualNode:
         if execution is not None:
             self.reported.append((self.now, report, execution))
 
-    def _answer(self, name: Any, status: str, message: str) -> None:
+    def _answer(self, name: Any, status: GoalOutcome, message: str) -> None:
         self.plan_reports.append(PlanReport(name, status, message, self.now))

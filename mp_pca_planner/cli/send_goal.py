@@ -15,10 +15,10 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
-from ..execution.serving.execution import ARRIVED
+from ..execution.serving.execution import Outcome
 from ..motion.goal import JointState, Pose, SequenceGoal
 from ..ros.client import READY, GoalClient, RobotClient, check_node_name, is_served, report_values
-from ..ros.messages import to_pose_message, to_sequence_message
+from ..ros.goal_messages import to_pose_message, to_sequence_message
 from ..ros.nodes import NoAnswerError
 from .common import print_json, report_lines
 from .goal_arguments import joint_values, sequence_goal, stated_pose
@@ -67,7 +67,7 @@ def _send(arguments: argparse.Namespace, client: RobotClient, message: Any) -> i
         if execution is not None:
             values = report_values(execution)
             facts["execution"] = {"message": execution.message, **values}
-            status = DONE if values["outcome"] == ARRIVED else FAILED
+            status = DONE if values["outcome"] == Outcome.ARRIVED else FAILED
             if not arguments.json:
                 say(execution.message)
     if arguments.json:

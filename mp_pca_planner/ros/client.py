@@ -20,9 +20,11 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError
+from ..execution.serving.execution import GoalOutcome
 from ..recordings.joint_states import NS_PER_S
 from ..resources import config_file
-from .messages import OVERTAKEN, UNDER_WAY, to_stamp_text
+from .goal_messages import GOAL_TOPICS
+from .messages import to_stamp_text
 from .node import NODE_NAME
 from .nodes import NoAnswerError as NoAnswerError
 from .nodes import NodeInOwnContext
@@ -33,8 +35,6 @@ DEPTH = 10_000
 
 READY = "ready for goals"
 """Sentence in the diagnostics of a node that has all it needs."""
-
-_GOAL_TOPICS = {JointState: "goal", PoseStamped: "goal_pose", JointTrajectory: "goal_sequence"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +99,8 @@ def check_node_name(namespace: str, node: str) -> None:
 
 def is_served(report: DiagnosticStatus) -> bool:
     """Whether a motion was published for the reported goal, or for one that it repeats."""
-    return (
-        report.level != DiagnosticStatus.ERROR and report_values(report).get("status") != OVERTAKEN
-    )
+    is_overtaken = report_values(report).get("status") == GoalOutcome.OVERTAKEN
+    return report.level != DiagnosticStatus.ERROR and not is_overtaken
 
 
 def report_values(report: DiagnosticStatus) -> dict[str, str]:
@@ -142,8 +141,10 @@ class GoalClient(NodeInOwnContext):
         self._trajectory_received = self._diagnostics_received = 0.0
         node = self.node
         self._publishers = {
-            topic: node.create_publisher(kind, f"{planner}/{topic}", 1)
-            for kind, topic in _GOAL_TOPICS.items()
+            topic.message_type: node.create_publisher(
+                topic.message_type, f"{planner}/{topic.name}", 1
+            )
+            for topic in GOAL_TOPICS
         }
         self._services = {
             name: node.create_client(Trigger, f"{planner}/{name}")
@@ -186,7 +187,7 @@ class GoalClient(NodeInOwnContext):
 
     def publish_goal(self, goal: JointState | PoseStamped | JointTrajectory) -> None:
         """Send a goal without waiting for its report."""
-        self._publishers[_GOAL_TOPICS[type(goal)]].publish(goal)
+        self._publishers[type(goal)].publish(goal)
 
     def send(
         self,
@@ -221,7 +222,7 @@ class GoalClient(NodeInOwnContext):
 
         self.wait(lambda: own_report() is not None, timeout, "did not report")
         report = own_report()
-        is_under_way = report_values(report).get("status") == UNDER_WAY
+        is_under_way = report_values(report).get("status") == GoalOutcome.UNDER_WAY
         if not with_trajectory or is_under_way or not is_served(report):
             return Answer(report, None, None)
         trajectory = self.next_trajectory(n_trajectories, timeout)
@@ -341,7 +342,7 @@ class RobotClient(GoalClient):
         NoAnswerError
             If its execution is not reported.
         """
-        is_under_way = answer.values.get("status") == UNDER_WAY
+        is_under_way = answer.values.get("status") == GoalOutcome.UNDER_WAY
         if not is_served(answer.report) or is_under_way:
             return None
         if not (self.executions or self.node.count_publishers(self._report)):

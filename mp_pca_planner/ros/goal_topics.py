@@ -5,30 +5,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
-from sensor_msgs.msg import JointState as JointStateMessage
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
 
-from ..exceptions import GoalError, unknown_name
+from ..exceptions import GoalError
 from ..execution.serving.assembly import Model, is_outdated
-from ..execution.serving.execution import Served
-from ..execution.serving.goal_planner import GoalRequest, UnexecutablePlanError
+from ..execution.serving.execution import GoalOutcome, Served
+from ..execution.serving.goal_planner import AnyPlan, UnexecutablePlanError
 from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.threads import CancelledError, IsCancelled, PreemptiveWorker
-from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.requests.resolve import in_order
-from ..robot.model import Robot
-from . import messages
+from .goal_messages import GOAL_TOPICS, GoalTopic, ReceivedGoal, read_goal, read_stamp
 from .last_motion import LastMotion
+from .messages import to_goal_report, to_plan_report, to_text
 from .nodes import LOG_PERIOD, GuardedNode
 from .planning_setup import PlanningSetup
 from .subscriptions import EVERY, GOALS, GroupExecutor, ThreadGroup
@@ -36,75 +27,6 @@ from .subscriptions import EVERY, GOALS, GroupExecutor, ThreadGroup
 # Longest wait for a model of the present positions of other joints [s], and how many models a goal
 # is planned with at most.
 _LONGEST_WAIT, _MAX_MODELS = 1.0, 5
-
-
-def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointState], PoseGoal]:
-    """Return the conversion of a goal from a reference frame to the frame of the base.
-
-    Parameters
-    ----------
-    goal : PoseGoal
-        Its pose is relative to the reference frame.
-    reference : str
-        A link of the robot; empty: its base. For a moving link, its pose at the start of the
-        motion counts: "10 cm forward" in the frame of a tool.
-    robot : Robot
-        The robot with the links.
-
-    Raises
-    ------
-    GoalError
-        If there is no such link.
-
-    Returns
-    -------
-    :
-        Takes the start state of the motion and returns the goal in the frame of the base.
-    """
-    if not reference:
-        return lambda _: goal
-    if reference not in robot.frame_names:
-        reason = unknown_name("link of the robot", reference, robot.frame_names)
-        raise GoalError(
-            f"the goal is stated in the frame '{reference}', but {reason}; an empty frame_id "
-            "means the base"
-        )
-
-    def make_goal(start: JointState) -> PoseGoal:
-        # Imported late for a fast start of the node.
-        from scipy.spatial.transform import Rotation
-
-        q = in_order(start, robot.joint_names).positions
-        (place,) = robot.attached_poses(q[None], [reference], np.zeros((1, 6)))[0]
-        turned, pose = Rotation.from_quat(place[3:]), goal.pose
-        orientation = pose.orientation
-        if orientation is not None:
-            orientation = (turned * Rotation.from_quat(orientation)).as_quat()
-        position = place[:3] + turned.as_matrix() @ pose.position
-        return replace(goal, pose=Pose(pose.frame, position, orientation))
-
-    return make_goal
-
-
-@dataclass(frozen=True, eq=False)
-class _Request(GoalRequest):
-    """A goal, named by the stamp of its message.
-
-    Attributes
-    ----------
-    message : object
-        The message.
-    ignored_joints : tuple of str
-        Joints of the message that the primitives don't move.
-    """
-
-    message: Any = None
-    ignored_joints: tuple[str, ...] = ()
-
-    def check(self) -> None:
-        """Raise a `PlannerError` if the goal can be rejected without planning."""
-        if isinstance(self.goal, JointGoal):
-            self.model.planner.check(self.goal)
 
 
 class _Reaction:
@@ -140,19 +62,15 @@ class GoalTopics:
         self._node, self._setup, self._server = node, setup, server
         self._statistics, self._last_motion = statistics, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
-        self._worker: PreemptiveWorker[_Request | _Reaction] = PreemptiveWorker(
+        self._worker: PreemptiveWorker[ReceivedGoal | _Reaction] = PreemptiveWorker(
             self._serve, self._on_preempted, last_motion.show_preview, self._on_failure
         )
         group = ThreadGroup()
-        for message_type, topic in (
-            (JointStateMessage, "~/goal"),
-            (PoseStamped, "~/goal_pose"),
-            (JointTrajectory, "~/goal_sequence"),
-        ):
+        for topic in GOAL_TOPICS:
             node.create_subscription(
-                message_type,
-                topic,
-                partial(self._receive, message_type),
+                topic.message_type,
+                f"~/{topic.name}",
+                partial(self._receive, topic),
                 GOALS,
                 callback_group=group,
                 raw=True,
@@ -186,26 +104,25 @@ class GoalTopics:
             response.success = True
         return response
 
-    def _receive(self, message_type: Any, content: bytes) -> None:
+    def _receive(self, topic: GoalTopic, content: bytes) -> None:
         try:
             context = self._setup.ready()
-            request = _read(messages.read_goal(content, message_type), context)
+            request = topic.goal(read_goal(content, topic.message_type), context)
             # An invalid goal must not preempt a running one. If none is running, planning reports
             # the error.
             if not self._worker.is_idle:
                 request.check()
         except Exception as error:
-            stamp = messages.read_stamp(content)
-            self._reject(messages.to_refusal(self._node.explain(error), stamp))
+            self._reject(self._node.explain(error), read_stamp(content))
         else:
             self._worker.submit(request)
 
-    def _serve(self, request: _Request | _Reaction, is_cancelled: IsCancelled) -> None:
+    def _serve(self, request: ReceivedGoal | _Reaction, is_cancelled: IsCancelled) -> None:
         """Serve a goal, then react to an obstacle that the running motion would hit."""
-        if isinstance(request, _Request):
+        if isinstance(request, ReceivedGoal):
             self._serve_goal(request, is_cancelled)
         has_threat = self._server.monitor.surroundings.threat is not None
-        if not has_threat and isinstance(request, _Request):
+        if not has_threat and isinstance(request, ReceivedGoal):
             return
         react = self._server.avoid_obstacle if has_threat else self._server.go_on
         logger = self._node.get_logger()
@@ -220,9 +137,9 @@ class GoalTopics:
             if served is not None:
                 self._last_motion.replace(served)
             if text:
-                logger.warning(messages.to_text(text))
+                logger.warning(to_text(text))
 
-    def _serve_goal(self, request: _Request, is_cancelled: IsCancelled) -> None:
+    def _serve_goal(self, request: ReceivedGoal, is_cancelled: IsCancelled) -> None:
         """Plan, publish and report, in the thread of the worker."""
         stamp: Time = request.name
 
@@ -245,20 +162,20 @@ class GoalTopics:
                     "goal again when they are at rest"
                 )
         except UnexecutablePlanError as error:
-            self._reject(messages.to_refusal(str(error), stamp, error.plan))
+            self._reject(str(error), stamp, error.plan)
         except CancelledError:
             if is_cancelled():
                 raise
             changed = "the parameters, the primitives or the robot description changed during "
             reason = self._setup.hold or f"{changed}planning; send the goal again"
-            self._reject(messages.to_refusal(reason, stamp))
+            self._reject(reason, stamp)
         except Exception as error:
-            self._reject(messages.to_refusal(self._node.explain(error), stamp))
+            self._reject(self._node.explain(error), stamp)
         else:
             # The motion is published: an error in its report is logged, and rejects nothing.
             self._node.guarded(self._report)(served, request)
 
-    def _with_present_model(self, request: _Request, is_cancelled: IsCancelled) -> _Request:
+    def _with_present_model(self, request: ReceivedGoal, is_cancelled: IsCancelled) -> ReceivedGoal:
         """The request with the model of the present positions of all joints.
 
         The thread of parameters makes that model; while joints keep moving, the newest one counts.
@@ -271,89 +188,55 @@ class GoalTopics:
                 break
             time.sleep(0.01)
         context = self._setup.ready()
-        return request if context is request.model else _read(request.message, context)
+        return request if context is request.model else request.topic.goal(request.message, context)
 
     def _is_relocked(self, model: Model) -> bool:
         """Whether the present model differs in positions of locked joints alone."""
         context = self._setup.context
         return context is not None and not self._setup.hold and context.settings is model.settings
 
-    def _report(self, served: Served, request: _Request) -> None:
+    def _report(self, served: Served, request: ReceivedGoal) -> None:
         plan, stamp = served.plan, request.name
         if served.under_way:
-            self._statistics.count("under_way")
-            self._reports.publish(messages.to_under_way_report(plan, served.under_way, stamp))
+            self._finish(GoalOutcome.UNDER_WAY, served.under_way, stamp, plan)
             return
         # A cost may follow the report at once.
         self._last_motion.replace(served)
         missing = self._server.monitor.surroundings.missing
-        report = messages.to_plan_report(
-            plan, stamp, served.primitives, request.ignored_joints, missing
-        )
+        report = to_plan_report(plan, stamp, served.primitives, request.ignored_joints, missing)
         self._reports.publish(report)
         seconds = plan.trajectory.duration  # as in the report, without a hold before the motion
         times = f"{seconds:.4g} s long, planned in {1e3 * plan.solve_time:.3g} ms"
-        self._node.get_logger().info(messages.to_text(f"goal served: {plan.message} ({times})"))
+        self._node.get_logger().info(to_text(f"goal served: {plan.message} ({times})"))
 
-    def _reject(self, report: DiagnosticStatus) -> None:
-        self._statistics.count("refused")
+    def _reject(self, reason: str, stamp: Time, plan: AnyPlan | None = None) -> None:
         self._node.get_logger().warning(
-            f"goal refused: {report.message}", throttle_duration_sec=LOG_PERIOD
+            f"goal refused: {to_text(reason)}", throttle_duration_sec=LOG_PERIOD
         )
-        self._reports.publish(report)
+        self._finish(GoalOutcome.REFUSED, reason, stamp, plan)
         self._node.guarded(self._last_motion.erase_preview)()
 
-    def _on_failure(self, request: _Request | _Reaction | None, error: BaseException) -> None:
+    def _finish(
+        self, outcome: GoalOutcome, text: str, stamp: Time, plan: AnyPlan | None = None
+    ) -> None:
+        """Count a goal without a motion of its own, and report it."""
+        self._statistics.count(outcome)
+        self._reports.publish(to_goal_report(outcome, text, stamp, plan))
+
+    def _on_failure(self, request: ReceivedGoal | _Reaction | None, error: BaseException) -> None:
         """Log what nothing else caught; a goal is rejected."""
         text = self._node.explain(error)
         self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
-        if isinstance(request, _Request):
-            self._reject(messages.to_refusal(text, request.name))
+        if isinstance(request, ReceivedGoal):
+            self._reject(text, request.name)
 
-    def _on_preempted(self, request: _Request | _Reaction) -> None:
+    def _on_preempted(self, request: ReceivedGoal | _Reaction) -> None:
         if isinstance(request, _Reaction):
             return
         try:
             request.check()
         except Exception as error:
-            self._reject(messages.to_refusal(self._node.explain(error), request.name))
+            self._reject(self._node.explain(error), request.name)
         else:
-            self._statistics.count("overtaken")
-            self._reports.publish(messages.to_overtaken_report(request.name))
-
-
-def _read(message: JointStateMessage | PoseStamped | JointTrajectory, context: Model) -> _Request:
-    """Read a goal, or raise a `PlannerError` if it is malformed."""
-    header, duration = message.header, context.settings.duration
-    if isinstance(message, PoseStamped):
-        posed = messages.to_pose_goal(message, context.end_effector, duration)
-        make_goal = stated_in(posed, header.frame_id, context.planning_robot)
-        return _Request(posed, context, header.stamp, make_goal, message)
-    stated: JointGoal | SequenceGoal
-    if isinstance(message, JointTrajectory):
-        stated = messages.to_sequence_goal(message)
-    else:
-        stated = messages.to_goal(message, duration)
-    goal, ignored = _without_unmoved(stated, context.robot)
-    return _Request(goal, context, header.stamp, message=message, ignored_joints=ignored)
-
-
-def _without_unmoved(
-    goal: JointGoal | SequenceGoal, robot: Robot
-) -> tuple[JointGoal | SequenceGoal, tuple[str, ...]]:
-    """The goal without the robot's joints that don't move here, and the names of these.
-
-    Messages of a whole robot name the joints of its gripper, too. A goal that names no other
-    joints is left as it is, and rejected later.
-    """
-    states = goal.targets if isinstance(goal, SequenceGoal) else (goal.state,)
-    names = next(state.joint_names for state in states if isinstance(state, JointState))
-    still = set(robot.movable_joints) - set(robot.joint_names)
-    kept = tuple(name for name in names if name not in still)
-    if len(kept) in (0, len(names)):
-        return goal, ()
-    reduced = tuple(in_order(state, kept) for state in states if isinstance(state, JointState))
-    ignored = tuple(name for name in names if name in still)
-    if isinstance(goal, SequenceGoal):
-        return replace(goal, targets=reduced), ignored
-    return replace(goal, state=reduced[0]), ignored
+            text = "preempted: a newer goal or a stop came before its motion was planned"
+            self._finish(GoalOutcome.OVERTAKEN, text, request.name)

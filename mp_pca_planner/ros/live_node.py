@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -23,6 +22,7 @@ from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
 from ..view.content import LiveView, NodeStatus
 from .client import report_values
+from .goal_messages import GOAL_TOPICS, GoalTopic
 from .messages import to_trajectory
 from .node import NODE_NAME
 from .nodes import NoAnswerError, NodeInOwnContext
@@ -64,9 +64,10 @@ class LiveNode(NodeInOwnContext):
         self._obstacles = MarkerSubscription(self.node, f"{planner}/obstacles")
         topics: tuple[tuple[type, str, Keep, QoSProfile | int], ...] = (
             (JointState, "joint_states", self._on_state, STATES),
-            (JointState, f"{planner}/goal", self._on_goal, 10),
-            (PoseStamped, f"{planner}/goal_pose", self._on_goal, 10),
-            (JointTrajectory, f"{planner}/goal_sequence", self._on_goal, 10),
+            *(
+                (topic.message_type, f"{planner}/{topic.name}", partial(self._on_goal, topic), 10)
+                for topic in GOAL_TOPICS
+            ),
             (DiagnosticStatus, f"{planner}/plan_report", partial(self._on_status, "report"), EVERY),
             (
                 DiagnosticStatus,
@@ -116,20 +117,8 @@ class LiveNode(NodeInOwnContext):
         for name, q, v in zip(message.name, message.position, velocities, strict=False):
             self._states[name] = (q, v, time.monotonic())
 
-    def _on_goal(
-        self, message: JointState | PoseStamped | JointTrajectory, _: dict[str, int]
-    ) -> None:
-        if isinstance(message, JointTrajectory):
-            n_points, n_joints = len(message.points), len(message.joint_names)
-            text = f"{n_points} configurations of {n_joints} joints"
-        elif isinstance(message, PoseStamped):
-            p, o = message.pose.position, message.pose.orientation
-            numbers = "  ".join(f"{x:.3f}" for x in (p.x, p.y, p.z, o.x, o.y, o.z, o.w))
-            text = f"pose {numbers} in '{message.header.frame_id}'"
-        else:
-            values = zip(message.name, message.position, strict=False)
-            text = "  ".join(f"{name} {value:.3f}" for name, value in values)
-        self._keep(goal=(text, time.monotonic()))
+    def _on_goal(self, topic: GoalTopic, message: Any, _: dict[str, int]) -> None:
+        self._keep(goal=(topic.text(message), time.monotonic()))
 
     def _on_status(self, name: str, message: DiagnosticStatus, _: dict[str, int]) -> None:
         self._keep(**{name: _status(message)})

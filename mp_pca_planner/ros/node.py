@@ -248,7 +248,7 @@ class PlannerNode(GuardedNode):
     def _report_execution(self, report: ExecutionReport) -> None:
         self._executions.publish(to_execution_report(report))
         self._last_motion.end(report.outcome)
-        if not report.is_good:
+        if not report.outcome.is_good:
             self._failures.put(to_text(report.message))
 
     def _tidy(self) -> None:

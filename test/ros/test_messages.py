@@ -27,19 +27,22 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from mp_pca_planner.control.law import control_statement
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.parameters import DECLARATIONS
+from mp_pca_planner.execution.serving.execution import GoalOutcome
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.ros.messages import (
+from mp_pca_planner.ros.goal_messages import (
     read_goal,
     read_stamp,
-    to_descriptor,
     to_goal,
-    to_plan_report,
-    to_refusal,
     to_sequence_goal,
     to_sequence_message,
+)
+from mp_pca_planner.ros.messages import (
+    to_descriptor,
+    to_goal_report,
+    to_plan_report,
     to_state,
     to_trajectory,
 )
@@ -282,7 +285,9 @@ def test_report_states_the_control_law_of_the_primitive_used(plan: Plan) -> None
 
 
 def test_refusal_is_an_error_with_the_plan_if_there_is_one(plan: Plan) -> None:
-    without, refused = to_refusal("because", STAMP), to_refusal("because", STAMP, plan)
+    without, refused = (
+        to_goal_report(GoalOutcome.REFUSED, "because", STAMP, one) for one in (None, plan)
+    )
     assert without.level == refused.level == DiagnosticStatus.ERROR
     assert without.message == refused.message == "because"
     assert values(without) == {"status": "refused", "goal_stamp": "5.000000007"}
@@ -290,8 +295,11 @@ def test_refusal_is_an_error_with_the_plan_if_there_is_one(plan: Plan) -> None:
 
 
 def test_refusal_is_one_line_of_bounded_length_whatever_names_it_quotes() -> None:
-    assert to_refusal("no joint 'a\nb\x00関節'", STAMP).message == r"no joint 'a\nb\x00関節'"
-    assert len(to_refusal("x" * 10**6, STAMP).message) == 1000
+    assert (
+        to_goal_report(GoalOutcome.REFUSED, "no joint 'a\nb\x00関節'", STAMP).message
+        == r"no joint 'a\nb\x00関節'"
+    )
+    assert len(to_goal_report(GoalOutcome.REFUSED, "x" * 10**6, STAMP).message) == 1000
 
 
 # Parameters

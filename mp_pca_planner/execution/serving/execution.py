@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,51 @@ if TYPE_CHECKING:
     from .trial_store import ServedTrial
 
 
-ARRIVED, REPLACED, STOPPED = "arrived", "replaced", "stopped"
-NOT_FOLLOWED, NEVER_STARTED = "not_followed", "never_started"
+class GoalOutcome(StrEnum):
+    """What became of a goal: its word in reports and diagnostics, and the level of its report.
+
+    Attributes
+    ----------
+    level : int
+        0 good, 1 a warning, 2 an error.
+    """
+
+    level: int
+
+    SERVED = "served", 0
+    UNDER_WAY = "under_way", 0  # the same goal is under way, or reached, already
+    OVERTAKEN = "overtaken", 1  # valid, but preempted by a newer one or by a stop
+    REFUSED = "refused", 2
+
+    def __new__(cls, word: str, level: int) -> GoalOutcome:
+        """The member with this word."""
+        member = str.__new__(cls, word)
+        member._value_, member.level = word, level
+        return member
+
+
+class Outcome(StrEnum):
+    """What became of a motion: its word in reports, and whether that was as requested.
+
+    Attributes
+    ----------
+    is_good : bool
+        Whether the motion was executed as requested.
+    """
+
+    is_good: bool
+
+    ARRIVED = "arrived", True
+    REPLACED = "replaced", True
+    STOPPED = "stopped", True
+    NOT_FOLLOWED = "not_followed", False
+    NEVER_STARTED = "never_started", False
+
+    def __new__(cls, word: str, is_good: bool) -> Outcome:
+        """The member with this word."""
+        member = str.__new__(cls, word)
+        member._value_, member.is_good = word, is_good
+        return member
 
 
 @dataclass(frozen=True)
@@ -38,7 +82,7 @@ class ExecutionReport:
     ----------
     goal : object
         Identifies the goal of the motion.
-    outcome : {'arrived', 'replaced', 'stopped', 'not_followed', 'never_started'}
+    outcome : Outcome
         The outcome.
     message : str
         One sentence for a person.
@@ -53,17 +97,12 @@ class ExecutionReport:
     """
 
     goal: Any
-    outcome: str
+    outcome: Outcome
     message: str
     progress: float
     error: float
     largest_deviation: float
     deviation_time: float
-
-    @property
-    def is_good(self) -> bool:
-        """Whether the motion was executed as requested."""
-        return self.outcome in (ARRIVED, REPLACED, STOPPED)
 
 
 @dataclass(eq=False)
@@ -171,11 +210,12 @@ class Execution:
         A stop counts as executed then.
         """
         why = f"another motion, for {reason}" if reason else "the motion of a newer goal"
-        return self._end(STOPPED if self.is_stop else REPLACED, f"replaced by {why}")
+        outcome = Outcome.STOPPED if self.is_stop else Outcome.REPLACED
+        return self._end(outcome, f"replaced by {why}")
 
     def given_up(self, reason: str) -> ExecutionReport | None:
         """The report on a motion that can't be followed any more; None if it had one."""
-        return self._end(NOT_FOLLOWED, f"not known whether the robot arrived: {reason}")
+        return self._end(Outcome.NOT_FOLLOWED, f"not known whether the robot arrived: {reason}")
 
     def update(
         self, following: Following | None, now: float, options: ServingOptions
@@ -203,7 +243,7 @@ class Execution:
             return self.given_up(silence)
         if following.motion is not self.motion:
             return self._end(
-                NEVER_STARTED,
+                Outcome.NEVER_STARTED,
                 "never started: the robot still follows the previous motion; check that the "
                 "controller is active and accepts the trajectory",
             )
@@ -222,18 +262,18 @@ class Execution:
         duration = now - self.since
         if following.is_over and following.at_rest:
             if not self.is_stop:
-                return self._end(ARRIVED, f"arrived: the largest error is {away}")
+                return self._end(Outcome.ARRIVED, f"arrived: the largest error is {away}")
             text = f"stopped: the robot is at rest {now - self.motion.time:.2f} s after the stop"
-            return self._end(STOPPED, f"{text}; {self.reason}" if self.reason else text)
+            return self._end(Outcome.STOPPED, f"{text}; {self.reason}" if self.reason else text)
         if self._never_started(following, now, options):
             return self._end(
-                NEVER_STARTED,
+                Outcome.NEVER_STARTED,
                 "never started: the robot rests at the start of the motion; check that the "
                 "controller is active and accepts the trajectory",
             )
         if self.how is How.OFF and duration > options.away_time:
             return self._end(
-                NOT_FOLLOWED,
+                Outcome.NOT_FOLLOWED,
                 f"not followed: the deviation from the path is {away}; the largest one was "
                 f"{self.largest_deviation:.3g}, {self.deviation_time:.2f} s after publishing",
             )
@@ -242,7 +282,7 @@ class Execution:
         is_slow = advanced > 0.5 * options.slowest_rate * duration
         if self.how is How.HELD and duration > options.max_hold and not is_slow:
             return self._end(
-                NOT_FOLLOWED,
+                Outcome.NOT_FOLLOWED,
                 f"not followed: the robot has rested at {self._share:.0%} of the motion for more "
                 f"than {options.max_hold:g} s",
             )
@@ -269,7 +309,7 @@ class Execution:
         duration = self.last.motion.duration
         return min(self.last.progress.place / duration, 1.0) if duration > 0.0 else 1.0
 
-    def _end(self, outcome: str, message: str) -> ExecutionReport | None:
+    def _end(self, outcome: Outcome, message: str) -> ExecutionReport | None:
         if self.is_reported:
             return None
         self.is_reported = True

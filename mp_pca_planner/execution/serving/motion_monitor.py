@@ -89,7 +89,7 @@ class MotionMonitor:
             elif execution is not None:
                 report = execution.update(following, now, self.options)
                 self._end(report)
-                is_lost = report is not None and execution.is_stop and not report.is_good
+                is_lost = report is not None and execution.is_stop and not report.outcome.is_good
                 if is_lost and following is not None and not following.at_rest:
                     self.stop(model, execution.reason, execution.resumption)  # once more
             threat = self.surroundings.threat

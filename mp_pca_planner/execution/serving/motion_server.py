@@ -28,7 +28,7 @@ from ..tracking.following import UnconfirmedError
 from ..tracking.measured import LateStateError
 from ..tracking.start_state import TooLateError, choose_start, join
 from .assembly import Model, unknown_positions
-from .execution import Execution, Served
+from .execution import Execution, GoalOutcome, Served
 from .goal_planner import AdaptedPlan, AnyPlan, GoalPlanner, GoalRequest, Planned, PlanRequest
 from .motion_monitor import MotionMonitor
 
@@ -39,13 +39,12 @@ class GoalStatistics:
     Attributes
     ----------
     counts : dict of int
-        Goals by outcome: with a published motion, without one, the same as the one under way, and
-        preempted by newer ones or by a stop.
+        Goals by outcome.
     """
 
     def __init__(self, options: ServingOptions | None = None) -> None:
         self._options = options or ServingOptions()
-        self.counts = {"served": 0, "refused": 0, "under_way": 0, "overtaken": 0}
+        self.counts = dict.fromkeys(GoalOutcome, 0)
         self._lock = threading.Lock()
         # Enough times for a 99th percentile; older ones are discarded, because they may be
         # outdated.
@@ -53,8 +52,8 @@ class GoalStatistics:
         # By kind: sequences take longer than single goals.
         self._latencies: dict[type[Goal], deque[float]] = defaultdict(lambda: deque(maxlen=100))
 
-    def count(self, outcome: str) -> None:
-        """Count a goal with one of the outcomes of `counts`."""
+    def count(self, outcome: GoalOutcome) -> None:
+        """Count a goal."""
         with self._lock:
             self.counts[outcome] += 1
 
@@ -70,7 +69,7 @@ class GoalStatistics:
         latency : float
             Time from choosing the start to publishing [s].
         """
-        self.count("served")
+        self.count(GoalOutcome.SERVED)
         with self._lock:
             self._solve_times.append(solve_time)
             self._latencies[kind].append(latency)

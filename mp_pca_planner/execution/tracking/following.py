@@ -183,7 +183,7 @@ class Publication:
         ----------
         found : Progress
             Place of the robot on the newest motion.
-        seen : FollowingState
+        seen : Observation
             The measured positions.
         servo : ServoModel
             Offset and lag of the servos.

@@ -77,7 +77,7 @@ def test_motion_that_is_followed_to_its_end_has_arrived_with_its_error(world):
     assert not world.reports
     world.run(2 * PERIOD, distance=0.0123)
     report = world.only_report()
-    assert (report.goal, report.outcome, report.is_good) == ("goal", "arrived", True)
+    assert (report.goal, report.outcome, report.outcome.is_good) == ("goal", "arrived", True)
     assert "0.0123" in report.message and "'b'" in report.message
     assert (report.progress, report.error) == (1.0, 0.0123)
 
@@ -93,7 +93,7 @@ def test_motion_that_is_replaced_is_reported_before_the_newer_one(world):
     world.run(0.5)
     world.begin("newer")
     (replaced,) = world.reports
-    assert (replaced.goal, replaced.outcome, replaced.is_good) == ("goal", "replaced", True)
+    assert (replaced.goal, replaced.outcome, replaced.outcome.is_good) == ("goal", "replaced", True)
     assert replaced.progress == pytest.approx(0.25)
     world.run(3.0)
     assert [report.goal for report in world.reports] == ["goal", "newer"]
@@ -106,7 +106,7 @@ def test_motion_that_is_stopped_is_reported_once_when_the_robot_rests(world):
     assert not world.reports
     world.run(DURATION + PERIOD)
     report = world.only_report()
-    assert (report.goal, report.outcome, report.is_good) == ("goal", "stopped", True)
+    assert (report.goal, report.outcome, report.outcome.is_good) == ("goal", "stopped", True)
 
 
 def test_stop_that_a_newer_goal_replaces_is_a_stop(world):
@@ -133,7 +133,7 @@ def test_robot_that_leaves_its_path_does_not_follow_with_the_largest_deviation(w
     assert not world.reports
     world.run(0.2, How.OFF, distance=0.3)
     report = world.only_report()
-    assert (report.outcome, report.is_good) == ("not_followed", False)
+    assert (report.outcome, report.outcome.is_good) == ("not_followed", False)
     assert (report.largest_deviation, report.error) == (0.4, 0.3)
     assert report.deviation_time == pytest.approx(0.5 + PERIOD)
     assert "0.4" in report.message
@@ -179,7 +179,11 @@ def test_motion_at_whose_start_the_robot_rests_never_started(world):
     assert not world.reports
     world.run(0.3, How.HELD, place=0.0)
     report = world.only_report()
-    assert (report.outcome, report.is_good, report.progress) == ("never_started", False, 0.0)
+    assert (report.outcome, report.outcome.is_good, report.progress) == (
+        "never_started",
+        False,
+        0.0,
+    )
     assert "controller" in report.message
 
 
