@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from contextlib import suppress
-from functools import partial
 from queue import SimpleQueue
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -15,7 +13,6 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -27,23 +24,21 @@ from ..execution.serving.assembly import unknown_positions
 from ..execution.serving.execution import ExecutionReport
 from ..execution.serving.motion_monitor import MotionMonitor
 from ..execution.serving.motion_server import GoalStatistics, MotionServer
-from ..execution.threads import SAFETY_WAIT, BusyError, TimedLock
 from ..execution.tracking.following import MotionFollower
 from ..execution.tracking.measured import MeasuredStates
 from ..motion.trajectory import Trajectory
 from ..robot.world import World
 from .goal_topics import GoalTopics
 from .last_motion import LastMotion
-from .messages import read_states, to_execution_report, to_seconds, to_state, to_status, to_text
+from .messages import to_execution_report, to_status, to_text
 from .nodes import LOG_PERIOD, GuardedNode
 from .obstacle_topic import ObstacleTopic
 from .planning_setup import NodeParameters, PlanningSetup
-from .safety_thread import SafetyThread
+from .safety_thread import JointStateTopic, SafetyThread
 from .serialised import serialize_trajectory
-from .subscriptions import EVERY, LATCHED, NEWEST, STATES, PolledSubscription
+from .subscriptions import EVERY, LATCHED, NEWEST
 
 NODE_NAME = "mp_pca_planner"
-_READING_TIME = 0.02  # the longest for all joint states that wait [s]
 
 
 class PlannerNode(GuardedNode):
@@ -71,10 +66,9 @@ class PlannerNode(GuardedNode):
             reason = str(error).splitlines()[0]
             raise ParameterError(f"ROS refuses the node: {reason}") from error
         self._statistics = GoalStatistics()
-        self._polling, self._polled = TimedLock(), time.monotonic()
         self._clocks, self._failures = (True, False), SimpleQueue[str]()
-        measured = MeasuredStates(time.monotonic, self._seconds, self._poll_states)
-        self._follower = MotionFollower(measured)
+        self._joint_states = JointStateTopic(self)
+        self._follower = MotionFollower(self._joint_states.measured)
         self._monitor = MotionMonitor(
             self._follower, self._send, time.perf_counter, self._report_execution
         )
@@ -95,7 +89,9 @@ class PlannerNode(GuardedNode):
         self._goals = GoalTopics(
             self, self._setup, self._server, self._statistics, self._last_motion
         )
-        self._safety = SafetyThread(self, self._watch, self._goals.stop)
+        self._safety = SafetyThread(
+            self, self._joint_states, self._setup, self._monitor, self._goals
+        )
         # A steady clock, because these are needed even if simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._publish_diagnostics, clock=steady)
@@ -140,7 +136,6 @@ class PlannerNode(GuardedNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVERY)
         previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
         self._last_motion = LastMotion(previews.publish)
-        self._joint_states = PolledSubscription(self, JointState, "joint_states", STATES, raw=True)
         self.create_subscription(Float64, "~/trial_cost", self._on_trial_cost, NEWEST)
         self.create_subscription(String, "robot_description", self._on_description, LATCHED)
         self.create_service(Trigger, "~/reload_primitives", self._on_reload)
@@ -183,15 +178,6 @@ class PlannerNode(GuardedNode):
             return SetParametersResult(successful=False, reason=self.explain(error))
         return SetParametersResult(successful=True)
 
-    def _watch(self) -> None:
-        """Poll the waiting states, and check how the robot follows its motion; without waiting."""
-        self._poll_states()
-        context = self._setup.last_context
-        if context is not None:
-            self._monitor.watch(context)
-        if self._monitor.surroundings.threat is not None or self._monitor.resumption is not None:
-            self._goals.react()
-
     def _lock_joints(self) -> None:
         """Lock the joints that the primitives do not move where they are measured."""
         self._setup.lock(self._follower.measured.others, self._monitor.surroundings.world)
@@ -217,24 +203,6 @@ class PlannerNode(GuardedNode):
             )
         else:
             logger.info("the clocks of the robot and of this node agree")
-
-    def _poll_states(self) -> None:
-        """Poll the waiting states; their age counts from when the middleware got them."""
-        # Another thread that polls takes them, too.
-        with suppress(BusyError), self._polling.within(SAFETY_WAIT):
-            last, self._polled = self._polled, time.monotonic()
-            measured = self._follower.measured
-            deadline, waiting = time.monotonic() + _READING_TIME, self._joint_states.poll()
-            for k, (content, facts) in enumerate(waiting, start=1):
-                if k < len(waiting) and time.monotonic() > deadline:
-                    continue  # too many, or too large: the newest one counts
-                message = read_states(content)
-                read = partial(to_state, message)
-                age = (time.time_ns() - facts["received_timestamp"]) * 1e-9
-                # At most the time since the last poll, because the wall clock may have been set.
-                age = min(max(age, 0.0), time.monotonic() - last)
-                stamp, number = message.header.stamp, facts.get("publication_sequence_number")
-                measured.receive(message.name, read, to_seconds(stamp), age, number or 0)
 
     def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
         # Stops have no efforts.
@@ -280,9 +248,6 @@ class PlannerNode(GuardedNode):
         if context is not None and context.planner.collision is not None:
             for note in context.planner.collision.notes:
                 self.get_logger().warning(to_text(note))
-
-    def _seconds(self) -> float:
-        return float(self.get_clock().now().nanoseconds) * 1e-9
 
 
 def _status(

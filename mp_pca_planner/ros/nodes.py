@@ -37,6 +37,10 @@ class GuardedNode(Node):
 
     n_internal_errors = 0
 
+    def seconds(self) -> float:
+        """The time by the clock of the node [s]."""
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
     def explain(self, error: BaseException) -> str:
         """Describe an error in one sentence; log the traceback of an internal one."""
         if isinstance(error, PlannerError):

@@ -169,7 +169,7 @@ class ObstacleTopic:
     def _cycle(self) -> None:
         for message in self._subscription.poll():
             self._node.guarded(self._apply)(message)
-        self._use(self._markers.refresh(self._stated, self._now()))
+        self._use(self._markers.refresh(self._stated, self._node.seconds()))
         if time.monotonic() - self._placed >= self.frame_period:
             self._placed = time.monotonic()
             self._follow_frames()
@@ -190,7 +190,7 @@ class ObstacleTopic:
                 message.stamp,
                 is_late=message.is_late,
                 folders=package_folders(self._setup.settings.package_folders),
-                now=self._now(),
+                now=self._node.seconds(),
             )
         )
 
@@ -249,7 +249,3 @@ class ObstacleTopic:
         self._node.get_logger().error(
             to_text(f"obstacles: {text}"), throttle_duration_sec=LOG_PERIOD
         )
-
-    def _now(self) -> float:
-        # Lifetimes are counted by the clock of the robot.
-        return float(self._node.get_clock().now().nanoseconds) * 1e-9

@@ -1,18 +1,67 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The thread that watches the robot and stops it, whatever the other threads do."""
+"""Joint states, and the thread that watches the robot with them and stops it.
+
+It does so whatever the other threads do.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ..execution.threads import BusyError
+from ..execution.serving.motion_monitor import MotionMonitor
+from ..execution.threads import SAFETY_WAIT, BusyError, TimedLock
+from ..execution.tracking.measured import MeasuredStates
+from .goal_topics import GoalTopics
+from .messages import read_states, to_seconds, to_state
 from .nodes import GuardedNode
-from .subscriptions import PolledService
+from .planning_setup import PlanningSetup
+from .subscriptions import STATES, PolledService, PolledSubscription
+
+_READING_TIME = 0.02  # the longest for all joint states that wait [s]
+
+
+class JointStateTopic:
+    """Receives the joint states of the robot; any thread may poll them.
+
+    Parameters
+    ----------
+    node : GuardedNode
+        The node.
+
+    Attributes
+    ----------
+    measured : MeasuredStates
+        The states; they are polled before the newest one is used.
+    """
+
+    def __init__(self, node: GuardedNode) -> None:
+        self._subscription = PolledSubscription(node, JointState, "joint_states", STATES, raw=True)
+        self._polling, self._polled = TimedLock(), time.monotonic()
+        self.measured = MeasuredStates(time.monotonic, node.seconds, self.poll)
+
+    def poll(self) -> None:
+        """Poll the waiting states; their age counts from when the middleware got them."""
+        # Another thread that polls takes them, too.
+        with suppress(BusyError), self._polling.within(SAFETY_WAIT):
+            last, self._polled = self._polled, time.monotonic()
+            deadline, waiting = time.monotonic() + _READING_TIME, self._subscription.poll()
+            for k, (content, facts) in enumerate(waiting, start=1):
+                if k < len(waiting) and time.monotonic() > deadline:
+                    continue  # too many, or too large: the newest one counts
+                message = read_states(content)
+                read = partial(to_state, message)
+                age = (time.time_ns() - facts["received_timestamp"]) * 1e-9
+                # At most the time since the last poll, because the wall clock may have been set.
+                age = min(max(age, 0.0), time.monotonic() - last)
+                stamp, number = message.header.stamp, facts.get("publication_sequence_number")
+                self.measured.receive(message.name, read, to_seconds(stamp), age, number or 0)
 
 
 class SafetyThread:
@@ -24,10 +73,14 @@ class SafetyThread:
     ----------
     node : GuardedNode
         The node.
-    watch : callable
-        Checks how the robot follows its motion; raises a `BusyError` to be called again soon.
-    stop : callable
-        Callback of the service that stops the robot.
+    states : JointStateTopic
+        The joint states.
+    setup : PlanningSetup
+        Has the model of the motion of a goal.
+    monitor : MotionMonitor
+        Checks how the robot follows its motion.
+    goals : GoalTopics
+        Stops the robot on request, and reacts to obstacles in another thread.
     """
 
     period = 0.01
@@ -39,12 +92,14 @@ class SafetyThread:
     def __init__(
         self,
         node: GuardedNode,
-        watch: Callable[[], None],
-        stop: Callable[[Trigger.Request, Trigger.Response], Trigger.Response],
+        states: JointStateTopic,
+        setup: PlanningSetup,
+        monitor: MotionMonitor,
+        goals: GoalTopics,
     ) -> None:
-        self._watch = watch
+        self._states, self._setup, self._monitor, self._goals = states, setup, monitor, goals
         # Polled, because an executor gives the lock of the interpreter away several times a cycle.
-        service = PolledService(node, Trigger, "~/stop", stop)
+        service = PolledService(node, Trigger, "~/stop", goals.stop)
         self._answer, self._check = node.guarded(service.answer), node.guarded(self._watch_in_turn)
         self._watched = self._cycled = time.monotonic()
         self._longest_gap = 0.0
@@ -75,8 +130,13 @@ class SafetyThread:
     def _watch_in_turn(self) -> None:
         if self._cycled - self._watched < self.watch_period:
             return
-        try:
-            self._watch()
-        except BusyError:  # another thread publishes a motion just now
-            return
+        self._states.poll()
+        monitor, context = self._monitor, self._setup.last_context
+        if context is not None:
+            try:
+                monitor.watch(context)
+            except BusyError:  # another thread publishes a motion just now
+                return
+        if monitor.surroundings.threat is not None or monitor.resumption is not None:
+            self._goals.react()
         self._watched = self._cycled
