@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import rclpy
 from arm import JOINTS, arm_primitive
-from diagnostic_msgs.msg import DiagnosticStatus
 from node_setup import RobotClient, start_node
 from patience import HANG, NODE_EVER
 from rcl_interfaces.msg import Parameter, SetParametersResult
@@ -31,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.resources import config_file
-from mp_pca_planner.ros.client import DEPTH, this_machine_only
+from mp_pca_planner.ros.client import this_machine_only
 from mp_pca_planner.ros.subscriptions import LATCHED
 
 MOTION = arm_primitive().boundary_states[0]
@@ -49,20 +48,15 @@ class NodeClient(RobotClient):
 
     Attributes
     ----------
-    executions : list of DiagnosticStatus
-        All reports of executions that were received, the newest last.
     previews : list of MarkerArray
         All that were received, the newest last.
     """
 
     def __init__(self, *arguments: str, **names: str) -> None:
         super().__init__(*arguments, **names)
-        self.executions: list[DiagnosticStatus] = []
         self.previews: list[MarkerArray] = []
         parameters = f"{self.planner}/set_parameters"
         self._services["set_parameters"] = self.node.create_client(SetParameters, parameters)
-        report = f"{self.planner}/execution_report"
-        self.node.create_subscription(DiagnosticStatus, report, self.executions.append, DEPTH)
         preview = f"{self.planner}/preview"
         self.node.create_subscription(MarkerArray, preview, self.previews.append, LATCHED)
 

@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 from ..exceptions import GoalError, quote_names
 from ..execution.serving.execution import Outcome
 from ..motion.goal import JointState, Pose, SequenceGoal
-from ..ros.client import READY, GoalClient, RobotClient, check_node_name, is_served, report_values
+from ..ros.client import READY, GoalClient, check_node_name, is_served, report_values
 from ..ros.goal_messages import to_pose_message, to_sequence_message
 from ..ros.nodes import NoAnswerError
 from .common import print_json, report_lines
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
         message = (_pose_message if arguments.pose else _joint_message)(arguments)
     check_node_name(arguments.namespace, arguments.node)
     try:
-        with RobotClient(command, arguments.namespace, arguments.node) as client:
+        with GoalClient(command, arguments.namespace, arguments.node) as client:
             if message is not None:
                 return _send(arguments, client, message)
             return _call(arguments, client, _SERVICES.get(command, command))
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         return FAILED
 
 
-def _send(arguments: argparse.Namespace, client: RobotClient, message: Any) -> int:
+def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> int:
     """Send a goal, and print the node's report and what became of the motion."""
     # The stamp distinguishes the report from those of other goals.
     stamp = message.header.stamp

@@ -94,12 +94,12 @@ def _try(
     arguments: argparse.Namespace, session: TeachingSession, keys: Keys, words: SessionWords
 ) -> int:
     """Have the node reload its primitives, and send the first goal after an explicit yes."""
-    from ..ros.client import RobotClient, is_served
+    from ..ros.client import GoalClient, is_served
     from ..ros.nodes import NoAnswerError
 
     names, goal = session.motions[0].joint_names, session.first_goal()
     try:
-        with RobotClient("teach_goal", arguments.namespace, arguments.node) as robot:
+        with GoalClient("teach_goal", arguments.namespace, arguments.node) as robot:
             robot.wait_for_node(arguments.timeout, with_trajectory=False)
             reloaded = robot.call("reload_primitives", arguments.timeout)
             say(reloaded.message)

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Clients of the node in another process: for commands, the demo, tests and benchmarks."""
+"""A client of the node in another process: for commands, the demo, tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -35,6 +35,9 @@ DEPTH = 10_000
 
 READY = "ready for goals"
 """Sentence in the diagnostics of a node that has all it needs."""
+
+
+_TOPIC_NAMES = {topic.message_type: topic.name for topic in GOAL_TOPICS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +132,8 @@ class GoalClient(NodeInOwnContext):
     ----------
     trajectories, reports, diagnostics : list of JointTrajectory, DiagnosticStatus, DiagnosticArray
         All that were received, the newest last.
+    executions : list of DiagnosticStatus
+        All reports of executions that were received, the newest last.
     """
 
     def __init__(
@@ -138,12 +143,11 @@ class GoalClient(NodeInOwnContext):
         self.trajectories: list[JointTrajectory] = []
         self.reports: list[DiagnosticStatus] = []
         self.diagnostics: list[DiagnosticArray] = []
+        self.executions: list[DiagnosticStatus] = []
         self._trajectory_received = self._diagnostics_received = 0.0
         node = self.node
         self._publishers = {
-            topic.message_type: node.create_publisher(
-                topic.message_type, f"{planner}/{topic.name}", 1
-            )
+            topic.name: node.create_publisher(topic.message_type, f"{planner}/{topic.name}", 1)
             for topic in GOAL_TOPICS
         }
         self._services = {
@@ -156,8 +160,11 @@ class GoalClient(NodeInOwnContext):
         topic = f"{planner}/joint_trajectory"
         node.create_subscription(JointTrajectory, topic, on_trajectory, DEPTH, raw=True)
         node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, DEPTH)
-        report = f"{planner}/plan_report"
-        node.create_subscription(DiagnosticStatus, report, self.reports.append, DEPTH)
+        for name, received in (
+            ("plan_report", self.reports),
+            ("execution_report", self.executions),
+        ):
+            node.create_subscription(DiagnosticStatus, f"{planner}/{name}", received.append, DEPTH)
 
     def wait_for_node(self, timeout: float = 30.0, *, with_trajectory: bool = True) -> None:
         """Wait until every topic and service is matched.
@@ -187,7 +194,7 @@ class GoalClient(NodeInOwnContext):
 
     def publish_goal(self, goal: JointState | PoseStamped | JointTrajectory) -> None:
         """Send a goal without waiting for its report."""
-        self._publishers[type(goal)].publish(goal)
+        self._publishers[_TOPIC_NAMES[type(goal)]].publish(goal)
 
     def send(
         self,
@@ -284,32 +291,6 @@ class GoalClient(NodeInOwnContext):
         self.wait(lambda: len(self.trajectories) > n_before, timeout, "published no trajectory")
         return self.trajectories[-1]
 
-    def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
-        self._trajectory_received = _time_received(facts)
-        self.trajectories.append(deserialize_message(message, JointTrajectory))
-
-    def _on_diagnostics(self, message: DiagnosticArray, facts: dict[str, int]) -> None:
-        self._diagnostics_received = _time_received(facts)
-        self.diagnostics.append(message)
-
-
-class RobotClient(GoalClient):
-    """Client of the node and of its reports of executions; a context manager.
-
-    Parameters
-    ----------
-    name : str
-        Name of the client's own node.
-    namespace, planner : str
-        Namespace and name of the planner's node.
-    """
-
-    def __init__(self, name: str, namespace: str, planner: str) -> None:
-        super().__init__(name, namespace, planner)
-        self.executions: list[DiagnosticStatus] = []
-        self._report = report = f"{planner}/execution_report"
-        self.node.create_subscription(DiagnosticStatus, report, self.executions.append, DEPTH)
-
     def move(self, primitive: str, goal: Mapping[str, float], timeout: float) -> Answer:
         """Send a goal configuration by joint name [rad or m], for one primitive.
 
@@ -345,7 +326,8 @@ class RobotClient(GoalClient):
         is_under_way = answer.values.get("status") == GoalOutcome.UNDER_WAY
         if not is_served(answer.report) or is_under_way:
             return None
-        if not (self.executions or self.node.count_publishers(self._report)):
+        topic = f"{self.planner}/execution_report"
+        if not (self.executions or self.node.count_publishers(topic)):
             return None
         duration, stamp = float(answer.values["duration"]), answer.values["goal_stamp"]
 
@@ -354,3 +336,11 @@ class RobotClient(GoalClient):
 
         self.wait(lambda: bool(own()), duration + margin, "did not report the execution")
         return own()[0]
+
+    def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
+        self._trajectory_received = _time_received(facts)
+        self.trajectories.append(deserialize_message(message, JointTrajectory))
+
+    def _on_diagnostics(self, message: DiagnosticArray, facts: dict[str, int]) -> None:
+        self._diagnostics_received = _time_received(facts)
+        self.diagnostics.append(message)
