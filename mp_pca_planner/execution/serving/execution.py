@@ -24,6 +24,7 @@ from .assembly import Model
 if TYPE_CHECKING:
     from ...robot.world import World
     from .goal_planner import AnyPlan
+    from .surroundings import Threat
     from .trial_store import ServedTrial
 
 
@@ -156,6 +157,11 @@ class Execution:
         Why the robot is stopped.
     resumption : Resumption or None
         The goal to which the robot goes on after the stop, once there is a path.
+    threat : Threat or None
+        The next collision of the rest of the motion with an obstacle that was not there when it was
+        planned.
+    checked : tuple of (PublishedMotion, World) or None
+        The motion that was checked for such a collision last, and the obstacles.
     is_reported : bool
         Whether the outcome was reported.
     last : Following or None
@@ -174,6 +180,8 @@ class Execution:
     is_stop: bool = False
     reason: str = ""
     resumption: Resumption | None = None
+    threat: Threat | None = None
+    checked: tuple[PublishedMotion, World] | None = None
     is_reported: bool = False
     last: Following | None = None
     largest_deviation: float = 0.0

@@ -193,11 +193,12 @@ class MotionMonitor:
 
         It was checked for collisions with the obstacles of the world, if that is given.
         """
-        old, motion = self.follower.published, execution.motion
+        old, motion = self.follower.execution, execution.motion
+        execution.checked = None if world is None else (motion, world)
         self._send(motion.sent, stamp=motion.stamp, last_point_only=motion.last_point_only)
-        self.follower.command(motion, execution, world)
-        if old is not None and old.execution is not None and not execution.is_stop:
-            self._end(old.execution.replaced(old.threat.reason if old.threat else ""))
+        self.follower.command(motion, execution)
+        if old is not None and not execution.is_stop:
+            self._end(old.replaced(old.threat.reason if old.threat else ""))
 
     def _end(self, report: ExecutionReport | None) -> None:
         if report is not None:

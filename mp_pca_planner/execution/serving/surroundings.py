@@ -19,9 +19,10 @@ from ...robot.world import Obstacle, World
 from ..options import ServingOptions
 from ..parameters import REFUSE
 from ..threads import SAFETY_WAIT, IsCancelled, TimedLock
-from ..tracking.following import Following, How, MotionFollower, Publication
+from ..tracking.following import Following, How, MotionFollower
 from ..tracking.start_state import TooLateError
 from .assembly import Model, collision_model
+from .execution import Execution
 
 Poses = Mapping[str, FloatArray | None]
 """Poses of frames in the base frame of the robot, shape (7,) each; None where it is unknown."""
@@ -145,8 +146,8 @@ class Surroundings:
     @property
     def threat(self) -> Threat | None:
         """What the running motion would hit; None if nothing is known to be on its path."""
-        published = self._follower.published
-        return None if published is None else published.threat
+        execution = self._follower.execution
+        return None if execution is None else execution.threat
 
     def replace(self, world: World, model: Model | None) -> bool:
         """Use other obstacles from now on; return whether a motion would hit one of them.
@@ -234,9 +235,10 @@ class Surroundings:
         if len(self._world) or model.settings.collision:
             self._checker_in(self._world, model)
         published = self._follower.published
-        if published is None:
+        execution = None if published is None else published.execution
+        if published is None or execution is None:
             return
-        if published.checked == (published.current.motion, self._world):
+        if execution.checked == (published.current.motion, self._world):
             return
         try:
             following = self._follower.follow(model.settings)
@@ -246,16 +248,15 @@ class Surroundings:
             return
         motion, world, threat = published.current.motion, self._world, None
         if following is not None and following.motion is motion and len(world):
-            threat = self._threat(following, published, world, model)
-        published.threat, published.checked = threat, (motion, world)
+            threat = self._threat(following, execution, world, model)
+        execution.threat, execution.checked = threat, (motion, world)
 
     def _threat(
-        self, following: Following, published: Publication, world: World, model: Model
+        self, following: Following, execution: Execution, world: World, model: Model
     ) -> Threat | None:
         """The next collision of the rest of a motion with an obstacle."""
-        motion, place, execution = following.motion, following.progress.place, published.execution
-        is_stopping = execution is None or execution.is_stop
-        if is_stopping and motion is published.motion:
+        motion, place = following.motion, following.progress.place
+        if execution.is_stop and motion is execution.motion:
             return None
         is_held = following.how is How.HELD
         if place >= motion.duration or not (following.is_running or is_held):

@@ -22,9 +22,7 @@ from .published_motion import PublishedMotion, hold
 from .state_sources import MeasuredSamples
 
 if TYPE_CHECKING:
-    from ...robot.world import World
     from ..serving.execution import Execution
-    from ..serving.surroundings import Threat
 
 
 class How(Enum):
@@ -120,10 +118,6 @@ class Publication:
         Whether the robot was seen to lag, or to rest at the end.
     execution : Execution or None
         Its goal and its report.
-    threat : Threat or None
-        The next collision of its rest with an obstacle that was not there when it was planned.
-    checked : tuple of (PublishedMotion, World) or None
-        The motion that was checked for such a collision last, and the obstacles.
     concluded : tuple of (float, Conclusion)
         Time of the newest measured state [s] for which :meth:`confirm` came to a conclusion, and
         that.
@@ -136,8 +130,6 @@ class Publication:
     is_lagging: bool = False
     is_arrived: bool = False
     execution: Execution | None = None
-    threat: Threat | None = None
-    checked: tuple[PublishedMotion, World] | None = None
     concluded: tuple[float, Conclusion] = (-math.inf, Conclusion.ALIKE)
 
     @classmethod
@@ -355,17 +347,11 @@ class MotionFollower:
             self.measured.expect(joint_names)
             self._forget()
 
-    def command(
-        self,
-        motion: PublishedMotion,
-        execution: Execution | None = None,
-        world: World | None = None,
-    ) -> None:
-        """Record that a motion was published, and in which world it was checked."""
+    def command(self, motion: PublishedMotion, execution: Execution | None = None) -> None:
+        """Record that a motion was published."""
         with self.lock:
-            published = Publication.after(self.published, motion, self.servo.lag, execution)
-            published.checked = None if world is None else (motion, world)
-            self.published = published
+            lag = self.servo.lag
+            self.published = Publication.after(self.published, motion, lag, execution)
 
     @property
     def execution(self) -> Execution | None:
