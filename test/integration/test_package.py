@@ -179,6 +179,13 @@ def test_rooms_do_not_import_each_other_in_a_circle() -> None:
     TopologicalSorter(room_imports()).prepare()
 
 
+def test_tracking_of_the_robot_knows_no_goals() -> None:
+    sources = [source for source in SOURCES if source.parent.name == "tracking"]
+    loaded = {name for one in sources for name in imported_modules(one, when_loaded=True)}
+    assert any(name.startswith(f"{PACKAGE}.execution.tracking.") for name in loaded)
+    assert not [name for name in loaded if name.startswith(f"{PACKAGE}.execution.serving.")]
+
+
 def test_only_one_module_imports_rosbags() -> None:
     users = [
         source.relative_to(ROOT / PACKAGE).as_posix()
