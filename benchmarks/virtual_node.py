@@ -33,6 +33,7 @@ from mp_pca_planner.execution.serving.motion_server import GoalStatistics, Motio
 from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.execution.tracking.following import MotionFollower
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
+from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.simulation import SimulatedRobot
@@ -273,9 +274,10 @@ class VirtualNode:
         v = v if self.has_velocities else np.zeros_like(v)
         self._waiting.append((self.now, q, v, self.robot.joint_names, joints))
 
-    def _send(self, trajectory: Any, *, stamp: float | None, last_point_only: bool) -> None:
-        self.sent.append((self.now, trajectory, stamp, last_point_only))
-        self.robot.send(trajectory, stamp, last_point_only=last_point_only)
+    def _send(self, motion: PublishedMotion) -> None:
+        message = motion.sent, motion.stamp
+        self.sent.append((self.now, *message, motion.last_point_only))
+        self.robot.send(*message, last_point_only=motion.last_point_only)
 
     def _report(self, report: ExecutionReport) -> None:
         self.execution_reports.append((self.now, report))

@@ -26,7 +26,7 @@ from ..execution.serving.motion_monitor import MotionMonitor
 from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.tracking.following import MotionFollower
 from ..execution.tracking.measured import MeasuredStates
-from ..motion.trajectory import Trajectory
+from ..execution.tracking.published_motion import PublishedMotion
 from ..robot.world import World
 from .goal_topics import GoalTopics
 from .last_motion import LastMotion
@@ -204,12 +204,15 @@ class PlannerNode(GuardedNode):
         else:
             logger.info("the clocks of the robot and of this node agree")
 
-    def _send(self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool) -> None:
+    def _send(self, motion: PublishedMotion) -> None:
         # Stops have no efforts.
-        with_efforts = self._setup.settings.publish_effort and trajectory.efforts is not None
+        with_efforts = self._setup.settings.publish_effort and motion.sent.efforts is not None
         self._trajectories.publish(
             serialize_trajectory(
-                trajectory, with_efforts=with_efforts, stamp=stamp, last_point_only=last_point_only
+                motion.sent,
+                with_efforts=with_efforts,
+                stamp=motion.stamp,
+                last_point_only=motion.last_point_only,
             )
         )
 

@@ -246,12 +246,10 @@ class GoalPlanner:
         Parameters.
     """
 
-    def __init__(
-        self, follower: MotionFollower, clock: Clock, options: ServingOptions | None = None
-    ) -> None:
+    def __init__(self, follower: MotionFollower, clock: Clock, options: ServingOptions) -> None:
         self._follower = follower
         self._clock = clock
-        self._options = options or ServingOptions()
+        self._options = options
 
     def plan(self, goal: Goal, request: PlanRequest) -> Planned:
         """Plan an executable motion.

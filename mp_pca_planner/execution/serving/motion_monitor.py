@@ -6,28 +6,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
 
 from ...exceptions import GoalError
-from ...motion.trajectory import Trajectory
 from ...robot.world import World
 from ..options import ServingOptions
 from ..threads import SAFETY_WAIT
 from ..tracking.following import MotionFollower
+from ..tracking.published_motion import PublishedMotion
 from ..tracking.state_sources import Clock
 from .assembly import Model
 from .execution import Execution, ExecutionReport, Resumption, Served
 from .stopping import StopPlanner
 from .surroundings import Surroundings, Threat
-
-
-class Publish(Protocol):
-    """Sends a trajectory to the controller."""
-
-    def __call__(
-        self, trajectory: Trajectory, *, stamp: float | None, last_point_only: bool
-    ) -> None:
-        """Send it; it starts at the stamp [s], or when it is received if there is none."""
 
 
 class MotionMonitor:
@@ -37,8 +27,8 @@ class MotionMonitor:
     ----------
     follower :
         Tracks the robot on its motion.
-    publish :
-        Sends a trajectory to the controller.
+    send :
+        Sends the trajectory of a motion to the controller.
     clock :
         The clock of planning times [s]: never set back.
     report :
@@ -57,14 +47,14 @@ class MotionMonitor:
     def __init__(
         self,
         follower: MotionFollower,
-        publish: Publish,
+        send: Callable[[PublishedMotion], None],
         clock: Clock,
         report: Callable[[ExecutionReport], None],
         options: ServingOptions | None = None,
     ) -> None:
         self.options = options or ServingOptions()
         self.follower, self.clock = follower, clock
-        self._send, self._report = publish, report
+        self._send, self._report = send, report
         self.surroundings = Surroundings(follower)
         self._stops = StopPlanner(follower, self.surroundings, clock, self.options)
 
@@ -195,7 +185,7 @@ class MotionMonitor:
         """
         old, motion = self.follower.execution, execution.motion
         execution.checked = None if world is None else (motion, world)
-        self._send(motion.sent, stamp=motion.stamp, last_point_only=motion.last_point_only)
+        self._send(motion)
         self.follower.command(motion, execution)
         if old is not None and not execution.is_stop:
             self._end(old.replaced(old.threat.reason if old.threat else ""))

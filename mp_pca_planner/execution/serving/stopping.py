@@ -90,10 +90,10 @@ class StopPlanner:
         follower: MotionFollower,
         surroundings: Surroundings,
         clock: Clock,
-        options: ServingOptions | None = None,
+        options: ServingOptions,
     ) -> None:
         self._follower, self._surroundings, self._clock = follower, surroundings, clock
-        self._options = options or ServingOptions()
+        self._options = options
 
     def find(self, model: Model) -> FoundStop:
         """Find a stop; again if a busy computer interrupted that, while the robot moved on.
