@@ -258,7 +258,7 @@ class Settings:
     naturalness: float = _declared(
         PlannerOptions.naturalness,
         """Cost of a motion one standard deviation away from the demonstrations, as a share of the
-        expected motion's effort; 0: least effort alone, whose motions may be far from the
+        predicted motion's effort; 0: least effort alone, whose motions may be far from the
         demonstrations.""",
         high=1e6,
     )

@@ -528,3 +528,17 @@ def test_primitive_is_plotted_in_a_new_figure_and_on_axes_that_are_given(pyplot:
     np.testing.assert_allclose(ends, np.rad2deg(shown.boundary_states[:, [0, 3], 1]), atol=1e-6)
     _, given = pyplot.subplots(2)
     assert [axes.get_ylabel() for axes in plot_primitive(shown, given)] == ["shape [deg]"] * 2
+
+
+def test_a_prediction_without_a_robot_is_drawn_as_it_is() -> None:
+    from matplotlib import pyplot
+
+    primitive = arm_primitive()
+    motion = primitive.predict(*primitive.boundary_states[0, [0, 3]])
+    panels = motion.plot()
+    assert panels.shape == (primitive.n_joints, 2)  # no efforts are known
+    for axes, q in zip(panels[:, 0], motion.positions.T, strict=True):
+        (drawn,) = [one for one in axes.lines if len(one.get_ydata()) == motion.n_steps]
+        np.testing.assert_allclose(drawn.get_ydata(), np.rad2deg(q), atol=1e-9)
+    assert pyplot.gcf() is panels[0, 0].figure
+    pyplot.close(pyplot.gcf())
