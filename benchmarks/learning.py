@@ -5,7 +5,8 @@
 Off-line: motions of the human-like arm between random end points like the demonstrations',
 planned once and then refined with the same duration. Trials: the planner's model has the true
 limits, but each mass and inertia tensor is wrong by up to 30 %. The cost of a trial is its effort
-on the true robot. The optimum is that of an off-line refinement with the true model. Primitives:
+on the true robot. The optimum is that of an off-line refinement with the true model. Noise: the
+same with noise of 10 % on each cost, and the true gain of the motions that are kept. Primitives:
 goals near refined motions, planned with the old primitive and with the new one.
 
     python benchmarks/learning.py [--problems 100] [--seeds 10] [--trials 60]
@@ -32,6 +33,7 @@ from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 MODEL_ERROR = 0.3
+NOISE = 0.1
 N_NEIGHBOURS = 5
 NEIGHBOURHOOD = 0.1
 
@@ -42,6 +44,7 @@ def main() -> None:
     parser.add_argument("--problems", type=int, default=100)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--trials", type=int, default=60)
+    parser.add_argument("--noisy-seeds", type=int, default=50)
     arguments = parser.parse_args()
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
     motions = generate_motions(40, 1)
@@ -55,10 +58,12 @@ def main() -> None:
     found = {
         "effort saved by refining [%]": refine_all(planner, plans),
         **learn_by_trials(planner, plans[0], arguments.seeds, arguments.trials),
+        **learn_with_noise(planner, plans[0], arguments.noisy_seeds, arguments.trials),
         "effort of a new primitive's plan over the old one's": plan_around(
             planner, plans[: max(arguments.problems // 5, 1)]
         ),
     }
+    found = {name: x for name, x in found.items() if x}
     rows = [
         [name, str(len(x)), *(f"{y:.3g}" for y in (np.median(x), min(x), max(x)))]
         for name, x in found.items()
@@ -111,6 +116,39 @@ def learn_by_trials(
             for when, effort in (("first trial", first), (f"best of {n_trials} trials", best)):
                 name = f"from the {label}: {when} above the optimum [%]"
                 found.setdefault(name, []).append(100.0 * (effort / optimum - 1.0))
+    return found
+
+
+def learn_with_noise(
+    planner: Planner, plan: Plan, n_seeds: int, n_trials: int
+) -> dict[str, list[float]]:
+    """True gains of kept motions, and of those of the least single cost [%]."""
+    start = refine([plan.motion], planner.robot, planner.limits).motion.parameters
+    found: dict[str, list[float]] = {}
+    for label, parameters in (("one shot", None), ("off-line refinement", start)):
+        names = [
+            f"from the {label}, with noise: true gain {of} [%]"
+            for of in ("of what is kept", "of the least single cost")
+        ]
+        found |= {name: [] for name in names}
+        for seed in range(n_seeds):
+            cost = RefinementCost([plan.motion], perturbed_robot(seed))
+            rng, options = np.random.default_rng(seed), RefinementOptions(seed=seed)
+            problem = [plan.motion], planner.robot, planner.limits, options
+            learner = TrialLearner(*problem, start=parameters)
+            for _ in range(n_trials):
+                tried = learner.propose().motion.parameters
+                effort, _ = cost.effort_and_cost(tried)
+                learner.record(effort * (1.0 + NOISE * rng.normal()))
+            gain, least = learner.gain(), min(learner.trials, key=lambda trial: trial.cost)
+            kept = [gain] if gain is not None and gain.is_certain else []
+            for name, several in zip(names, (kept, [least]), strict=True):
+                for one in several:
+                    efforts = (
+                        cost.effort_and_cost(np.array(x))[0] for x in (one.parameters, 0 * start)
+                    )
+                    ratio = np.divide(*efforts)
+                    found[name].append(100.0 * (1.0 - ratio))
     return found
 
 

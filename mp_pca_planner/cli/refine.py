@@ -120,7 +120,9 @@ def _refine_by_trials(
         learner.record(cost, keep=False)
     facts = _facts_of_trials(request, learner)
     best, motion_file = learner.best_motion().motion, arguments.trajectory
-    facts["kept"] = facts["gain"] is not None and _keep(arguments, request, best, facts)
+    gain = learner.gain()
+    is_certain = gain is not None and gain.is_certain
+    facts["kept"] = is_certain and _keep(arguments, request, best, facts)
     where = motion_file or "pass --trajectory to write it"
     lines = [
         *_trial_lines(arguments, facts),
@@ -169,23 +171,28 @@ def _facts(request: PlannedRequest, accepted: AcceptedMotion) -> dict[str, Any]:
 
 def _facts_of_trials(request: PlannedRequest, learner: TrialLearner) -> dict[str, Any]:
     best, first = learner.best, learner.trials[0].cost if learner.trials else None
-    gain = None
-    if best is not None and first is not None:
-        gain = 1.0 - best.cost / first if first > 0.0 else 0.0
+    gain = learner.gain()
     return _facts(request, learner.best_motion()) | {
         "n_trials": len(learner.trials),
-        "original_cost": first,
+        "original_cost": first if gain is None else gain.original_cost,
         "cost": None if best is None else best.cost,
-        "gain": gain,
+        "gain": None if gain is None else gain.share,
+        "gain_error": None if gain is None else gain.share_error,
     }
 
 
 def _trial_lines(arguments: argparse.Namespace, facts: dict[str, Any]) -> list[str]:
     if facts["cost"] is None:
         return []
+    if facts["gain"] is None:
+        return [
+            f"best of {facts['n_trials']} trials: {facts['cost']:.4g}; the next trials repeat the "
+            "planned motion and the best one, to measure the noise"
+        ]
     return [
         f"best of {facts['n_trials']} trials: {facts['cost']:.4g}, "
-        f"{facts['gain']:.1%} less than the first trial",
+        f"{facts['gain']:.1%} less than the planned motion, "
+        f"standard error {facts['gain_error']:.1%}",
         f"primitive    {_kept_words(arguments, facts)}",
     ]
 
@@ -222,4 +229,6 @@ def _kept_words(arguments: argparse.Namespace, facts: dict[str, Any]) -> str:
         return f"written to {', '.join(map(str, _outputs(arguments)))}"
     if arguments.output is None:
         return "not kept (pass --output to keep it)"
+    if facts["gain"] >= arguments.min_gain:
+        return "not kept: the gain is not larger than the noise; report more trials"
     return f"not kept: the cost fell by less than {arguments.min_gain:.1%}"

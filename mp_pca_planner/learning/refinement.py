@@ -188,9 +188,9 @@ def refine(
     best_cost, iterations = before[1], 0
     kept = LimitConstraints(len(segments), robot, limits, options.margin)
     apart = ClearanceConstraints(segments, collision)
-    origin = start = np.zeros(len(segments) * N_PARAMETERS)
+    visited = [np.zeros(len(segments) * N_PARAMETERS)]
     for _ in range(options.max_rounds):
-        found = _minimise(cost, [kept, apart], segments, start, options)
+        found = _minimise(cost, [kept, apart], segments, visited, options)
         iterations += int(found.nit)
         motion = RefinedMotion(segments, found.x)
         _, check, collisions = judge.examine(motion)
@@ -198,8 +198,7 @@ def refine(
             break
         kept.add_phases(motion, check)
         apart.add(motion, collisions)
-        # From within a collision, the optimiser might leave it on the other side.
-        start = origin if collisions else found.x
+        visited.append(found.x)
     for factor in (1.0, *options.retreats):
         candidate = RefinedMotion(segments, factor * found.x)
         if options.time_price is None:
@@ -269,10 +268,15 @@ def _minimise(
     cost: RefinementCost,
     kept: Sequence[LimitConstraints | ClearanceConstraints],
     segments: Sequence[Motion],
-    start: FloatArray,
+    visited: Sequence[FloatArray],
     options: RefinementOptions,
 ) -> OptimizeResult:
-    """Sequential least squares programming (SciPy) with the constraints that are near."""
+    """Sequential least squares programming (SciPy) with constraints that are near.
+
+    It starts from the original motion, the first of those visited. From within a collision, it
+    might leave that on the other side. Constraints that were near for any visited motion count.
+    """
+    start = visited[0]
     scale = max(cost.effort_and_cost(start)[1], np.finfo(float).tiny)
 
     def objective(x: FloatArray) -> tuple[float, FloatArray]:
@@ -281,7 +285,8 @@ def _minimise(
 
     constraints: list[dict[str, Any]] = []
     for terms in kept:
-        near = terms.values_and_jacobian(segments, start)[0] < options.near
+        values = [terms.values_and_jacobian(segments, x)[0] for x in visited]
+        near = np.min(values, axis=0) < options.near
         if near.any():
             constraints.append(_inequality(terms, segments, near))
     if options.time_price is None:

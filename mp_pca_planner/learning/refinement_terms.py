@@ -95,8 +95,8 @@ class LimitConstraints:
     ) -> None:
         self._robot, self._margin = robot, margin
         self._phases = [np.linspace(0.02, 0.98, n_phases)] * n_segments
-        # Rows: positions, velocities, accelerations and efforts.
-        magnitudes = (limits.velocity, limits.acceleration, limits.effort)
+        # Rows: positions, velocities, accelerations, efforts and jerks.
+        magnitudes = (limits.velocity, limits.acceleration, limits.effort, limits.jerk)
         upper = np.stack([limits.upper, *magnitudes])
         lower = np.stack([limits.lower, *(-x for x in magnitudes)])
         span = np.stack([limits.upper - limits.lower, *magnitudes])
@@ -122,8 +122,9 @@ class LimitConstraints:
         for i, part in enumerate(_by_segment(parameters)):
             states = segment_states(segments[i], part, self._phases[i])
             tau, by_parameter = _efforts(self._robot, states)
-            x = np.concatenate([states.values, tau[None]])
-            dx = np.concatenate([states.by_parameter, by_parameter[None]])
+            jerks, of_jerks = _jerks(segments[i], part, self._phases[i])
+            x = np.concatenate([states.values, tau[None], jerks[None]])
+            dx = np.concatenate([states.by_parameter, by_parameter[None], of_jerks[None]])
             room = signs * (self._bounds[:, :, None] - x) / self._span[:, None] - self._margin
             slope = -signs[..., None] * dx / self._span[:, None, :, None]
             limited = np.broadcast_to(self._is_limited[:, :, None], room.shape)
@@ -196,6 +197,26 @@ def _efforts(robot: Robot, states: SegmentStates) -> tuple[FloatArray, FloatArra
     _, n_steps, n_joints, n_parameters = states.by_parameter.shape
     stacked = states.by_parameter.transpose(1, 0, 2, 3).reshape(n_steps, 3 * n_joints, n_parameters)
     return tau, dtau @ stacked
+
+
+def _jerks(
+    segment: Motion, parameters: FloatArray, phases: FloatArray, step: float = 1e-4
+) -> tuple[FloatArray, FloatArray]:
+    """Jerks (n_steps, n_joints) and their derivatives (…, N_PARAMETERS), by differences.
+
+    The first and the last are those at the ends, where jerks are often largest.
+    """
+    at = np.concatenate([[0.0], phases[1:-1], [1.0]])
+    around = np.clip([at - step, at + step], 0.0, 1.0)
+    states = segment_states(segment, parameters, around.ravel())
+    behind, ahead = states.values[2].reshape(2, len(at), -1)
+    shape = (2, *ahead.shape, N_PARAMETERS)
+    by_behind, by_ahead = states.by_parameter[2].reshape(shape)
+    times = states.duration * (around[1] - around[0])[:, None]
+    jerks = (ahead - behind) / times
+    by_parameter = (by_ahead - by_behind) / times[..., None]
+    by_parameter[..., LOG_DURATION] -= jerks  # the time between the two states grows, too
+    return jerks, by_parameter
 
 
 def _by_segment(parameters: FloatArray) -> FloatArray:

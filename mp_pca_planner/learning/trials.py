@@ -6,6 +6,10 @@ CMA-ES (Hansen and Ostermeier, Evolutionary Computation 9(2), 2001; the package 
 proposes the parameters of a :class:`.RefinedMotion`; a trial is one of them that the
 validator accepted, executed and measured. One file keeps all trials; after a crash, learning
 resumes from it with the same results.
+
+Measured costs are noisy, and the least of many is too low. So the original motion and the best
+candidate are repeated after each generation. A candidate is judged by its repetitions, without the
+measurement that it was chosen for.
 """
 
 from __future__ import annotations
@@ -32,7 +36,12 @@ from .refinement import AcceptedMotion, ExecutableMotions, RefinementOptions
 
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
-_FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float}]}
+_FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float, "repeat?": bool}]}
+# Repetitions before the search and after each generation; every third is of the original motion,
+# the others are of the best candidate.
+_N_REPEATED = 6
+# A gain counts from this many standard errors on. With 1, chance makes one gain of six.
+_MIN_ERRORS = 2.0
 
 
 @dataclass(frozen=True)
@@ -45,10 +54,49 @@ class Trial:
         Those of the :class:`.RefinedMotion` that was executed, segment by segment.
     cost : float
         Its measured cost.
+    repeat : bool
+        Whether it repeats an earlier one to measure the noise.
     """
 
     parameters: tuple[float, ...]
     cost: float
+    repeat: bool = False
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What trials say of the best motion in comparison with the original.
+
+    Attributes
+    ----------
+    parameters : tuple of float
+        The best motion, see :class:`Trial`.
+    original_cost, cost : float
+        Mean costs of the original, and of the repetitions of the best motion.
+    error : float
+        Standard error of their difference, from the scatter of all repetitions. It is widened as
+        Student's t distribution is, because few repetitions say little about their scatter.
+    """
+
+    parameters: tuple[float, ...]
+    original_cost: float
+    cost: float
+    error: float
+
+    @property
+    def share(self) -> float:
+        """Share by which the cost is lower."""
+        return 1.0 - self.cost / self.original_cost if self.original_cost > 0.0 else 0.0
+
+    @property
+    def share_error(self) -> float:
+        """The standard error as a share of the original cost."""
+        return self.error / self.original_cost if self.original_cost > 0.0 else 0.0
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the best motion costs less beyond the noise."""
+        return self.original_cost - self.cost > _MIN_ERRORS * self.error
 
 
 class TrialLearner:
@@ -119,7 +167,7 @@ class TrialLearner:
         self._identity = _identity(first, options)
         if state is not None and state.exists():
             for trial in _read(state, self._identity, options.bounds(len(segments))):
-                if len(self._trials) >= len(self._first):
+                if not trial.repeat and self._n_searched >= len(self._first):
                     self._search.ask()  # advances the random numbers as this trial did
                 self._learn(trial)
 
@@ -130,20 +178,75 @@ class TrialLearner:
 
     @property
     def best(self) -> Trial | None:
-        """The trial of least cost."""
+        """The best candidate with its mean cost; before it is repeated, the trial of least cost."""
+        gain = self.gain()
+        if gain is not None:
+            return Trial(gain.parameters, gain.cost)
         return min(self._trials, key=lambda trial: trial.cost, default=None)
 
+    def gain(self) -> Gain | None:
+        """The gain of the best candidate; None until the original and a candidate are repeated."""
+        costs = self._costs()
+        repeated = {x: c[1:] for x, c in list(costs.items())[1:] if len(c) > 1}
+        original = next(iter(costs.values()), [])
+        if len(original) < 2 or not repeated:
+            return None
+        noise, freedom = _noise(list(costs.values()))
+        widened = noise * np.sqrt(max(freedom, 3) / (max(freedom, 3) - 2.0))
+        mean, n = float(np.mean(original)), len(original)
+        gains = [
+            Gain(x, mean, float(np.mean(c)), float(widened * np.sqrt(1.0 / n + 1.0 / len(c))))
+            for x, c in repeated.items()
+        ]
+        return min(gains, key=lambda one: one.cost + one.error)
+
     def best_motion(self) -> AcceptedMotion:
-        """The motion of the best trial; before any, the one to search around."""
+        """The motion of the best candidate; before any, the one to search around."""
         return self._judge.accept(RefinedMotion(self._segments, self._best_parameters()))
 
     def propose(self) -> AcceptedMotion:
         """The motion to try next, within all limits; the same one until its cost is reported."""
-        n = len(self._trials)
         if self._proposal is None:
-            searching = n >= len(self._first)
-            self._proposal = self._repaired(self._search.ask()) if searching else self._first[n]
+            repeated, n = self._to_repeat(), self._n_searched
+            if repeated is not None:
+                motion = RefinedMotion(self._segments, np.reshape(repeated, self._centre.shape))
+                self._proposal = self._judge.accept(motion)
+            elif n < len(self._first):
+                self._proposal = self._first[n]
+            else:
+                self._proposal = self._repaired(self._search.ask())
         return self._proposal
+
+    @property
+    def _n_searched(self) -> int:
+        """Number of trials that are no repetitions."""
+        return sum(not trial.repeat for trial in self._trials)
+
+    def _costs(self) -> dict[tuple[float, ...], list[float]]:
+        """Costs of each motion, in order; the original motion is the first."""
+        costs: dict[tuple[float, ...], list[float]] = {}
+        for trial in self._trials:
+            costs.setdefault(trial.parameters, []).append(trial.cost)
+        return costs
+
+    def _to_repeat(self) -> tuple[float, ...] | None:
+        """The motion to repeat next; None if none is due.
+
+        Of the candidates, the one that may be best: with the least mean minus its standard error.
+        """
+        n_searched = self._n_searched - len(self._first)
+        if n_searched < 0:
+            return None
+        n_rounds = 1 + n_searched // self._search.population_size
+        n_repeated = len(self._trials) - self._n_searched
+        if n_repeated >= n_rounds * _N_REPEATED:
+            return None
+        costs = self._costs()
+        original, *others = costs
+        if n_repeated % 3 == 0 or not others:
+            return original
+        noise, _ = _noise(list(costs.values()))
+        return min(others, key=lambda x: float(np.mean(costs[x])) - noise / np.sqrt(len(costs[x])))
 
     def record(self, cost: float, executed: FloatArray | None = None, *, keep: bool = True) -> None:
         """Report the cost of the proposed motion.
@@ -167,7 +270,8 @@ class TrialLearner:
         if not np.isfinite(cost):
             raise LearningError(f"the cost of a trial must be a finite number, got {cost}")
         tried = self.propose().motion.parameters if executed is None else executed
-        trial = Trial(tuple(tried.ravel().tolist()), float(cost))
+        is_repeat = self._to_repeat() is not None
+        trial = Trial(tuple(tried.ravel().tolist()), float(cost), is_repeat)
         if keep:
             self.keep_trials(trial)
         self._learn(trial)
@@ -192,7 +296,7 @@ class TrialLearner:
         write_whole(self._state, json.dumps(content, indent=1).encode(), overwrite=True)
 
     def _learn(self, trial: Trial) -> None:
-        if len(self._trials) >= len(self._first):
+        if not trial.repeat and self._n_searched >= len(self._first):
             free = np.reshape(trial.parameters, self._free.shape)[self._free]
             self._generation.append((free, trial.cost))
         self._trials.append(trial)
@@ -222,6 +326,13 @@ class TrialLearner:
         except TrajectoryError:
             # The best motion was executed from another start.
             return self._first[0]
+
+
+def _noise(costs: Sequence[Sequence[float]]) -> tuple[float, int]:
+    """Standard deviation of repeated costs about their means, and its degrees of freedom."""
+    squares = sum(float(np.sum((np.array(x) - np.mean(x)) ** 2)) for x in costs)
+    freedom = sum(len(x) - 1 for x in costs)
+    return float(np.sqrt(squares / max(freedom, 1))), freedom
 
 
 def _search(centre: FloatArray, bounds: FloatArray, options: RefinementOptions) -> Any:
@@ -272,7 +383,9 @@ def _read(path: Path, identity: str, bounds: FloatArray) -> list[Trial]:
             f"the trials in '{path}' are of another motion, or with other options: "
             "remove it, name another file, or repeat the request that it was made for"
         )
-    trials = [Trial(tuple(x["parameters"]), x["cost"]) for x in content["trials"]]
+    trials = [
+        Trial(tuple(x["parameters"]), x["cost"], x.get("repeat", False)) for x in content["trials"]
+    ]
     # Keeping the total duration shifts a logarithm of a duration by twice its bound at most.
     largest = (bounds * np.where(np.arange(N_PARAMETERS) == LOG_DURATION, 3.0, 1.0)).ravel()
     for trial in trials:

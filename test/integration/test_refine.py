@@ -197,8 +197,13 @@ def test_trials_go_on_from_call_to_call_until_one_is_kept(primitive, tmp_path):
     assert second["positions"] != first["positions"]
     third = refine(primitive, *options, "--cost", "8.0", "--output", new)
     assert third["n_trials"] == 2
-    assert third["gain"] == pytest.approx(0.2)
-    assert third["kept"] and load_primitive(new).metadata["refined_from"]["cost"] == 8.0
+    # Nothing is kept until the planned motion and the best one are repeated.
+    assert third["gain"] is None and not third["kept"] and not new.exists()
+    fourth = refine(primitive, *options, "--cost", "10.0")
+    assert fourth["positions"] == second["positions"]
+    fifth = refine(primitive, *options, "--cost", "8.0", "--output", new)
+    assert fifth["gain"] == pytest.approx(0.2) and fifth["gain_error"] == 0.0
+    assert fifth["kept"] and load_primitive(new).metadata["refined_from"]["cost"] == 8.0
 
 
 def test_cost_is_not_counted_if_the_next_trial_could_not_be_written(primitive, tmp_path):

@@ -85,20 +85,25 @@ class ServedTrial:
         Raises
         ------
         LearningError
-            If no trial cost less than the planned motion.
+            If no trial costs less than the planned motion beyond the noise of repeated trials.
         """
         with self.learned.lock:
-            best, trials = self.learned.learner.best, self.learned.learner.trials
-        if best is None:
+            gain, n_trials = self.learned.learner.gain(), len(self.learned.learner.trials)
+        if n_trials == 0:
             return self.parameters, {}
-        planned = trials[0].cost
-        if not best.cost < planned:
+        if gain is None or not gain.is_certain:
+            found = "" if gain is None else f" ({gain.share:.1%} ± {gain.share_error:.1%})"
             raise LearningError(
-                f"there is nothing to keep: none of {len(trials)} trials cost less than the "
-                f"planned motion, {planned:g}"
+                f"there is nothing to keep: none of {n_trials} trials costs less than the planned "
+                f"motion beyond the noise{found}; report the costs of more trials"
             )
-        facts = {"trial_cost": best.cost, "planned_cost": planned, "n_trials": len(trials)}
-        return np.reshape(best.parameters, self.parameters.shape), facts
+        facts = {
+            "trial_cost": gain.cost,
+            "planned_cost": gain.original_cost,
+            "gain_error": gain.share_error,
+            "n_trials": n_trials,
+        }
+        return np.reshape(gain.parameters, self.parameters.shape), facts
 
     def close(self) -> None:
         """End the trials of this goal after the best one was kept.

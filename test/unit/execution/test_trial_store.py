@@ -61,8 +61,10 @@ def test_trials_lower_the_cost_and_start_wherever_the_robot_is(model: Model) -> 
         costs.append(float(np.mean((plan.trajectory.positions[:, 3] - START[3]) ** 2)))
         trial.record(costs[-1])
     parameters, facts = trial.to_keep()
-    assert facts == {"trial_cost": min(costs), "planned_cost": costs[0], "n_trials": 20}
-    assert min(costs) < 0.95 * costs[0]
+    assert facts["n_trials"] == 20
+    assert facts["planned_cost"] == pytest.approx(costs[0], rel=0.1)
+    assert facts["trial_cost"] < 0.95 * facts["planned_cost"]
+    assert 0.0 < facts["gain_error"] < 0.5 * (1.0 - facts["trial_cost"] / facts["planned_cost"])
     assert parameters.any()
 
 
@@ -86,7 +88,7 @@ def test_first_trial_is_the_planned_motion_and_repeats_until_its_cost_is_reporte
     assert trial.number == 2
     assert np.abs(second.trajectory.positions - plan.trajectory.positions).max() > 1e-3
     trial.record(4.0)
-    with pytest.raises(LearningError, match="none of 2 trials cost less"):
+    with pytest.raises(LearningError, match="none of 2 trials costs less"):
         trial.to_keep()
 
 

@@ -22,7 +22,7 @@ from mp_pca_planner.learning.refined_motion import (
     segment_states,
 )
 from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
-from mp_pca_planner.learning.refinement_terms import ClearanceConstraints
+from mp_pca_planner.learning.refinement_terms import ClearanceConstraints, LimitConstraints
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
@@ -306,3 +306,35 @@ def test_amplitude_of_minus_one_is_the_motion_of_least_jerk():
         straight.evaluate(times)[0] - mean,
         atol=1e-12,
     )
+
+
+@pytest.mark.parametrize("n_segments", [1, 2])
+def test_limits_and_their_slopes_are_those_of_differences(n_segments):
+    segments = joined_motions()[:n_segments]
+    limits = ROBOT.limits({name: {"max_jerk": 40.0, "max_acceleration": 9.0} for name in JOINTS})
+    terms = LimitConstraints(n_segments, ROBOT, limits, 0.0)
+    x = some_parameters(n_segments, 4).ravel()
+    values, slopes = terms.values_and_jacobian(segments, x)
+    for k, e in enumerate(1e-6 * np.eye(x.size)):
+        ahead, behind = (terms.values_and_jacobian(segments, x + s * e)[0] for s in (1, -1))
+        np.testing.assert_allclose((ahead - behind) / 2e-6, slopes[:, k], rtol=1e-4, atol=1e-3)
+    # The least room for jerk is that of the motion itself, on a fine grid.
+    motion, step = RefinedMotion(segments, x), 1e-5
+    times = np.linspace(0.0, motion.duration, 4001)[1:-1]
+    if n_segments == 1:
+        jerk = np.subtract(*(motion.evaluate(times + h)[2] for h in (step, -step))) / (2 * step)
+        assert values.min() == pytest.approx(1.0 - np.abs(jerk).max() / 40.0, rel=0.05)
+
+
+@pytest.mark.parametrize("max_jerk", [25.0, 60.0])
+def test_a_motion_at_its_limit_of_jerk_becomes_cheaper_within_it(max_jerk):
+    limits = ROBOT.limits({name: {"max_jerk": max_jerk} for name in JOINTS})
+    planner = Planner(ROBOT, [arm_primitive()], limits, PATIENT)
+    states, gains = arm_primitive().boundary_states, []
+    for i in range(4):
+        goal = JointGoal(JointState(JOINTS, states[i, 3]))
+        plan = planner.plan(goal, JointState(JOINTS, states[i, 0]))
+        found = refine([plan.motion], ROBOT, limits)
+        assert not check_limits(found.trajectory, ROBOT, limits).violations
+        gains.append(found.gain)
+    assert min(gains) > 0.01

@@ -86,10 +86,58 @@ def learn(learner, n_trials):
 
 
 def test_trials_lower_the_cost_and_start_with_the_motion_itself():
-    learner = learn(TrialLearner([motion()], ROBOT, ROBOT.limits()), 40)
+    # Of these, some 40 search and the others repeat.
+    learner = learn(TrialLearner([motion()], ROBOT, ROBOT.limits()), 70)
     assert not np.any(learner.trials[0].parameters)
     assert learner.best.cost < 0.95 * learner.trials[0].cost
-    assert effort(learner.best_motion()) == learner.best.cost
+    assert effort(learner.best_motion()) == pytest.approx(learner.best.cost, rel=1e-12)
+    # Without noise, the gain is certain.
+    gain = learner.gain()
+    assert gain.is_certain and gain.error == pytest.approx(0.0, abs=1e-9 * gain.cost)
+    assert gain.original_cost == pytest.approx(learner.trials[0].cost)
+
+
+def noisy(seed, n_trials, noise=0.1):
+    """A learner of costs with noise, from a motion that no trial can improve."""
+    limits, rng = ROBOT.limits(), np.random.default_rng(seed)
+    learner = TrialLearner([motion()], ROBOT, limits, RefinementOptions(seed=seed))
+    for _ in range(n_trials):
+        worse = 1.0 + 0.1 * np.abs(learner.propose().motion.parameters).sum()
+        learner.record(worse * (1.0 + noise * rng.normal()))
+    return learner
+
+
+def test_noise_makes_no_gain():
+    for seed in range(12):
+        learner = noisy(seed, 40)
+        gain = learner.gain()
+        really = 0.1 * np.abs(gain.parameters).sum()
+        assert not gain.is_certain or really < 0.01
+        # The least of single measurements would be taken for a gain.
+        assert min(trial.cost for trial in learner.trials) < 0.9
+        assert 0.03 < gain.share_error < 0.3
+
+
+def test_a_gain_is_judged_by_repetitions():
+    learner = noisy(3, 40)
+    gain, n = learner.gain(), len(learner.trials)
+    repeated = [t for t in learner.trials if t.repeat]
+    assert n // 4 < len(repeated) < n // 2
+    own = [t.cost for t in repeated if t.parameters == gain.parameters]
+    assert gain.cost == pytest.approx(np.mean(own))
+    originals = [t.cost for t in learner.trials if not np.any(t.parameters)]
+    assert gain.original_cost == pytest.approx(np.mean(originals))
+
+
+def test_trials_of_an_earlier_release_are_read(tmp_path):
+    file = tmp_path / "trials.json"
+    learn(TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file), 1)
+    content = json.loads(file.read_text())
+    for trial in content["trials"]:
+        del trial["repeat"]
+    file.write_text(json.dumps(content))
+    resumed = TrialLearner([motion()], ROBOT, ROBOT.limits(), state=file)
+    assert [trial.repeat for trial in resumed.trials] == [False]
 
 
 def test_trials_go_on_from_a_refinement_that_ended_at_a_bound():
