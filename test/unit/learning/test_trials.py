@@ -87,7 +87,7 @@ def learn(learner, n_trials):
 
 def test_trials_lower_the_cost_and_start_with_the_motion_itself():
     # Of these, some 40 search and the others repeat.
-    learner = learn(TrialLearner([motion()], ROBOT, ROBOT.limits()), 70)
+    learner = learn(TrialLearner([motion()], ROBOT, ROBOT.limits()), 80)
     assert not np.any(learner.trials[0].parameters)
     assert learner.best.cost < 0.95 * learner.trials[0].cost
     assert effort(learner.best_motion()) == pytest.approx(learner.best.cost, rel=1e-12)
