@@ -9,8 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..control.closed_loop import ControlLoop, ErrorModel, Sampling, Verification, verify
 from ..control.law import (
+    COMPUTED_TORQUE,
+    EXCLUDED,
     KINDS,
     ControlLaw,
     controller_parameters,
@@ -25,6 +28,7 @@ from ..plotting.text import table
 from ..primitives.file import save_primitive
 from ..robot.model import Robot
 from .common import check_output, progress_bar, report
+from .goal_arguments import joint_values
 from .requests import PlannedRequest, plan_request
 from .terminal import DONE, FAILED, written_lines
 
@@ -35,21 +39,31 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(output, ".npz", force=arguments.force)
     if parameters_file is not None:
         check_writable(parameters_file, overwrite=arguments.force)
-    errors = ErrorModel(
-        arguments.inertia_error, arguments.payload, arguments.payload_link, arguments.start_error
-    )
     sampling = Sampling(arguments.control_period, arguments.delay)
     request = plan_request(arguments)
     if not request.plan.is_executable:
         raise ControlError(f"there is no motion to verify: {request.plan.message}")
-    law = _choose_law(arguments, request)
+    robot = request.planner.robot
+    if arguments.armature is not None:
+        robot = robot.with_armature(_by_joint(arguments.armature, "--armature", robot))
+    friction = robot.described_friction
+    if arguments.friction is not None:
+        friction = _by_joint(arguments.friction, "--friction", robot)
+    errors = ErrorModel(
+        arguments.inertia_error,
+        arguments.payload,
+        arguments.payload_link,
+        arguments.start_error,
+        friction=tuple(friction.tolist()),
+    )
+    law = _choose_law(arguments, request, robot)
     parameters = parameters_file and controller_parameters(law, "joint_trajectory_controller")
-    robot, trajectory = request.planner.robot, request.plan.trajectory
+    trajectory = request.plan.trajectory
     loop = ControlLoop(robot, law, trajectory, request.planner.limits.effort, sampling)
     stability, n = analyse(loop, errors), arguments.trials
     with progress_bar("simulations", "simulation") as progress:
         found = verify(loop, errors, stability.error_bound, n, progress=progress)
-    facts = _facts(arguments, law, stability, found)
+    facts = _facts(arguments, law, stability, found, errors)
     facts["holds_for"] = verified_case(robot, trajectory)
     if output is not None:
         paired = pair_law(request.primitives[0], law, facts)
@@ -63,9 +77,17 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE if found.bound_held == arguments.trials and stability.holds else FAILED
 
 
-def _choose_law(arguments: argparse.Namespace, request: PlannedRequest) -> ControlLaw:
+def _by_joint(text: str, option: str, robot: Robot) -> FloatArray:
+    """One number for all joints, or one for each; joints that are not named have 0."""
+    if "=" not in text and len(text.replace(",", " ").split()) == 1:
+        text = ",".join([text] * len(robot.described_joints))
+    values = joint_values(text, robot.described_joints, option)
+    return np.array([values.get(name, 0.0) for name in robot.joint_names])
+
+
+def _choose_law(arguments: argparse.Namespace, request: PlannedRequest, robot: Robot) -> ControlLaw:
     """The law of the options, the primitive's own, or one made from frequency and damping."""
-    kind, robot = arguments.law or KINDS[0], request.planner.robot
+    kind = arguments.law or KINDS[0]
     own = paired_law(request.primitives[0])
     if own is not None and arguments.law is None:
         return own
@@ -74,13 +96,18 @@ def _choose_law(arguments: argparse.Namespace, request: PlannedRequest) -> Contr
 
 
 def _facts(
-    arguments: argparse.Namespace, law: ControlLaw, stability: Stability, found: Verification
+    arguments: argparse.Namespace,
+    law: ControlLaw,
+    stability: Stability,
+    found: Verification,
+    errors: ErrorModel,
 ) -> dict[str, Any]:
     assumed = ("inertia_error", "payload", "payload_link", "start_error", "control_period", "delay")
     return {
         "position_gains": law.position_gains.tolist(),
         "velocity_gains": law.velocity_gains.tolist(),
-        "assumed": {name: getattr(arguments, name) for name in assumed},
+        "assumed": {name: getattr(arguments, name) for name in assumed}
+        | {"friction": list(errors.friction), "armature": arguments.armature},
         **stability.summary(),
         "n_trials": len(found.errors),
         "bound_held": found.bound_held,
@@ -110,12 +137,39 @@ def _text(robot: Robot, law: ControlLaw, stability: Stability, found: Verificati
         f"law           {law.kind}",
         f"poles         slowest {stability.slowest_pole:.3g} 1/s, least damping ratio "
         f"{stability.least_damping:.3g}, sampled radius {stability.sampled_radius:.4f}",
+        *_damping_lines(law, stability),
         f"loop gain     {stability.loop_gain:.3g} (of the model's errors; below 1: stable)",
         f"effort left   {100 * stability.effort_reserve:.1f} % of the limit",
         f"saturated     {found.saturated} of {n} simulations",
         f"bound held    {found.bound_held} of {n} simulations"
         if bound is not None
-        else "bound         none: errors this large can't be bounded with these gains",
+        else f"bound         none: {_remedy(stability)}",
+        f"not included  {EXCLUDED}",
         "",
         *table(rows, header=header).splitlines(),
     ]
+
+
+def _damping_lines(law: ControlLaw, stability: Stability) -> list[str]:
+    """The reason for poles of less damping than requested, if there are any."""
+    if law.kind == COMPUTED_TORQUE or stability.least_damping > 0.9:
+        return []
+    return [
+        "              PD gains are those of each joint alone; inertia that couples joints gives",
+        "              less damping: raise --damping-ratio, or use --law computed_torque",
+    ]
+
+
+def _remedy(stability: Stability) -> str:
+    """Why there is no bound, and what helps."""
+    if stability.slowest_pole >= 0.0 or stability.sampled_radius >= 1.0:
+        return "the loop is unstable; lower --natural-frequency, --control-period or --delay"
+    if stability.loop_gain >= 1.0:
+        return (
+            "errors of the model are amplified (loop gain above 1); give the inertias of the "
+            "rotors (--armature), which light last links need, or less --inertia-error"
+        )
+    return (
+        "friction or errors at the start leave the range of the linear loop; raise "
+        "--natural-frequency, or give less --friction or --start-error"
+    )

@@ -40,6 +40,8 @@ class ErrorModel:
         Largest error of each joint at the start [rad or m].
     velocity : float
         The same of velocities [/s].
+    friction : tuple of float
+        Largest Coulomb friction of each joint [N·m or N]; empty: none.
 
     Raises
     ------
@@ -52,16 +54,19 @@ class ErrorModel:
     frame: str | None = None
     position: float = 0.001
     velocity: float = 0.0
+    friction: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         check_number(self.inertia, "the error of inertia", ControlError, 0.0, 0.999)
         for name in ("payload", "position", "velocity"):
             check_number(getattr(self, name), f"the error of {name}", ControlError, 0.0, 1e6)
+        for friction in self.friction:
+            check_number(friction, "the friction of a joint", ControlError, 0.0, 1e6)
 
     def sample(
         self, robot: Robot, rng: np.random.Generator, *, extreme: bool = False
-    ) -> tuple[Robot, FloatArray, FloatArray]:
-        """One robot within the errors and its start errors: (robot, position, velocity).
+    ) -> tuple[Robot, FloatArray, FloatArray, FloatArray]:
+        """One robot within the errors: (robot, start error, that of velocity, friction).
 
         Parameters
         ----------
@@ -81,7 +86,9 @@ class ErrorModel:
         payload = self.payload * 0.5 * (1.0 + float(draw(1)[0]))
         true = robot.with_link_inertias(1.0 + self.inertia * draw(shape))
         true = true.with_payload(payload, self.frame)
-        return true, self.position * draw(n), self.velocity * draw(n)
+        starts = self.position * draw(n), self.velocity * draw(n)
+        friction = np.broadcast_to(self.friction or 0.0, (n,))
+        return true, *starts, friction * 0.5 * (1.0 + (draw(n) if friction.any() else 0.0))
 
 
 @dataclass(frozen=True)
@@ -110,6 +117,9 @@ class Sampling:
 
 
 DEFAULT_SAMPLING = Sampling()
+
+# Speed at which friction reaches three quarters of its size [rad/s or m/s].
+_SLOW = 0.01
 
 
 class Reference(NamedTuple):
@@ -207,7 +217,11 @@ class ControlLoop:
 
 
 def simulate(
-    loop: ControlLoop, robot: Robot, start_error: FloatArray, start_velocity_error: FloatArray
+    loop: ControlLoop,
+    robot: Robot,
+    start_error: FloatArray,
+    start_velocity_error: FloatArray,
+    friction: FloatArray | None = None,
 ) -> Simulation:
     """Simulate the closed loop with Pinocchio's forward dynamics.
 
@@ -219,6 +233,9 @@ def simulate(
         The simulated robot, which may differ from the model of the controller.
     start_error, start_velocity_error : array, shape (n_joints,)
         q_d − q and its derivative at the start.
+    friction : array, shape (n_joints,), optional
+        Coulomb friction of each joint [N·m or N]. It is smooth near rest, where a jump could not be
+        integrated.
 
     Raises
     ------
@@ -233,14 +250,20 @@ def simulate(
     # Before the start, the robot is at rest under the same law.
     pending = [_command(loop, feedforward, 0, q, v)] * loop.sampling.delay
     errors, efforts = np.empty_like(desired.q), np.empty_like(desired.q)
-    saturated = 0
+    saturated, period = 0, loop.sampling.period
+    drag = np.zeros(robot.n_joints) if friction is None else friction
+    slow = np.full(robot.n_joints, _SLOW)
+    if drag.any():
+        # Friction that changes more within a step than inertia allows would be unstable.
+        mass, _ = robot.motion_equation(q, v)
+        slow = np.maximum(slow, 2.0 * period * drag * np.linalg.inv(mass).diagonal())
     for k in range(len(loop.times)):
         errors[k] = desired.q[k] - q
         pending.append(_command(loop, feedforward, k, q, v))
         command = pending.pop(0)
         efforts[k] = np.clip(command, -limits, limits)
         saturated += bool(np.any(efforts[k] != command))
-        q, v = _integrate(robot, q, v, efforts[k], loop.sampling.period)
+        q, v = _integrate(robot, q, v, efforts[k], period, drag, slow)
     return Simulation(errors, efforts, saturated)
 
 
@@ -257,12 +280,19 @@ def _command(
 
 
 def _integrate(
-    robot: Robot, q: FloatArray, v: FloatArray, tau: FloatArray, step: float
+    robot: Robot,
+    q: FloatArray,
+    v: FloatArray,
+    tau: FloatArray,
+    step: float,
+    friction: FloatArray,
+    slow: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """One step of the classical Runge–Kutta method under a constant effort."""
+    """One step of the classical Runge–Kutta method under a constant effort and friction."""
 
     def rate(x: FloatArray) -> FloatArray:
-        return np.array([x[1], robot.forward_dynamics(x[0], x[1], tau)])
+        driving = tau - friction * np.tanh(x[1] / slow)
+        return np.array([x[1], robot.forward_dynamics(x[0], x[1], driving)])
 
     x = np.array([q, v])
     k1 = rate(x)

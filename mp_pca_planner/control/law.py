@@ -243,6 +243,9 @@ def controller_parameters(law: ControlLaw, controller: str) -> bytes:
     return yaml.safe_dump(content, sort_keys=False).encode()
 
 
+EXCLUDED = "errors of centres of mass, elasticity, backlash, and noise of the sensors"
+"""What no error bound includes."""
+
 NO_LAW = "none; run verify to pair one with this primitive"
 
 
@@ -283,11 +286,16 @@ def _bound(primitive: MovementPrimitive, known: Mapping[str, Any]) -> str:
     case, assumed = known["holds_for"], known["assumed"]
     # Names are in alphabetical order in files.
     start, goal = ({name: case[end][name] for name in names} for end in ("start", "goal"))
+    friction = dict(zip(names, assumed.get("friction", ()), strict=False))
+    rubbing, excluded = "", f"friction, {EXCLUDED}"
+    if any(friction.values()):
+        rubbing, excluded = f"friction within {name_values(friction)} N·m or N, ", EXCLUDED
     return (
         f"{verdict} on the motion from {name_values(start)} to {name_values(goal)} in "
         f"{case['duration']:.6g} s of robot '{case['robot']}', if each mass and moment of inertia "
         f"is within {100.0 * assumed['inertia_error']:g} %, the payload within "
-        f"{assumed['payload']:g} kg, the start within {assumed['start_error']:g} rad or m, the "
-        f"control period {1e3 * assumed['control_period']:g} ms, and the delay "
-        f"{assumed['delay']} samples"
+        f"{assumed['payload']:g} kg, {rubbing}the start within "
+        f"{assumed['start_error']:g} rad or m, the control period "
+        f"{1e3 * assumed['control_period']:g} ms, and the delay {assumed['delay']} samples; "
+        f"not included: {excluded}"
     )

@@ -21,7 +21,8 @@ loop,
     ‖w‖ ≤ cᵀz + ‖r‖,   z ≤ z₁ + H ‖w‖,
 
 in each of some intervals of the motion: H is a matrix from the intervals before.
-Bounds ‖w‖ that these two inequalities map into themselves are valid.
+Friction is one more effort on the right. Its direction may change at any time, so its largest norm
+is added to ‖w‖. Bounds ‖w‖ that these two inequalities map into themselves are valid.
 
 The norms are those of the mass matrix, ‖ë‖² = ëᵀM̂ë and ‖w‖² = wᵀM̂⁻¹w: for inertias with a
 relative error δ, ‖ΔM ë‖ ≤ δ‖ë‖ holds in these norms on any robot. The remainder r is an estimate:
@@ -161,7 +162,7 @@ def analyse(
     changes = _parameter_changes(loop, directions, errors)
     loop_gain = float((gains.norms.sum(axis=1) @ changes.max(axis=0)).max())
     remainder = _Remainder(loop, control, errors, options)
-    rest = _rest(remainder, known, gains, changes, options)
+    rest = _rest(remainder, known, gains, changes, _friction(loop, errors), options)
     slowest, damping, radius = poles(loop, options.n_pole_times)
     bound = effort_bound = None
     reserve = _reserve(np.abs(loop.feedforward), limits)
@@ -327,6 +328,7 @@ def _rest(
     known: _Known,
     gains: _Gains,
     changes: FloatArray,
+    friction: FloatArray,
     options: AnalysisOptions,
 ) -> FloatArray | None:
     """Bounds ‖w‖ of each interval that map into themselves; None if there are none."""
@@ -336,12 +338,19 @@ def _rest(
         norms = known.norms + np.einsum("ljc,j->lc", gains.norms, rest)
         if not z.max() < options.max_bound:
             return None
-        needed = np.sum(changes * norms, axis=1) + remainder(z)
+        needed = np.sum(changes * norms, axis=1) + remainder(z) + friction
         if np.all(needed <= rest):
             return rest
         # Slightly larger bounds than needed, so that the iteration ends inside of its own image.
         rest = np.maximum(rest, (1.0 + options.excess) * needed)
     return None
+
+
+def _friction(loop: NominalLoop, errors: ErrorModel) -> FloatArray:
+    """Largest norm of friction of any direction in each interval, shape (n_intervals,)."""
+    sizes = np.broadcast_to(errors.friction or 0.0, (loop.n,))
+    squares = np.einsum("i,kij,j->k", sizes, np.abs(loop.mass_inverse), sizes)
+    return np.asarray(np.maximum.reduceat(np.sqrt(squares), loop.edges))
 
 
 class _Remainder:

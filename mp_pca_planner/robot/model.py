@@ -12,6 +12,7 @@ from html import escape
 from pathlib import Path
 from types import NoneType
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -305,6 +306,38 @@ class Robot:
     def link_inertias(self) -> LinkInertias:
         """Masses and principal moments of inertia of the links that the joints move."""
         return LinkInertias.of(self._description.inertials, self._model)
+
+    @property
+    def described_friction(self) -> FloatArray:
+        """Friction of each joint in the description, in its ``<dynamics>`` [N·m or N]."""
+        found = dict.fromkeys(self.joint_names, 0.0)
+        for joint in ElementTree.fromstring(self._given[0]).iter("joint"):
+            dynamics, name = joint.find("dynamics"), joint.get("name", "")
+            if dynamics is not None and name in found:
+                stated = dynamics.get("friction", "0")
+                with reading(f"the friction of joint '{name}', '{stated}',", RobotError):
+                    found[name] = float(stated)
+        return np.array(list(found.values()))
+
+    def with_armature(self, inertias: FloatArray) -> Robot:
+        """The same robot with inertias of its rotors, reflected to the joints.
+
+        Parameters
+        ----------
+        inertias : array, shape (n_joints,)
+            Inertia of the rotor times the squared gear ratio [kg·m² or kg], at least 0.
+
+        Raises
+        ------
+        RobotError
+            If one is no finite number, or negative.
+        """
+        values = frozen_array(inertias, (self.n_joints,), "rotor inertias", RobotError)
+        if np.any(values < 0.0):
+            raise RobotError(f"rotor inertias must be at least 0, got {values.min():g}")
+        model = self._model.copy()
+        model.armature = self._order.sorted(values)
+        return self._with_model(model)
 
     def with_link_inertias(self, factors: FloatArray) -> Robot:
         """The same robot with other masses and moments of inertia.

@@ -16,9 +16,10 @@ from arm import arm_robot
 from scipy.interpolate import BPoly
 from test_control import arm_reach, reach
 
-from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, Sampling
+from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, Sampling, simulate
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
+from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
@@ -60,6 +61,7 @@ def simulated_errors(
     motion: Trajectory,
     start_error: np.ndarray,
     sampling: Sampling,
+    friction: float = 0.0,
 ) -> np.ndarray:
     """q_d − q at the instants of control, shape (n_samples, n_joints)."""
     curve = BPoly.from_derivatives(
@@ -80,7 +82,8 @@ def simulated_errors(
         return pin.rnea(nominal, believed, *d).copy() + feedback
 
     def rate(x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        return np.array([x[1], pin.aba(true, data, x[0], x[1], tau)])
+        drag = friction * np.tanh(x[1] / 0.005)
+        return np.array([x[1], pin.aba(true, data, x[0], x[1], tau - drag)])
 
     x = np.array([desired[0, 0] - start_error, desired[0, 1]])
     waiting = [command(0, x)] * sampling.delay
@@ -128,6 +131,55 @@ def test_no_error_leaves_the_bound_when_inertias_vary_independently(
             true = wrong_model(urdf, share, rng)
             found = simulated_errors(true, nominal, law, motion, start, sampling)
             assert np.all(np.abs(found) <= known.error_bound)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_error_leaves_the_bound_with_friction(kind: str) -> None:
+    robot, motion, friction, sampling = arm_robot(), arm_reach(0.6), 0.02, Sampling()
+    law = ControlLaw.from_frequency(kind, robot, motion, 30.0)
+    loop, nominal = ControlLoop(robot, law, motion), pin.buildModelFromXML(ARM)
+    bounds = [
+        analyse(loop, ErrorModel(position=0.0, inertia=0.01, friction=x)).error_bound
+        for x in ((friction,) * 4, ())
+    ]
+    shares = []
+    for seed in range(3):
+        true = wrong_model(ARM, 0.01, np.random.default_rng(seed))
+        found = simulated_errors(true, nominal, law, motion, np.zeros(4), sampling, friction)
+        shares.append([np.max(np.abs(found) / np.maximum(x, 1e-9)) for x in bounds])
+    within, without = np.max(shares, axis=0)
+    assert within <= 1.0 < without  # without friction, the bound is another one
+
+
+def test_simulations_hold_friction_that_lets_a_joint_rest() -> None:
+    """A start error that friction can hold against the proportional gain remains."""
+    robot = Robot(BALANCED)
+    motion = reach(robot, [0.2], [0.2 + 1e-9], 0.5)
+    law = ControlLaw(FEEDFORWARD_PD, robot.joint_names, np.array([10.0]), np.array([5.0]))
+    loop, start = ControlLoop(robot, law, motion), np.array([0.01])
+    held = simulate(loop, robot, start, np.zeros(1), np.array([1.0])).errors
+    free = simulate(loop, robot, start, np.zeros(1)).errors
+    assert held[-1, 0] > 0.009 and abs(free[-1, 0]) < 0.8 * held[-1, 0]
+
+
+def test_friction_is_that_of_the_description_and_rotors_add_inertia() -> None:
+    """Rotor inertia adds to the diagonal of the mass matrix, forwards and backwards."""
+    root = ET.fromstring(ARM)
+    for joint in root.iter("joint"):
+        if joint.get("name") == "elbow":
+            ET.SubElement(joint, "dynamics", friction="0.25", damping="0.1")
+    robot = Robot(ET.tostring(root, encoding="unicode"), ("elbow", "shoulder1", "shoulder3"))
+    assert robot.described_friction.tolist() == [0.25, 0.0, 0.0]
+    rotors = np.array([0.3, 0.1, 0.2])
+    heavier = robot.with_armature(rotors)
+    q, v, a = np.random.default_rng(0).normal(size=(3, 1, 3))
+    added = heavier.inverse_dynamics(q, v, a) - robot.inverse_dynamics(q, v, a)
+    np.testing.assert_allclose(added, rotors * a, atol=1e-12)
+    tau = heavier.inverse_dynamics(q, v, a)[0]
+    np.testing.assert_allclose(heavier.forward_dynamics(q[0], v[0], tau), a[0], rtol=1e-9)
+    for wrong in ([1.0], [-1.0, 0.0, 0.0]):
+        with pytest.raises(RobotError, match="rotor inertias"):
+            robot.with_armature(np.array(wrong))
 
 
 def test_a_common_factor_is_not_all_that_the_bound_covers() -> None:

@@ -68,6 +68,29 @@ def test_statement_says_bound_case_and_errors_assumed(verified: Path) -> None:
         assert words in text
 
 
+def test_statement_says_what_it_excludes_and_how_much_friction_it_holds_for(
+    verified: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "friction, errors of centres of mass, elasticity, backlash, and noise of the sensors"
+    assert f"not included: {words}" in control_statement(load_primitive(verified))
+    other = str(tmp_path / "other.npz")
+    options = ["--friction", "elbow=0.01", "--armature", "0.01", "--trials", "2", "--output", other]
+    assert main(["verify", str(verified), *REQUEST, *options]) == 0
+    assert "not included" in capsys.readouterr().out
+    text = control_statement(load_primitive(other))
+    assert "elbow=0.01 N·m or N" in text and "not included: errors of centres" in text
+
+
+def test_without_a_bound_the_remedy_is_named(
+    verified: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for option, words in (("--friction", "less --friction"), ("--inertia-error", "--armature")):
+        assert main(["verify", str(verified), *REQUEST, option, "0.6", "--trials", "1"]) == 1
+        out = capsys.readouterr().out
+        assert "bound         none: " in out and words in out
+        assert "PD gains are those of each joint alone" in out
+
+
 def test_inspect_shows_the_statement(verified: Path, capsys: pytest.CaptureFixture[str]) -> None:
     statement = control_statement(load_primitive(verified))
     assert main(["inspect", str(verified)]) == 0
