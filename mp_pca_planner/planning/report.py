@@ -165,7 +165,9 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     status, message = _status(context, outcome, solve_time)
     ends = np.cumsum([motion.duration for motion in motions])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
-    score = _novelty(context, best)
+    selection, correction = _selection(goal, outcome), max(map(_correction, best.bases, motions))
+    deviation, score = _deviation_score(best), _novelty(context, best)
+    outside, error = _outside_and_error(context, best, score)
     return Plan(
         status=status,
         message=message,
@@ -174,12 +176,10 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         primitives=tuple([segment.primitive.name for segment in request.segments]),
         solution=best.solution,
         considered=max([len(segment.selection.considered) for segment in request.segments]),
-        selection=_selection(goal, outcome),
-        correction=max(map(_correction, best.bases, motions)),
-        deviation_score=_deviation_score(best),
+        selection=selection,
         in_span_score=score,
-        outside=_outside(context, best, score),
-        expected_error=_expected_error(context, best),
+        outside=outside,
+        expected_error=error,
         limit_check=best.check,
         start_error=float(start_error),
         goal_error=best.target_errors[-1],
@@ -187,6 +187,8 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         via_phases=tuple((ends[:-1] / ends[-1]).tolist()),
         shortest_duration=outcome.stated,
         n_components_used=max([basis.n_components for basis in best.bases]),
+        correction=correction,
+        deviation_score=deviation,
         naturalness=best.naturalness,
         solve_time=solve_time,
         mode=outcome.mode,
@@ -227,28 +229,6 @@ def _optimal(context: Context, best: Candidate) -> str:
         beside = SENTENCES["effort"].format(effort=effort, share=100.0 * abs(share), side=side)
     what = "effort" if is_effort else "cost"
     return SENTENCES[name].format(what=what, rho=rho, effort=beside)
-
-
-def _outside(context: Context, best: Candidate, score: float) -> str:
-    """Text on the end that is furthest outside its demonstrated range; empty if none is far."""
-    least = 0.0 if score > UNUSUAL_IN_SPAN_SCORE else _FAR_OUTSIDE
-    found = (least, "")
-    for segment, motion in zip(best.request.segments, best.motions, strict=True):
-        demonstrated = segment.primitive.boundary_states[:, [0, 3]]
-        low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
-        ends = np.array(segment.shifted(context.robot, motion.start, motion.goal))
-        beyond = np.maximum(low - ends, ends - high)
-        beyond /= np.maximum(demonstrated.std(axis=0), _LEAST_SPREAD)
-        end, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
-        text = SENTENCES["outside_range"].format(
-            end=("start", "goal")[end],
-            joint=segment.primitive.joint_names[j],
-            value=ends[end, j],
-            low=low[end, j],
-            high=high[end, j],
-        )
-        found = max(found, (float(beyond[end, j]), text))
-    return found[1]
 
 
 def _joined(outcome: Outcome) -> tuple[str, str, str]:
@@ -512,13 +492,44 @@ def _novelty(context: Context, best: Candidate) -> float:
     return max(scores)
 
 
-def _expected_error(context: Context, best: Candidate) -> float:
-    """The largest error that the primitives expect of their predictions."""
-    errors = []
+def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple[str, float]:
+    """What the primitives expect of their predictions for the motion that was found.
+
+    Parameters
+    ----------
+    context, best
+        Of the planner; the motion.
+    score : float
+        The in-span score of the request.
+
+    Returns
+    -------
+    outside : str
+        Text on the end that is furthest outside its demonstrated range; empty if none is far.
+    error : float
+        The largest error to expect of a prediction [rad or m].
+    """
+    least = 0.0 if score > UNUSUAL_IN_SPAN_SCORE else _FAR_OUTSIDE
+    found, errors = (least, ""), []
     for segment, motion in zip(best.request.segments, best.motions, strict=True):
-        expected = segment.predict(context.robot, motion.start, motion.goal, motion.duration)
-        errors.append(segment.primitive.expected_error(expected))
-    return max(errors)
+        start, goal, primitive = motion.start, motion.goal, segment.primitive
+        expected = segment.predict(context.robot, start, goal, motion.duration)
+        errors.append(primitive.expected_error(expected))
+        demonstrated = primitive.boundary_states[:, [0, 3]]
+        low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
+        ends = np.array(segment.shifted(context.robot, start, goal))
+        beyond = np.maximum(low - ends, ends - high)
+        beyond /= np.maximum(demonstrated.std(axis=0), _LEAST_SPREAD)
+        end, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
+        text = SENTENCES["outside_range"].format(
+            end=("start", "goal")[end],
+            joint=primitive.joint_names[j],
+            value=ends[end, j],
+            low=low[end, j],
+            high=high[end, j],
+        )
+        found = max(found, (float(beyond[end, j]), text))
+    return found[1], max(errors)
 
 
 def _is_corrected(basis: MotionBasis) -> bool:
