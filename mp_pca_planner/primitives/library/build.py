@@ -186,8 +186,8 @@ def build_library(
     >>> import mp_pca_planner as mp
     >>> motions = mp.load_demonstrations(mp.write_example_recording("mixed.mcap", 6))
     >>> found = mp.build_library(motions, tempfile.mkdtemp())
-    >>> [len(x.durations) for content in found.values() for x in content.primitives]
-    [6]
+    >>> [primitive.n_joints for content in found.values() for primitive in content.primitives]
+    [4]
     """
     require_locks()
     folder, options = as_path(folder, PrimitiveError), options or PrimitiveOptions()
