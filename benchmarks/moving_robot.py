@@ -65,6 +65,7 @@ class Run:
     scene: Scene
     model: Model
     seed: int
+    has_controller_state: bool = False
     n_goals: int = 0
     events: list[str] = field(default_factory=list)
 
@@ -73,6 +74,7 @@ class Run:
         self.ends = np.array([m.positions[[0, -1]] for m in self.scene.demonstrations])
         self.node = VirtualNode(self.model, self.ends[0, 0], seed=self.seed)
         self.faults = self.node.robot.faults
+        self.node.has_controller_state = self.has_controller_state
         self.node.has_velocities, self.node.is_split = self.seed % 2 == 0, self.seed // 2 % 2 == 1
         # Before its first motion, the node has no model of the servos and the load.
         self.node.run(0.2)
@@ -369,11 +371,16 @@ def main() -> int:
     parser.add_argument("--events", type=int, default=1000, help="of each robot")
     parser.add_argument("--robots", default="panda,ur5")
     parser.add_argument("--seed", type=int, default=0, help="of the first run")
+    parser.add_argument(
+        "--controller-state", action="store_true", help="the controller states its command"
+    )
     arguments = parser.parse_args()
     found: dict[str, dict[str, Any]] = {}
     for name in arguments.robots.split(","):
         results = []
-        for result in campaign(name, arguments.events, arguments.seed):
+        stated = arguments.controller_state
+        found_in = campaign(name, arguments.events, arguments.seed, controller_state=stated)
+        for result in found_in:
             results.append(result)
             for problem in result.problems:
                 print(f"{name}, seed {result.run.seed}: {problem}", file=sys.stderr, flush=True)
@@ -384,11 +391,13 @@ def main() -> int:
     return int(any(one["runs with problems"] for one in found.values()))
 
 
-def campaign(name: str, n_events: int, seed: int) -> Iterator[Result]:
+def campaign(
+    name: str, n_events: int, seed: int, *, controller_state: bool = False
+) -> Iterator[Result]:
     """Runs of ten events each, up to the given number of events."""
     scene, model = scene_and_model(name)
     for k in range(-(-n_events // EVENTS_IN_A_RUN)):
-        run = Run(scene, model, seed + k)
+        run = Run(scene, model, seed + k, controller_state)
         for _ in range(min(EVENTS_IN_A_RUN, n_events - k * EVENTS_IN_A_RUN)):
             run.happen()
         run.end()

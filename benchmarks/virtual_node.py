@@ -31,6 +31,7 @@ from mp_pca_planner.execution.serving.goal_planner import GoalRequest
 from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
 from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.threads import CancelledError
+from mp_pca_planner.execution.tracking.controller_state import StatedCommand
 from mp_pca_planner.execution.tracking.following import MotionFollower
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
@@ -108,9 +109,11 @@ class VirtualNode:
         Whether joint states report velocities; broadcasters publish NaN where there are none.
     is_split : bool
         Whether joint states come in two messages, one after the other.
+    has_controller_state : bool
+        Whether the node receives the state of the controller.
     """
 
-    has_velocities, is_split = True, False
+    has_velocities, is_split, has_controller_state = True, False, False
 
     def __init__(
         self,
@@ -256,12 +259,27 @@ class VirtualNode:
             for state in self._waiting:
                 receive(self.follower.measured, *state)
             self._waiting.clear()
+            self._state_command()
         if self._ticks % WATCH_PERIOD == 0:
             with suppress(PlannerError):
                 self.monitor.surroundings.look_ahead(self._model)
             self.monitor.watch(self._model)
         while self._events and self._events[0][0] <= self.now:
             heapq.heappop(self._events)[2]()
+
+    def _state_command(self) -> None:
+        """Receive what the controller states of itself in this tick."""
+        state = self.robot.controller_state() if self.has_controller_state else None
+        if state is None or self._ticks % STATE_PERIOD:
+            return
+        names, reference = self.robot.joint_names, state.reference.copy()
+
+        def read(wanted: Sequence[str]) -> StatedCommand:
+            columns = reference[:, [names.index(name) for name in wanted]]
+            command = JointState(tuple(wanted), *columns)
+            return StatedCommand(command, 1e-9 * state.since_ns, state.speed_scaling)
+
+        self.follower.controller.receive(read, 1e-9 * state.time_ns)
 
     def _measure(self) -> None:
         """Send the joint states of this tick."""

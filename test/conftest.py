@@ -4,10 +4,15 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import os
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 
@@ -172,3 +177,39 @@ def shared_data() -> Path:
     if SHARED_DATA is None:
         pytest.skip("the real recordings (../shared/data) are not beside this checkout")
     return SHARED_DATA
+
+
+_MAKE_CONTROL_MSGS = Path(__file__).resolve().parents[1] / "scripts" / "control_messages.py"
+
+
+@pytest.fixture(scope="session")
+def _control_msgs_folder(request, tmp_path_factory):
+    """The folder that has to be on the path; None if the package is installed."""
+    if importlib.util.find_spec("control_msgs") is not None:
+        return None
+    name = (
+        "control_msgs_"
+        + sha256(_MAKE_CONTROL_MSGS.read_bytes() + sys.version.encode()).hexdigest()[:16]
+    )
+    cache = getattr(request.config, "cache", None)
+    folder = tmp_path_factory.mktemp("made") if cache is None else Path(cache.mkdir(name))
+    if not (folder / "control_msgs").exists():
+        command = [sys.executable, str(_MAKE_CONTROL_MSGS), str(folder)]
+        made = subprocess.run(command, capture_output=True, text=True, check=False)
+        if made.returncode:
+            pytest.skip(f"control_msgs can't be made: {made.stderr.splitlines()[-1]}")
+    return folder
+
+
+def with_folder(folder: Path) -> str:
+    """The PYTHONPATH with another folder in it."""
+    return os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH", "")]))
+
+
+@pytest.fixture
+def control_msgs(_control_msgs_folder, monkeypatch):
+    """Make control_msgs importable, here and in processes that are started."""
+    if _control_msgs_folder is not None:
+        monkeypatch.setenv("PYTHONPATH", with_folder(_control_msgs_folder))
+        monkeypatch.syspath_prepend(str(_control_msgs_folder))
+    return importlib.import_module("control_msgs")

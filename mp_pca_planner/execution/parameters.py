@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from importlib.util import find_spec
@@ -92,6 +93,7 @@ COMMANDED = "commanded"
 REFUSE = "refuse"
 WARN = "warn"
 
+_ROS_NAME = r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*"
 LIMITS_PREFIX = "limits."
 _LIMIT_QUANTITIES = {
     "max_velocity": "velocity [rad/s or m/s]",
@@ -229,6 +231,20 @@ class Settings:
         'auto').""",
         choices=(AUTO, MEASURED, COMMANDED),
     )
+    controller_state_topic: str = _declared(
+        "",
+        """Topic on which the controller states its command
+        (control_msgs/JointTrajectoryControllerState). Empty: 'controller_state' beside the topic of
+        trajectories. Starts, stops and the place on a running motion are taken from it while it is
+        published and control_msgs is installed; else they are inferred from joint_states.""",
+    )
+    controller_action: str = _declared(
+        "",
+        """Action of the controller (control_msgs/FollowJointTrajectory) to which motions are sent
+        as goals, for example 'arm_controller/follow_joint_trajectory'; empty: motions are sent on
+        the topic of trajectories alone. With an action, that topic gets a copy unless the same
+        controller listens to it.""",
+    )
     stamp_trajectories: bool = _declared(
         True,
         """Sets the header stamp of trajectories to the time of their first point, so that the delay
@@ -337,6 +353,18 @@ class Settings:
                 "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "
                 "'save_folder' to a folder first"
             )
+        for name in ("controller_state_topic", "controller_action"):
+            given = getattr(self, name)
+            if given and not re.fullmatch(_ROS_NAME, given, re.ASCII):
+                raise ParameterError(
+                    f"parameter '{name}' is '{given:.200}', expected a name of ROS such as "
+                    "'arm_controller/controller_state'"
+                )
+            if given and find_spec("control_msgs") is None:
+                raise ParameterError(
+                    f"parameter '{name}' is set, but the package control_msgs is not installed: "
+                    "install ros-jazzy-control-msgs, or leave the parameter empty"
+                )
         if self.learn_trials and find_spec("cmaes") is None:
             raise MissingDependencyError("cmaes", "learn", "the parameter 'learn_trials'")
 

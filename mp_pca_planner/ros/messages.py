@@ -158,6 +158,8 @@ def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
     """Report the execution of a published motion; the stamp of its goal identifies it."""
     names = ("outcome", "progress", "error", "largest_deviation", "deviation_time")
     values = {name: getattr(report, name) for name in names}
+    if report.controller:
+        values["controller"] = report.controller
     values["goal_stamp"] = to_stamp_text(report.goal)
     level = DiagnosticStatus.OK if report.outcome.is_good else DiagnosticStatus.ERROR
     return to_status("mp_pca_planner: execution", level, report.message, values)

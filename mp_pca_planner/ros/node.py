@@ -28,6 +28,7 @@ from ..execution.tracking.following import MotionFollower
 from ..execution.tracking.measured import MeasuredStates
 from ..execution.tracking.published_motion import PublishedMotion
 from ..robot.world import World
+from .controller import ControllerAction, ControllerTopic
 from .goal_topics import GoalTopics
 from .last_motion import LastMotion
 from .messages import to_execution_report, to_status, to_text
@@ -84,13 +85,15 @@ class PlannerNode(GuardedNode):
         # Registered after the declarations, because the initial values are checked together.
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._connect()
+        self._action = ControllerAction(self, self._monitor.hear)
+        self._use_controller()
         self._obstacles = ObstacleTopic(self, self._setup, self._monitor.surroundings)
         self._monitor.surroundings.settle = self._obstacles.settle
         self._goals = GoalTopics(
             self, self._setup, self._server, self._statistics, self._last_motion
         )
         self._safety = SafetyThread(
-            self, self._joint_states, self._setup, self._monitor, self._goals
+            self, self._joint_states, self._setup, self._monitor, self._goals, self._action
         )
         # A steady clock, because these are needed even if simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -105,6 +108,7 @@ class PlannerNode(GuardedNode):
         self._safety.close()
         self._obstacles.close()
         self._goals.close()
+        self._action.close()
         super().destroy_node()
 
     def load(self) -> bool:
@@ -133,6 +137,9 @@ class PlannerNode(GuardedNode):
     def _connect(self) -> None:
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", EVERY)
         self._executions = self.create_publisher(DiagnosticStatus, "~/execution_report", EVERY)
+        states = self._follower.controller
+        topic = ControllerTopic(self, states, self._trajectories.topic_name)
+        self._joint_states.controller = topic
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVERY)
         previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
         self._last_motion = LastMotion(previews.publish)
@@ -174,9 +181,15 @@ class PlannerNode(GuardedNode):
             return SetParametersResult(successful=True)
         try:
             self._setup.change(changes)
+            self._use_controller()
         except Exception as error:
             return SetParametersResult(successful=False, reason=self.explain(error))
         return SetParametersResult(successful=True)
+
+    def _use_controller(self) -> None:
+        """Use the topic and the action of the controller that the parameters name."""
+        self._joint_states.use_controller(self._setup.settings)
+        self._action.use(self._setup.settings)
 
     def _lock_joints(self) -> None:
         """Lock the joints that the primitives do not move where they are measured."""
@@ -207,14 +220,17 @@ class PlannerNode(GuardedNode):
     def _send(self, motion: PublishedMotion) -> None:
         # Stops have no efforts.
         with_efforts = self._setup.settings.publish_effort and motion.sent.efforts is not None
-        self._trajectories.publish(
-            serialize_trajectory(
-                motion.sent,
-                with_efforts=with_efforts,
-                stamp=motion.stamp,
-                last_point_only=motion.last_point_only,
-            )
+        content = serialize_trajectory(
+            motion.sent,
+            with_efforts=with_efforts,
+            stamp=motion.stamp,
+            last_point_only=motion.last_point_only,
         )
+        is_goal = self._action.send(motion.sent, content)
+        # A controller that listens to both would execute the motion twice.
+        topic = self._trajectories.topic_name
+        if not (is_goal and self._action.is_served_by_subscriber(topic)):
+            self._trajectories.publish(content)
 
     def _report_execution(self, report: ExecutionReport) -> None:
         self._executions.publish(to_execution_report(report))
@@ -226,6 +242,9 @@ class PlannerNode(GuardedNode):
         """Do what the thread that stops the robot leaves to others: the output may block."""
         self._last_motion.tidy()
         self._log_clocks()
+        if (state := self._action.state) not in ("none", "ready"):
+            text = f"parameter 'controller_action': {state}"
+            self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
         while not self._failures.empty():
             self.get_logger().error(self._failures.get())
 
@@ -237,6 +256,8 @@ class PlannerNode(GuardedNode):
             "internal_errors": self.n_internal_errors,
             "safety_longest_gap_s": round(self._safety.longest_gap(), 4),
             "locked_joints": self._setup.locked_joints,
+            "controller_action": self._action.state,
+            "controller_state": "received" if self._follower.controller.is_fresh else "none",
             **self._obstacles.facts,
         }
         measured, world = self._follower.measured, self._monitor.surroundings.world

@@ -16,8 +16,10 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from ..execution.serving.motion_monitor import MotionMonitor
+from ..execution.parameters import Settings
 from ..execution.threads import SAFETY_WAIT, BusyError, TimedLock
 from ..execution.tracking.measured import MeasuredStates
+from .controller import ControllerAction, ControllerTopic
 from .goal_topics import GoalTopics
 from .messages import read_states, to_seconds, to_state
 from .nodes import GuardedNode
@@ -39,17 +41,29 @@ class JointStateTopic:
     ----------
     measured : MeasuredStates
         The states; they are polled before the newest one is used.
+    controller : ControllerTopic or None
+        The topic on which the controller states its command; it is polled, too.
     """
+
+    controller: ControllerTopic | None = None
 
     def __init__(self, node: GuardedNode) -> None:
         self._subscription = PolledSubscription(node, JointState, "joint_states", STATES, raw=True)
         self._polling, self._polled = TimedLock(), time.monotonic()
         self.measured = MeasuredStates(time.monotonic, node.seconds, self.poll)
 
+    def use_controller(self, settings: Settings) -> None:
+        """Use the topic of the controller that the parameters name."""
+        with self._polling:
+            if self.controller is not None:
+                self.controller.use(settings)
+
     def poll(self) -> None:
         """Poll the waiting states; their age counts from when the middleware got them."""
         # Another thread that polls takes them, too.
         with suppress(BusyError), self._polling.within(SAFETY_WAIT):
+            if self.controller is not None:
+                self.controller.poll()
             last, self._polled = self._polled, time.monotonic()
             deadline, waiting = time.monotonic() + _READING_TIME, self._subscription.poll()
             for k, (content, facts) in enumerate(waiting, start=1):
@@ -81,6 +95,8 @@ class SafetyThread:
         Checks how the robot follows its motion.
     goals : GoalTopics
         Stops the robot on request, and reacts to obstacles in another thread.
+    action : ControllerAction
+        Cancels a goal whose stop is not answered.
     """
 
     period = 0.01
@@ -96,8 +112,10 @@ class SafetyThread:
         setup: PlanningSetup,
         monitor: MotionMonitor,
         goals: GoalTopics,
+        action: ControllerAction,
     ) -> None:
         self._states, self._setup, self._monitor, self._goals = states, setup, monitor, goals
+        self._action = action
         # Polled, because an executor gives the lock of the interpreter away several times a cycle.
         service = PolledService(node, Trigger, "~/stop", goals.stop)
         self._answer, self._check = node.guarded(service.answer), node.guarded(self._watch_in_turn)
@@ -131,6 +149,7 @@ class SafetyThread:
         if self._cycled - self._watched < self.watch_period:
             return
         self._states.poll()
+        self._action.watch()
         monitor, context = self._monitor, self._setup.last_context
         if context is not None:
             try:

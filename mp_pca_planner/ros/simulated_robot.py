@@ -4,20 +4,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..exceptions import SimulationError
 from ..recordings.joint_states import NS_PER_S
-from ..simulation.controller import TrajectoryMessage, TrajectoryPoint
+from ..simulation.controller import (
+    CANCELED,
+    SUCCEEDED,
+    ControllerState,
+    GoalResult,
+    TrajectoryMessage,
+    TrajectoryPoint,
+)
 from ..simulation.robot import CYCLE_NS, SimulatedRobot
+from .controller_messages import (
+    HAS_CONTROL_MSGS,
+    FollowJointTrajectory,
+    JointTrajectoryControllerState,
+)
 from .subscriptions import LATCHED
 
 NODE_NAME = "simulated_robot"
@@ -45,8 +60,38 @@ def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
     return TrajectoryMessage(tuple(message.joint_names), points, nanoseconds(message.header.stamp))
 
 
+def to_state_message(
+    state: ControllerState, joint_names: Sequence[str], measured: Sequence[float]
+) -> JointTrajectoryControllerState:
+    """What a controller publishes of itself."""
+    message = JointTrajectoryControllerState(
+        joint_names=joint_names, speed_scaling_factor=state.speed_scaling
+    )
+    stamp = message.header.stamp
+    stamp.sec, stamp.nanosec = divmod(state.time_ns, NS_PER_S)
+    positions, velocities, accelerations = state.reference.tolist()
+    message.reference = JointTrajectoryPoint(
+        positions=positions, velocities=velocities, accelerations=accelerations
+    )
+    since = message.reference.time_from_start
+    since.sec, since.nanosec = divmod(state.since_ns, NS_PER_S)
+    message.feedback.positions = list(measured)
+    pairs = zip(positions, measured, strict=True)
+    message.error.positions = [wanted - found for wanted, found in pairs]
+    return message
+
+
+def _send_result(result: GoalResult, handle: ServerGoalHandle) -> FollowJointTrajectory.Result:
+    end = {SUCCEEDED: handle.succeed, CANCELED: handle.canceled}.get(result.outcome, handle.abort)
+    end()
+    return FollowJointTrajectory.Result(error_code=result.code, error_string=result.message)
+
+
 class SimulatedRobotNode(Node):
     """Publishes a simulated robot's state, receives trajectories, has parameters for faults.
+
+    Where control_msgs is installed, it publishes the state of its controller beside the topic of
+    trajectories, and serves the controller's action there.
 
     Parameters
     ----------
@@ -78,6 +123,10 @@ class SimulatedRobotNode(Node):
         # The types of rclpy don't know of callbacks that take facts of the message, too.
         callback: Callable[..., None] = self._on_trajectory
         self.create_subscription(JointTrajectory, controller_topic, callback, 10)
+        self._goals: dict[Hashable, ServerGoalHandle] = {}
+        self._n_results = 0
+        if HAS_CONTROL_MSGS:
+            self._serve_controller(controller_topic.rpartition("/")[0])
         for name, value in asdict(robot.faults).items():
             self.declare_parameter(name, value)
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -92,6 +141,7 @@ class SimulatedRobotNode(Node):
             robot.step()
             if robot.state_time_ns != self._published:
                 self._publish()
+            self._end_goals()
         for _, reason in robot.rejections[self._n_rejections :]:
             self.get_logger().warning(f"Trajectory rejected: {reason}")
         self._n_rejections = len(robot.rejections)
@@ -99,6 +149,46 @@ class SimulatedRobotNode(Node):
             robot.record.clear()
         # Messages are handled on receipt; the cycles until then are made up for afterwards.
         return (robot.time_ns + max(robot.state_period_ns, CYCLE_NS) - now) / NS_PER_S
+
+    def _serve_controller(self, name: str) -> None:
+        """Publish the controller's state and serve its action, as a controller of a name does."""
+        prefix = f"{name}/" if name else ""
+        state_topic = f"{prefix}controller_state"
+        self._controller = self.create_publisher(JointTrajectoryControllerState, state_topic, 10)
+        self._action = ActionServer(
+            self,
+            FollowJointTrajectory,
+            f"{prefix}follow_joint_trajectory",
+            lambda _: FollowJointTrajectory.Result(),
+            goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self._on_cancel,
+        )
+
+    def _on_goal(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
+        self.advance()
+        reason = self._robot.rejection(to_controller_message(goal.trajectory))
+        if reason is not None:
+            self.get_logger().warning(f"Goal rejected: {reason}")
+        return GoalResponse.REJECT if reason else GoalResponse.ACCEPT
+
+    def _on_accepted(self, handle: ServerGoalHandle) -> None:
+        goal = bytes(handle.goal_id.uuid)
+        self._goals[goal] = handle
+        self._robot.send_message(to_controller_message(handle.request.trajectory), goal)
+
+    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        self.advance()
+        self._robot.cancel(bytes(handle.goal_id.uuid))
+        return CancelResponse.ACCEPT
+
+    def _end_goals(self) -> None:
+        """Send the results of the goals that have ended."""
+        results = self._robot.results[self._n_results :]
+        self._n_results += len(results)
+        for result in results:
+            # Goals of rclpy run in a task of their own; here, it only sends what is known.
+            self._goals.pop(result.goal).execute(partial(_send_result, result))
 
     def _publish(self) -> None:
         robot = self._robot
@@ -108,6 +198,9 @@ class SimulatedRobotNode(Node):
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self._published, NS_PER_S)
         self._states.publish(message)
+        state = robot.controller_state()
+        if HAS_CONTROL_MSGS and state is not None:
+            self._controller.publish(to_state_message(state, robot.joint_names, q.tolist()))
 
     def _on_trajectory(self, message: JointTrajectory, facts: dict[str, int]) -> None:
         self.advance()

@@ -3,13 +3,15 @@
 """A trajectory controller with the semantics of ``joint_trajectory_controller`` (Jazzy).
 
 It reproduces ros2_controllers 4.42 with position commands, measured positions and velocities, and
-messages by topic. Times are integer nanoseconds, as in ROS.
+messages by topic or as goals of its action. A new trajectory replaces the running one at once:
+``allow_trajectory_replacement``, which blends the two, is in later releases of ROS only. Times are
+integer nanoseconds, as in ROS.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -102,25 +104,84 @@ class ControllerOptions:
         Whether the last point may have a velocity.
     allow_partial_joints_goal : bool
         Whether joints may be missing; they hold their commanded positions.
-    state_tolerance : float
-        Largest deviation of a joint while moving [rad or m]; 0 allows any. Where it is exceeded,
-        the measured position is held.
+    interpolate_from_desired_state : bool
+        Whether the controller leads to the first point from its last command, not from the measured
+        state.
+    state_tolerance, goal_tolerance : float
+        Largest deviation of a joint while moving, and at the end of the goal of an action
+        [rad or m]; 0 allows any. Where the first is exceeded, the measured position is held.
+    goal_time : float
+        Time after the end by which a joint has to be there [s]; 0 waits for it.
 
     Raises
     ------
     SimulationError
-        If the tolerance is negative or not finite.
+        If a number is negative or not finite.
     """
 
     allow_nonzero_velocity_at_trajectory_end: bool = False
     allow_partial_joints_goal: bool = False
+    interpolate_from_desired_state: bool = False
     state_tolerance: float = 0.0
+    goal_tolerance: float = 0.0
+    goal_time: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.state_tolerance < math.inf:
-            raise SimulationError(
-                f"state_tolerance is {self.state_tolerance}, expected a finite number from 0 on"
-            )
+        for name in ("state_tolerance", "goal_tolerance", "goal_time"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise SimulationError(f"{name} is {value}, expected a finite number from 0 on")
+
+
+SUCCESSFUL, INVALID_GOAL = 0, -1
+PATH_TOLERANCE_VIOLATED, GOAL_TOLERANCE_VIOLATED = -4, -5
+
+SUCCEEDED, ABORTED, CANCELED = "succeeded", "aborted", "canceled"
+
+
+@dataclass(frozen=True)
+class GoalResult:
+    """How a goal of the action ended.
+
+    Attributes
+    ----------
+    goal : object
+        Identifies the goal.
+    outcome : {'succeeded', 'aborted', 'canceled'}
+        The outcome.
+    code : int
+        The code of the action's result.
+    message : str
+        The text of the action's result.
+    """
+
+    goal: Hashable
+    outcome: str
+    code: int
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerState:
+    """What the controller states of itself in every cycle.
+
+    Attributes
+    ----------
+    time_ns : int
+        Time of the cycle [ns].
+    reference : array, shape (3, n_joints)
+        State of the trajectory in this cycle: positions, velocities and accelerations by its own
+        clock. The command leads it by one cycle.
+    since_ns : int
+        Time since the start of the trajectory by its own clock [ns].
+    speed_scaling : float
+        Speed of that clock.
+    """
+
+    time_ns: int
+    reference: FloatArray
+    since_ns: int
+    speed_scaling: float
 
 
 def rejection(
@@ -223,7 +284,9 @@ class TrajectoryController:
     is_active : bool
         Whether commands follow messages.
     n_holds : int
-        How often the tolerance was exceeded and the measured position held.
+        How often a tolerance was exceeded and the measured position held.
+    results : list of GoalResult
+        How goals of the action ended, the newest last.
     """
 
     def __init__(
@@ -240,14 +303,19 @@ class TrajectoryController:
         self.speed_scaling = 1.0
         self.clock_ns = 0
         self.n_holds = 0
+        self.results: list[GoalResult] = []
+        self._goal: Hashable | None = None
+        self._measured = positions
+        self._commanded_ns = 0
         self.activate()
 
     def activate(self) -> None:
         """Start, as on activation: the commanded positions are held."""
+        self._end_goal(ABORTED, INVALID_GOAL, "the controller was deactivated")
         n = len(self._names)
         self._command = np.concatenate([self._command[:n], np.zeros(2 * n)])
         self._new: TrajectoryMessage | None = None
-        self._time = 0
+        self._time = self._start = self._commanded_ns = 0
         self._is_holding = self.is_active = True
         values = self._command.reshape(1, 3, n)
         self._splines = Splines(States([0], values, np.ones((1, 3), dtype=bool)))
@@ -257,7 +325,9 @@ class TrajectoryController:
         self.activate()
         self.is_active = False
 
-    def receive(self, message: TrajectoryMessage, now: int) -> str | None:
+    def receive(
+        self, message: TrajectoryMessage, now: int, goal: Hashable | None = None
+    ) -> str | None:
         """Take a message, which replaces the trajectory in the next cycle.
 
         Parameters
@@ -266,18 +336,42 @@ class TrajectoryController:
             The message.
         now : int
             The present time [ns].
+        goal : hashable, optional
+            Identifies the goal of the action that it is; it aborts the one before. A message by
+            topic leaves the running goal as it is.
 
         Returns
         -------
         reason : str or None
             Why it is rejected; None if it is accepted.
         """
-        reason = rejection(message, self._names, now, self._options)
-        if reason is None and not self.is_active:
-            reason = "the controller is not active"
+        reason = self.rejection(message, now)
         if reason is None:
             self._new, self._is_holding = message, False
+        if goal is not None and reason is None:
+            self._end_goal(ABORTED, INVALID_GOAL, "another goal has replaced this one")
+            self._goal = goal
+        elif goal is not None:
+            self.results.append(GoalResult(goal, ABORTED, INVALID_GOAL, str(reason)))
         return reason
+
+    def rejection(self, message: TrajectoryMessage, now: int) -> str | None:
+        """Why a message is rejected at a time [ns]; None if it is accepted."""
+        reason = rejection(message, self._names, now, self._options)
+        return reason if self.is_active or reason else "the controller is not active"
+
+    def cancel(self, goal: Hashable) -> bool:
+        """Cancel a goal of the action, and hold the measured position if it is the running one."""
+        is_running = self._goal is not None and goal == self._goal
+        if is_running:
+            self._end_goal(CANCELED, SUCCESSFUL, "")
+            self._hold(self._measured)
+        return is_running
+
+    def state(self, now: int) -> ControllerState:
+        """What it states of itself in a cycle, whose time is given [ns]."""
+        reference = self._splines.sample(self._time).reshape(3, -1)
+        return ControllerState(now, reference, self._time - self._start, self.speed_scaling)
 
     def update(self, now: int, period: int, measured: tuple[FloatArray, FloatArray]) -> FloatArray:
         """Run one cycle.
@@ -302,25 +396,36 @@ class TrajectoryController:
         step = int(period * self.speed_scaling) if message is None else period
         self._time = now if message is not None else self._time + step
         self.clock_ns += step
+        self._measured = measured[0]
         if message is not None:
-            self._adopt(message, measured)
+            self._adopt(message, now, measured)
         if not self._is_holding and self._is_violated(measured[0], period, message is not None):
+            self._end_goal(ABORTED, PATH_TOLERANCE_VIOLATED, "the path tolerance was violated")
             self._hold(measured[0])
             return self._command
+        if self._goal is not None and self._time + period >= self._splines.end:
+            self._judge_end(measured[0])
         # The command is to be reached by the next cycle.
         self._command = self._splines.sample(self._time + period)
+        self._commanded_ns = now
         return self._command
 
-    def _adopt(self, message: TrajectoryMessage, measured: tuple[FloatArray, FloatArray]) -> None:
-        """Interpolate the points, and from the measured state to the first of them."""
-        start = message.stamp_ns or self._time
+    def _adopt(
+        self, message: TrajectoryMessage, now: int, measured: tuple[FloatArray, FloatArray]
+    ) -> None:
+        """Interpolate the points, and from the state before to the first of them."""
+        self._start = start = message.stamp_ns or self._time
         times = [start + point.time_from_start_ns for point in message.points]
         values, given = self._in_order(message)
         if self._time < times[0]:
             before = np.stack([*measured, np.zeros_like(measured[0])])
+            began = now
+            if self._options.interpolate_from_desired_state:
+                # The original dates its last command to the cycle in which it was given.
+                before, began = self._command.reshape(3, -1).copy(), self._commanded_ns or now
             k = self._continuous
             before[0, k] = values[0, 0, k] - self._shorter(values[0, 0, k] - before[0, k])
-            times.insert(0, self._time)
+            times.insert(0, began)
             values = np.concatenate([before[None], values])
             # The state before has accelerations if the first point has them.
             first = given[:1] | (np.arange(3) == 1)
@@ -355,6 +460,26 @@ class TrajectoryController:
         error = self._splines.sample(self._time)[: len(self._names)] - q
         error[self._continuous] = self._shorter(error[self._continuous])
         return bool(np.abs(error).max() > tolerance)
+
+    def _judge_end(self, q: FloatArray) -> None:
+        """End the running goal after the end of its trajectory, if its outcome is known."""
+        options, error = self._options, self._splines.sample(self._time)[: len(self._names)] - q
+        error[self._continuous] = self._shorter(error[self._continuous])
+        late = (self._time - self._splines.end) / NS_PER_S
+        if options.goal_tolerance == 0.0 or np.abs(error).max() <= options.goal_tolerance:
+            self._end_goal(SUCCEEDED, SUCCESSFUL, "the end was reached")
+            last, self._is_holding = self._splines.sample(self._splines.end), True
+            fields = (tuple(row) for row in last.reshape(3, -1).tolist())
+            self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, *fields),))
+        elif 0.0 < options.goal_time < late:
+            reason = f"the goal tolerance was violated {late:g} s after the end"
+            self._end_goal(ABORTED, GOAL_TOLERANCE_VIOLATED, reason)
+            self._hold(q)
+
+    def _end_goal(self, outcome: str, code: int, message: str) -> None:
+        goal, self._goal = self._goal, None
+        if goal is not None:
+            self.results.append(GoalResult(goal, outcome, code, message))
 
     def _hold(self, q: FloatArray) -> None:
         self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, tuple(q.tolist())),))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,14 @@ from ..exceptions import SimulationError, shown, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
-from .controller import ControllerOptions, TrajectoryController, TrajectoryMessage, to_message
+from .controller import (
+    ControllerOptions,
+    ControllerState,
+    GoalResult,
+    TrajectoryController,
+    TrajectoryMessage,
+    to_message,
+)
 from .plant import PERIOD, MujocoPlant, PinocchioPlant
 
 
@@ -214,7 +222,7 @@ class SimulatedRobot:
         self.state_period_ns = round(NS_PER_S / state_rate)
         self._filters = [1.0, 1.0, 1.0]
         self._payload = 0.0
-        self._under_way: deque[tuple[int, TrajectoryMessage]] = deque()
+        self._under_way: deque[tuple[int, TrajectoryMessage, Hashable | None]] = deque()
         # Noise has its own random stream, so that it does not change delays.
         self._chance, self._noise = (np.random.default_rng([seed, k]) for k in range(2))
         self._measured = self._state = self._measure()
@@ -240,8 +248,16 @@ class SimulatedRobot:
         """
         self.send_message(to_message(trajectory, stamp, last_point_only=last_point_only))
 
-    def send_message(self, message: TrajectoryMessage) -> None:
-        """Send any message to the controller, with the present delay and loss."""
+    def send_message(self, message: TrajectoryMessage, goal: Hashable | None = None) -> None:
+        """Send any message to the controller, with the present delay and loss.
+
+        Parameters
+        ----------
+        message : TrajectoryMessage
+            The message.
+        goal : hashable, optional
+            Identifies the goal of the action that it is; else it comes by topic.
+        """
         lost, late = self._chance.uniform(size=2)
         if lost < self.faults.drop:
             self.rejections.append((self.time, "the message was lost"))
@@ -251,7 +267,27 @@ class SimulatedRobot:
         # Messages of one publisher keep their order.
         if self._under_way:
             due = max(due, self._under_way[-1][0])
-        self._under_way.append((due, message))
+        self._under_way.append((due, message, goal))
+
+    def rejection(self, message: TrajectoryMessage) -> str | None:
+        """Why the controller would reject a message now; None if it would accept it."""
+        return self._controller.rejection(message, self.time_ns)
+
+    def cancel(self, goal: Hashable) -> bool:
+        """Cancel a goal of the action at once; returns whether it was being executed."""
+        is_running = self._controller.cancel(goal)
+        if is_running:
+            self.record.cuts += [len(self.record), len(self.record) + 1]
+        return is_running
+
+    @property
+    def results(self) -> list[GoalResult]:
+        """How goals of the action ended, the newest last."""
+        return self._controller.results
+
+    def controller_state(self) -> ControllerState | None:
+        """What the controller stated of itself in the last cycle; None while it is inactive."""
+        return self._controller.state(self.time_ns) if self._controller.is_active else None
 
     def step(self) -> None:
         """Advance by 1 ms."""
@@ -263,7 +299,7 @@ class SimulatedRobot:
             self._payload = faults.payload
             self._plant.set_payload(self._payload)
         while self._under_way and self._under_way[0][0] <= self.time_ns:
-            self._deliver(self._under_way.popleft()[1])
+            self._deliver(*self._under_way.popleft()[1:])
         self._measured = self._measure()
         target = 0.0 if faults.held else faults.speed_scaling
         if self._filters[-1] != target:
@@ -288,7 +324,9 @@ class SimulatedRobot:
         since = time_ns - self.time_ns
         self.time_ns += since
         self.state_time_ns = min(self.state_time_ns, time_ns)
-        self._under_way = deque((due + since, message) for due, message in self._under_way)
+        self._under_way = deque(
+            (due + since, message, goal) for due, message, goal in self._under_way
+        )
 
     def newest_state(self) -> tuple[float, FloatArray, FloatArray]:
         """The newest joint state that was published: its stamp [s], positions, velocities."""
@@ -306,9 +344,9 @@ class SimulatedRobot:
         self.record.cuts.append(len(self.record))
         (self._controller.activate if active else self._controller.deactivate)()
 
-    def _deliver(self, message: TrajectoryMessage) -> None:
+    def _deliver(self, message: TrajectoryMessage, goal: Hashable | None) -> None:
         self.n_received += 1
-        reason = self._controller.receive(message, self.time_ns)
+        reason = self._controller.receive(message, self.time_ns, goal)
         if reason is not None:
             self.rejections.append((self.time, reason))
         else:

@@ -8,6 +8,7 @@ import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -29,7 +30,9 @@ Rights = dict[str, set[str]]
 
 
 @pytest.fixture
-def onlooker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+def onlooker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, control_msgs: ModuleType
+) -> Iterator[Node]:
     """A node beside a planner that has all topics that it may have."""
     set_domain(monkeypatch, 12)
     with (

@@ -76,6 +76,23 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True)
+class ControllerAnswer:
+    """What a controller answers to a motion that was sent as a goal of its action.
+
+    Attributes
+    ----------
+    text : str
+        The answer, after "the controller".
+    is_accepted, is_good : bool
+        Whether the goal was accepted, and whether all is well so far.
+    """
+
+    text: str
+    is_accepted: bool = True
+    is_good: bool = True
+
+
+@dataclass(frozen=True)
 class ExecutionReport:
     """Outcome of a motion.
 
@@ -95,6 +112,8 @@ class ExecutionReport:
         The largest such distance during the motion [rad or m].
     deviation_time : float
         Time of that distance since the motion was published [s].
+    controller : str
+        What the controller answered to its goal; empty if motions are sent on a topic.
     """
 
     goal: Any
@@ -104,6 +123,7 @@ class ExecutionReport:
     error: float
     largest_deviation: float
     deviation_time: float
+    controller: str = ""
 
 
 @dataclass(eq=False)
@@ -168,6 +188,8 @@ class Execution:
         How the robot followed the motion last, and stopped motions before it.
     largest_deviation, deviation_time : float
         See `ExecutionReport`.
+    controller : str
+        What the controller answered; empty if motions are sent on a topic.
     how : How or None
         How the robot follows the motion.
     since, place : float
@@ -186,6 +208,7 @@ class Execution:
     last: Following | None = None
     largest_deviation: float = 0.0
     deviation_time: float = 0.0
+    controller: str = ""
     how: How | None = None
     since: float = 0.0
     place: float = 0.0
@@ -224,6 +247,15 @@ class Execution:
     def given_up(self, reason: str) -> ExecutionReport | None:
         """The report on a motion that can't be followed any more; None if it had one."""
         return self._end(Outcome.NOT_FOLLOWED, f"not known whether the robot arrived: {reason}")
+
+    def answer(self, answer: ControllerAnswer) -> ExecutionReport | None:
+        """Record what the controller answered; the report if that ends the motion."""
+        self.controller = "; ".join(filter(None, [self.controller, answer.text]))
+        if answer.is_good:  # whether the robot arrived is seen, not told
+            return None
+        if not answer.is_accepted:
+            return self._end(NEVER_STARTED, f"never started: the controller {answer.text}")
+        return self._end(NOT_FOLLOWED, f"not followed: the controller {answer.text}")
 
     def update(
         self, following: Following | None, now: float, options: ServingOptions
@@ -329,6 +361,7 @@ class Execution:
             0.0 if self.last is None else self.last.distance,
             self.largest_deviation,
             self.deviation_time,
+            self.controller,
         )
 
 

@@ -15,7 +15,7 @@ from ..tracking.following import MotionFollower
 from ..tracking.published_motion import PublishedMotion
 from ..tracking.state_sources import Clock
 from .assembly import Model
-from .execution import Execution, ExecutionReport, Resumption, Served
+from .execution import ControllerAnswer, Execution, ExecutionReport, Resumption, Served
 from .stopping import StopPlanner
 from .surroundings import Surroundings, Threat
 
@@ -189,6 +189,23 @@ class MotionMonitor:
         self.follower.command(motion, execution)
         if old is not None and not execution.is_stop:
             self._end(old.replaced(old.threat.reason if old.threat else ""))
+
+    def hear(self, sent: Trajectory, answer: ControllerAnswer) -> bool:
+        """Record what the controller answered to a trajectory that was sent as a goal.
+
+        Returns
+        -------
+        :
+            Whether it is the stop of the robot, and was not replaced since.
+        """
+        with self.follower.lock:
+            published, execution = self.follower.published, self.follower.execution
+            if published is None or execution is None or execution.motion.sent is not sent:
+                return False  # it has been replaced, and was reported as such
+            if not answer.is_accepted:
+                published.give_up()
+            self._end(execution.answer(answer))
+            return execution.is_stop
 
     def _end(self, report: ExecutionReport | None) -> None:
         if report is not None:

@@ -32,7 +32,7 @@ from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..options import ServingOptions
 from ..tracking.following import MotionFollower, UnconfirmedError
-from ..tracking.published_motion import PublishedMotion, hold
+from ..tracking.published_motion import USUAL_TRANSPORT, PublishedMotion, hold
 from ..tracking.start_state import TooLateError, choose_start, join
 from ..tracking.state_sources import Clock
 from .assembly import Model
@@ -121,6 +121,8 @@ class StopPlanner:
         if following is not None and following.is_running:
             with suppress(UnconfirmedError, TooLateError):
                 return self._stop_on_path(model)
+        with suppress(TooLateError):
+            return self._stop_command(measured, model)
         v = follower.measured.velocities(measured)
         if following is None:
             return self._stop_unknown(measured, v, model)
@@ -133,6 +135,38 @@ class StopPlanner:
         places = [state, on_path, by_clock, *follower.alternatives]
         along = ends_on_path(following.motion, following.progress.place)
         return self._stop_at_point(places, [ends, along], model)
+
+    def _stop_command(self, measured: JointState, model: Model) -> FoundStop:
+        """Stop from the command that the controller states, whatever motion that belongs to.
+
+        Raises
+        ------
+        TooLateError
+            If it is not known, or no stop from it is within the limits.
+        """
+        follower, settings = self._follower, model.settings
+        command, now = follower.stated_command(settings), follower.motion_time
+        if command is None:
+            raise TooLateError("the command is not known")
+        if command.at_rest:
+            return _holding(measured, command.state.positions, now)
+        # Under way, a message ages: a stamped one advances with the clock meanwhile.
+        is_timed = settings.stamp_trajectories and follower.measured.clock.is_usable
+        is_timed = is_timed and command.rate > 0.5
+        state = command.at(now if is_timed else now + USUAL_TRANSPORT)
+        stops = brakes(model.robot, model.limits, state, settings.sample_period)
+        clearest, collision = self._clearest(
+            ([stop] for stop, check in stops if not check.violations), model
+        )
+        if clearest is None:
+            raise TooLateError("no stop from the command is within the limits")
+        stop = clearest[0]
+        is_on_time = is_timed and abs(command.rate - 1.0) <= follower.options.full_rate
+        motion = PublishedMotion.on_receipt(stop, now)
+        if is_timed:
+            motion = PublishedMotion(stop, now, stop, now, is_timed, is_on_time)
+        said = f"the robot comes to rest off its path within {stop.duration:.3g} s"
+        return FoundStop(said, motion, collision)
 
     def _stop_unknown(self, measured: JointState, v: FloatArray, model: Model) -> FoundStop:
         """Stop a robot that follows no motion of this node: its state is estimated."""

@@ -16,6 +16,7 @@ from ...motion.goal import JointState
 from ..options import FollowingOptions
 from ..parameters import Settings
 from ..threads import TimedLock
+from .controller_state import ControllerStates, StatedCommand
 from .estimation import Progress, ServoModel, locate
 from .measured import MeasuredStates
 from .published_motion import PublishedMotion, hold
@@ -317,6 +318,8 @@ class MotionFollower:
     ----------
     measured : MeasuredStates
         As given.
+    controller : ControllerStates
+        The states of the controller, if it publishes them.
     published : Publication or None
         The motion that was published last; None if there is none.
     servo : ServoModel
@@ -332,6 +335,7 @@ class MotionFollower:
     def __init__(self, measured: MeasuredStates) -> None:
         self.measured = measured
         self.options = measured.options
+        self.controller = ControllerStates(measured.clock, measured.options)
         # Goals are served in one thread, stops and reports in another.
         self.lock = TimedLock()
         self._forget()
@@ -379,6 +383,19 @@ class MotionFollower:
             previous = None if self.published is None else self.published.previous
             return [] if previous is None else [previous.state(self.motion_time)]
 
+    def stated_command(self, settings: Settings) -> StatedCommand | None:
+        """The command that the controller states; None if it is not known.
+
+        Raises
+        ------
+        GoalError
+            If there is no usable measured state.
+        """
+        state = self.measured.newest(settings.state_timeout)
+        return self.controller.newest(
+            state.joint_names, state.positions, settings.commanded_tolerance
+        )
+
     def follow(self, settings: Settings) -> Following | None:
         """How the robot follows the motion that was published last; None if there is none.
 
@@ -404,7 +421,11 @@ class MotionFollower:
             at_rest = not self.measured.velocities(measured).any()
             seen = Observation(measured, at_rest, self.measured.history())
             on_time = Progress(motion, now, now - motion.began)
-            following = self._follow(published, on_time, seen)
+            command = self.stated_command(settings)
+            if command is None or not published.motion.is_path_known:
+                following = self._follow(published, on_time, seen)
+            else:
+                following = self._follow_command(published, command, on_time, seen)
             if following is None:
                 return self.follow(settings)
             is_near = following.distance <= settings.commanded_tolerance
@@ -458,6 +479,51 @@ class MotionFollower:
         # A state from before the end of the motion is no evidence of an arrival, nor of a miss.
         is_known = following.at_rest and is_over
         return self._arrival(published, following, seen) if is_known else following
+
+    def _follow_command(
+        self,
+        published: Publication,
+        command: StatedCommand,
+        on_time: Progress,
+        seen: Observation,
+    ) -> Following | None:
+        """How the robot follows a motion by the command that the controller states.
+
+        None if it has not accepted the newest motion.
+        """
+        options, servo, motion, now = self.options, self.servo, on_time.motion, on_time.time
+        previous, current = published.previous, published.current
+        found = command.on(motion, options)
+        if found is not None:
+            published.previous = None
+        elif previous is not None and command.near(previous, options) is not None:
+            is_from_rest = previous.motion.duration == 0.0
+            late = options.late_start if is_from_rest else options.visible_time
+            if command.time >= published.unconfirmed_since + late:
+                published.give_up()
+                return None
+        guesses = on_time, replace(current, place=current.place + servo.lag * current.rate)
+        for guess in guesses:
+            found = found or command.near(guess, options)
+        if found is None:
+            # Nothing of ours is commanded, unless the message is still on its way.
+            is_known = command.time >= published.unconfirmed_since + options.visible_time
+            how = How.OFF if is_known or previous is None else How.ON_TIME
+            return self._following(published, how, on_time, seen)
+        found = replace(found, time=now, place=found.at(now), rate=found.rate)
+        published.current = replace(found, place=found.place - servo.lag * found.rate)
+        is_full = abs(found.rate - 1.0) <= options.full_rate
+        is_over = found.place >= motion.duration
+        lag = abs(on_time.place - found.place)
+        is_late = not (is_over or (is_full and lag <= options.max_lag))
+        published.is_lagging = is_late and not seen.at_rest
+        if is_late:
+            how = How.HELD if seen.at_rest else How.LAGGING
+            return self._following(published, how, found, seen)
+        following = self._following(published, How.ON_TIME, found, seen)
+        if not (following.at_rest and is_over) or published.is_arrived:
+            return following
+        return self._arrival(published, following, seen)
 
     def _arrival(
         self, published: Publication, following: Following, seen: Observation

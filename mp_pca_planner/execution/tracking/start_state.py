@@ -148,7 +148,7 @@ def _choose_at_rest(
         if following.at_rest:
             follower.servo.rest(measured.positions - here)
     elif start_from != MEASURED:
-        here = _held(follower, measured.positions)
+        here = _held(follower, measured.positions, settings)
     state = JointState(measured.joint_names, here)
     held = following if holds else None
     return MotionStart(state, held, _last_motion(follower), place, now, measured)
@@ -243,8 +243,12 @@ def _last_motion(follower: MotionFollower) -> PublishedMotion | None:
     return None if follower.published is None else follower.published.current.motion
 
 
-def _held(follower: MotionFollower, measured: FloatArray) -> FloatArray:
+def _held(follower: MotionFollower, measured: FloatArray, settings: Settings) -> FloatArray:
     """Commanded positions of a robot that rests away from the end of its motion."""
+    command = follower.stated_command(settings)
+    if command is not None and command.at_rest:
+        follower.servo.rest(measured - command.state.positions)
+        return command.state.positions
     for before in follower.alternatives:
         away = np.abs(measured - before.positions).max()
         if away <= follower.options.start_tolerance and not before.velocities.any():

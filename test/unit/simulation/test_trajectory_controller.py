@@ -38,8 +38,13 @@ class Loop:
         self.now = NOW
         self.measured = (START.copy(), np.zeros(2))
 
-    def send(self, *points, stamp=0, names=NAMES):
-        return self.controller.receive(TrajectoryMessage(names, points, stamp), self.now)
+    def send(self, *points, stamp=0, names=NAMES, goal=None):
+        message = TrajectoryMessage(names, points, stamp)
+        return self.controller.receive(message, self.now, goal)
+
+    @property
+    def results(self):
+        return [(r.goal, r.outcome, r.code) for r in self.controller.results]
 
     def cycle(self, n=1, period=MS):
         """Run cycles; the last command as rows q, v, a."""
@@ -257,3 +262,70 @@ def test_message_of_a_trajectory_holds_what_the_trajectory_holds():
     np.testing.assert_array_equal([p.velocities for p in message.points], v)
     (last,) = to_message(trajectory, last_point_only=True).points
     np.testing.assert_array_equal([last.positions, last.accelerations], [q[-1], a[-1]])
+
+
+def test_controller_leads_to_the_first_point_from_its_last_command_where_it_is_told_to():
+    found = {}
+    for desired in (False, True):
+        loop = Loop(interpolate_from_desired_state=desired)
+        loop.measured = (START + 0.01, np.zeros(2))  # a load pulls the robot away
+        loop.cycle()
+        loop.send(moving(1.0, START + 0.2, [0.0, 0.0], [0.0, 0.0]))
+        found[desired] = loop.cycle()[0] - START
+    assert np.allclose(found[False], 0.01, atol=1e-5)
+    assert np.allclose(found[True], 0.0, atol=1e-5)
+
+
+def test_reference_is_the_command_of_the_cycle_before_with_its_time_on_the_trajectory():
+    loop = Loop()
+    loop.send(moving(0.0, *A), moving(0.5, *B))
+    last = loop.cycle(100)
+    state = loop.controller.state(loop.now)
+    assert state.since_ns == 99 * MS
+    loop.cycle()
+    state = loop.controller.state(loop.now)
+    assert np.allclose(state.reference, last)
+    loop.controller.speed_scaling = 0.5
+    loop.cycle(10)
+    assert loop.controller.state(loop.now).since_ns == 105 * MS
+    assert loop.controller.state(loop.now).speed_scaling == 0.5
+
+
+def test_goal_of_the_action_ends_once_by_its_end_its_successor_or_its_cancellation():
+    end = moving(0.1, START, [0.0, 0.0], [0.0, 0.0])
+    loop = Loop()
+    assert loop.send(end, goal="reached") is None
+    loop.cycle(98)
+    assert loop.results == []
+    loop.cycle(5)
+    assert loop.results == [("reached", "succeeded", 0)]
+    loop.send(end, goal="replaced")
+    loop.cycle()
+    loop.send(end, goal="cancelled")
+    assert loop.results[1:] == [("replaced", "aborted", -1)]
+    # A message by topic moves the robot, and leaves the goal as it is.
+    loop.send(end)
+    loop.cycle()
+    assert not loop.controller.cancel("replaced")
+    loop.measured = (ASTRAY, np.zeros(2))
+    loop.cycle()
+    assert loop.controller.cancel("cancelled")
+    assert np.array_equal(loop.cycle()[0], ASTRAY)
+    assert loop.results[2:] == [("cancelled", "canceled", 0)]
+    loop.send(moving(0.1, START), names=NAMES[:1], goal="rejected")
+    assert loop.results[3:] == [("rejected", "aborted", -1)]
+    loop.send(end, goal="interrupted")
+    loop.controller.deactivate()
+    assert loop.results[4:] == [("interrupted", "aborted", -1)]
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [({"state_tolerance": 0.05}, -4), ({"goal_tolerance": 0.05, "goal_time": 0.02}, -5)],
+)
+def test_goal_whose_tolerance_is_violated_is_aborted_with_the_code_of_that(options, code):
+    loop = Loop(**options)
+    loop.send(moving(0.1, START + 0.5, [0.0, 0.0], [0.0, 0.0]), goal="missed")
+    loop.cycle(200)
+    assert loop.results == [("missed", "aborted", code)]
+    assert np.array_equal(loop.cycle()[0], START), "the measured position is held"

@@ -1,0 +1,252 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The controller of the robot: the state that it publishes, and its action."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
+from rclpy.action.graph import get_action_server_names_and_types_by_node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from trajectory_msgs.msg import JointTrajectory
+
+from ..exceptions import GoalError
+from ..execution.parameters import Settings
+from ..execution.serving.execution import ControllerAnswer
+from ..execution.threads import TimedLock
+from ..execution.tracking.controller_state import ControllerStates, StatedCommand
+from ..files import reading
+from ..input_limits import INPUT_LIMITS
+from ..motion.goal import JointState
+from ..motion.trajectory import Trajectory
+from .controller_messages import (
+    HAS_CONTROL_MSGS,
+    FollowJointTrajectory,
+    JointTrajectoryControllerState,
+)
+from .messages import read_stamp, to_seconds, to_text
+from .nodes import GuardedNode
+from .subscriptions import GroupExecutor, PolledSubscription, ThreadGroup
+
+_NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_SUCCEEDED, _CANCELED = 4, 5  # of action_msgs/GoalStatus
+_CODES = {
+    0: "SUCCESSFUL",
+    -1: "INVALID_GOAL",
+    -2: "INVALID_JOINTS",
+    -3: "OLD_HEADER_TIMESTAMP",
+    -4: "PATH_TOLERANCE_VIOLATED",
+    -5: "GOAL_TOLERANCE_VIOLATED",
+}
+
+Hear = Callable[[Trajectory, ControllerAnswer], bool]
+
+
+def to_command(content: bytes, joint_names: Sequence[str]) -> StatedCommand:
+    """Read the command of some joints from the serialised state of a controller.
+
+    Raises
+    ------
+    GoalError
+        If it is malformed, lacks one of the joints, or a number is not finite.
+    """
+    with reading("the state of the controller", GoalError):
+        message = deserialize_message(content, JointTrajectoryControllerState)
+    names, reference = list(message.joint_names), message.reference
+    rows = [reference.positions, reference.velocities, reference.accelerations]
+    if len(reference.accelerations) == 0:
+        rows[2] = [0.0] * len(names)
+    lengths = {len(row) for row in rows}
+    if lengths != {len(names)} or any(names.count(name) != 1 for name in joint_names):
+        raise GoalError("the state of the controller lacks a joint, or a number of one")
+    q, v, a = ([row[names.index(name)] for name in joint_names] for row in rows)
+    rate, since = message.speed_scaling_factor, to_seconds(reference.time_from_start)
+    if not (all(map(math.isfinite, (*q, *v, *a))) and 0.0 <= rate <= 10.0):
+        raise GoalError("the state of the controller has a number that is not finite")
+    return StatedCommand(JointState(tuple(joint_names), q, v, a), since, rate)
+
+
+class ControllerTopic:
+    """The topic on which the controller states its command, where control_msgs is installed.
+
+    Parameters
+    ----------
+    node : GuardedNode
+        The node.
+    states : ControllerStates
+        Keeps what is received.
+    beside : str
+        Full name of the topic of trajectories.
+    """
+
+    def __init__(self, node: GuardedNode, states: ControllerStates, beside: str) -> None:
+        self._node, self._states, self._beside = node, states, beside
+        self._name = ""
+        self._subscription: PolledSubscription | None = None
+
+    def use(self, settings: Settings) -> None:
+        """Subscribe to the topic that the parameters name."""
+        name = settings.controller_state_topic or f"{self._beside.rpartition('/')[0]}/"
+        name += "" if settings.controller_state_topic else "controller_state"
+        if not HAS_CONTROL_MSGS or name == self._name:
+            return
+        old, self._name = self._subscription, name
+        self._subscription = PolledSubscription(
+            self._node, JointTrajectoryControllerState, name, _NEWEST_STATE, raw=True
+        )
+        if old is not None:
+            old.destroy()
+
+    def poll(self) -> None:
+        """Take the newest state, if one has arrived."""
+        for content, facts in self._subscription.poll() if self._subscription else ():
+            if len(content) > INPUT_LIMITS.state_bytes:
+                continue
+            age = min(max((time.time_ns() - facts["received_timestamp"]) * 1e-9, 0.0), 1.0)
+            stamp = to_seconds(read_stamp(content))
+            self._states.receive(partial(to_command, content), stamp, age)
+
+
+class ControllerAction:
+    """Sends motions as goals to the action of a controller, and hears its answers.
+
+    Goals are never cancelled while the controller may execute a newer one: a stop is a goal, too,
+    which replaces the running one smoothly. A controller that is told to cancel holds the measured
+    position at once. Only if it rejects a stop, or does not answer, its goal is cancelled.
+
+    Parameters
+    ----------
+    node : GuardedNode
+        The node.
+    hear : callable
+        Takes a trajectory that was sent and the answer to it; returns whether it is the stop that
+        was sent last.
+    """
+
+    answer_time = 0.3
+    """Time after which a stop without an answer does not count [s]."""
+
+    def __init__(self, node: GuardedNode, hear: Hear) -> None:
+        self._node, self._hear = node, hear
+        self._name = ""
+        self._client: ActionClient | None = None
+        # A thread of its own: whatever is set up, an answer is reported at once.
+        self._group = ThreadGroup()
+        self._executor = GroupExecutor(node, self._group)
+        self._lock = TimedLock()
+        self._running: ClientGoalHandle | None = None
+        self._newest: Trajectory | None = None
+        # The trajectory without an answer yet, when it was sent [s], and the goal before it.
+        self._waiting: tuple[Trajectory, float, ClientGoalHandle | None] | None = None
+
+    def use(self, settings: Settings) -> None:
+        """Be a client of the action that the parameters name."""
+        if settings.controller_action == self._name:
+            return
+        old, self._name = self._client, settings.controller_action
+        self._running = self._waiting = self._client = None
+        if self._name:
+            self._client = ActionClient(
+                self._node, FollowJointTrajectory, self._name, callback_group=self._group
+            )
+        self._executor.wake()  # it waits for the clients that it knew before
+        if old is not None:
+            old.destroy()
+
+    def close(self) -> None:
+        """End the thread, before the node is destroyed."""
+        self._executor.shutdown()
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether motions are sent to an action, and a controller serves it."""
+        return self._client is not None and self._client.server_is_ready()
+
+    @property
+    def state(self) -> str:
+        """Whether motions are sent to the action, and why not."""
+        if self._client is None:
+            return "none"
+        if self._client.server_is_ready():
+            return "ready"
+        return f"nobody serves '{self._name}': motions are sent on the topic alone"
+
+    def is_served_by_subscriber(self, topic: str) -> bool:
+        """Whether a node that serves the action may listen to a topic, too.
+
+        It would execute a motion twice. A node that is not known yet counts as such a one.
+        """
+        name = self._node.resolve_service_name(self._name)
+        for endpoint in self._node.get_subscriptions_info_by_topic(topic):
+            try:
+                served = get_action_server_names_and_types_by_node(
+                    self._node, endpoint.node_name, endpoint.node_namespace
+                )
+            except Exception:  # it is being discovered, or has just gone
+                return True
+            if name in dict(served):
+                return True
+        return False
+
+    def send(self, sent: Trajectory, message: JointTrajectory) -> None:
+        """Send a goal; answers to it are heard later, in another thread."""
+        client = self._client
+        assert client is not None
+        with self._lock:
+            # The goal that the controller executes, however many stops have not been answered.
+            before = self._waiting[2] if self._waiting else None
+            self._waiting = sent, time.monotonic(), self._running or before
+            self._newest, self._running = sent, None
+        future = client.send_goal_async(FollowJointTrajectory.Goal(trajectory=message))
+        future.add_done_callback(self._node.guarded(partial(self._on_answer, sent)))
+
+    def watch(self) -> None:
+        """Cancel the goal before a stop that is not answered."""
+        waiting = self._waiting
+        if waiting is None or time.monotonic() - waiting[1] < self.answer_time:
+            return
+        # A goal may still be answered; a robot that is to stop does not wait for that.
+        self._cancel_before(waiting[0], ControllerAnswer("has not answered yet"))
+
+    def _on_answer(self, sent: Trajectory, future: Any) -> None:
+        handle = future.result()
+        if not handle.accepted:
+            rejected = ControllerAnswer("rejected the goal", is_accepted=False, is_good=False)
+            self._cancel_before(sent, rejected)
+            return
+        with self._lock:
+            if self._newest is sent:
+                self._waiting, self._running = None, handle
+        self._hear(sent, ControllerAnswer("accepted the goal"))
+        result = handle.get_result_async()
+        result.add_done_callback(self._node.guarded(partial(self._on_result, sent, handle)))
+
+    def _cancel_before(self, sent: Trajectory, answer: ControllerAnswer) -> None:
+        """Hear that a goal is not executed; cancel the one before if it was a stop."""
+        is_stop = self._hear(sent, answer)
+        with self._lock:
+            waiting = self._waiting
+            if waiting is None or waiting[0] is not sent:
+                return
+            self._waiting, self._running = None, waiting[2]
+        if is_stop and waiting[2] is not None:
+            waiting[2].cancel_goal_async()
+
+    def _on_result(self, sent: Trajectory, handle: ClientGoalHandle, future: Any) -> None:
+        with self._lock:
+            if self._running is handle:
+                self._running = None
+        status, result = future.result().status, future.result().result
+        code = f"{result.error_code} ({_CODES.get(result.error_code, 'unknown')})"
+        end = {_SUCCEEDED: "ended", _CANCELED: "cancelled"}.get(status, "aborted")
+        text = to_text(f"{end} the goal with code {code}: {result.error_string or 'no text'}")
+        with suppress(Exception):  # the node may be ending
+            self._hear(sent, ControllerAnswer(text, is_good=status == _SUCCEEDED))

@@ -1,0 +1,184 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The state and the action of a controller, over the middleware."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
+
+from arm import JOINTS
+from conftest import with_folder
+from nodes import GOAL, ros_node, set_domain
+from nodes import START as REST
+from patience import HANG
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from test_node_with_robot import benched
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from mp_pca_planner.resources import config_file
+from mp_pca_planner.ros.client import report_values
+
+START = (0.1, 0.2, 0.0, 0.8)
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+
+
+@pytest.fixture(autouse=True)
+def _own_domain(monkeypatch, control_msgs):
+    set_domain(monkeypatch, 83)
+
+
+class Controller:
+    """A client of a simulated robot's controller."""
+
+    def __init__(self, node):
+        from control_msgs.action import FollowJointTrajectory
+        from control_msgs.msg import JointTrajectoryControllerState
+
+        self.type, self.states = FollowJointTrajectory, []
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
+        node.create_subscription(
+            JointTrajectoryControllerState, "/arm/controller_state", self.states.append, 1000
+        )
+        self.action = ActionClient(node, FollowJointTrajectory, "/arm/follow_joint_trajectory")
+        self.wait(lambda: self.action.server_is_ready() and self.states)
+
+    def wait(self, is_done):
+        deadline = time.monotonic() + HANG
+        while not is_done():
+            assert time.monotonic() < deadline, "in vain"
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def result(self, future):
+        self.wait(future.done)
+        return future.result()
+
+    def send(self, trajectory):
+        goal = self.type.Goal(trajectory=trajectory)
+        return self.result(self.action.send_goal_async(goal))
+
+    def end(self, handle):
+        answer = self.result(handle.get_result_async())
+        return answer.status, answer.result.error_code
+
+
+@contextmanager
+def simulated():
+    """A simulated robot, and a client of its controller."""
+    command = [sys.executable, "-m", "mp_pca_planner", "simulate"]
+    command += ["--robot", str(config_file("human_arm.urdf")), "--joints", ",".join(JOINTS)]
+    pairs = zip(JOINTS, START, strict=True)
+    command += ["--start", ",".join(f"{name}={value}" for name, value in pairs)]
+    command += ["--controller-topic", "/arm/joint_trajectory"]
+    process = subprocess.Popen(command)
+    try:
+        with ros_node("user") as node:
+            yield Controller(node)
+    finally:
+        process.terminate()
+        process.wait(HANG)
+
+
+def motion(to, duration=0.3, last_velocity=0.0):
+    message = JointTrajectory(joint_names=list(JOINTS))
+    for t, q, v in ((0.0, START, 0.0), (duration, to, last_velocity)):
+        point = JointTrajectoryPoint(positions=list(map(float, q)), velocities=[v] * len(JOINTS))
+        point.accelerations = [0.0] * len(JOINTS)
+        point.time_from_start.sec, point.time_from_start.nanosec = divmod(round(t * 1e9), 10**9)
+        message.points.append(point)
+    return message
+
+
+def test_goals_of_the_action_are_answered_and_the_state_is_published():
+    there = np.array(START) + 0.1
+    with simulated() as controller:
+        state = controller.states[-1]
+        assert tuple(state.joint_names) == tuple(JOINTS)
+        assert np.allclose(state.reference.positions, START)
+        assert state.speed_scaling_factor == 1.0
+        # Rejected, replaced, reached, cancelled.
+        assert not controller.send(motion(there, last_velocity=0.1)).accepted
+        first = controller.send(motion(there, duration=20.0))
+        second = controller.send(motion(there))
+        assert controller.end(first) == (ABORTED, -1)
+        assert controller.end(second) == (SUCCEEDED, 0)
+        controller.wait(lambda: np.allclose(controller.states[-1].reference.positions, there))
+        third = controller.send(motion(START, duration=20.0))
+        controller.result(third.cancel_goal_async())
+        assert controller.end(third)[0] == CANCELED
+
+
+def use_action(bench, name):
+    """Have the node send its motions to an action, once it has found that."""
+    bench.set(controller_action=name)
+    bench.client.wait_for_diagnostics(lambda values: values["controller_action"] == "ready")
+
+
+@pytest.fixture(scope="module")
+def bench(_control_msgs_folder, tmp_path_factory):
+    """A node that sends its motions to the action of a robot, whose topic it does not use."""
+    with pytest.MonkeyPatch.context() as patch:
+        if _control_msgs_folder is not None:
+            patch.setenv("PYTHONPATH", with_folder(_control_msgs_folder))
+        set_domain(patch, 87)
+        folder = tmp_path_factory.mktemp("robot")
+        with benched(folder, "--controller-topic", "/arm/joint_trajectory") as bench:
+            bench.set(controller_state_topic="/arm/controller_state")
+            use_action(bench, "/arm/follow_joint_trajectory")
+            yield bench
+
+
+def test_motion_that_is_sent_as_a_goal_is_reported_with_the_answers_of_the_controller(bench):
+    report = bench.execution(bench.send(GOAL))
+    assert report["outcome"] == "arrived", report
+    assert report["controller"] == (
+        "accepted the goal; ended the goal with code 0 (SUCCESSFUL): the end was reached"
+    )
+    bench.wait(lambda: np.allclose(bench.position, GOAL, atol=1e-3))
+    assert bench.execution(bench.send(REST))["outcome"] == "arrived"
+
+
+def test_goal_that_the_controller_rejects_or_aborts_is_reported_with_its_words(bench):
+    with bench.fault("active", False, True):
+        report = bench.execution(bench.send(GOAL))
+    assert report["outcome"] == "never_started"
+    assert report["controller"] == "rejected the goal"
+    answer = bench.begin_slowly(GOAL)
+    with bench.fault("active", False, True):
+        report = bench.execution(answer)
+    assert report["outcome"] == "not_followed"
+    assert "aborted the goal with code -1 (INVALID_GOAL)" in report["controller"]
+    assert bench.execution(bench.send(REST))["outcome"] == "arrived"
+
+
+def test_stop_replaces_the_goal_and_brings_the_robot_to_rest_on_its_path(bench):
+    answer = bench.begin_slowly(GOAL)
+    stopped, _ = bench.client.stop()
+    assert "comes to rest on its path" in stopped.message
+    assert bench.execution(answer)["outcome"] == "stopped"
+    assert bench.execution(bench.send(REST))["outcome"] == "arrived"
+
+
+def test_motion_is_executed_once_by_a_controller_that_listens_to_the_topic_too(
+    monkeypatch, tmp_path
+):
+    set_domain(monkeypatch, 88)
+    with benched(tmp_path) as bench:
+        use_action(bench, "mp_pca_planner/follow_joint_trajectory")
+        n_copies = len(bench.client.trajectories)
+        bench.client.publish_goal(bench.message(GOAL))
+        bench.wait(lambda: bool(bench.client.executions))
+        report = report_values(bench.client.executions[-1])
+        assert report["outcome"] == "arrived"
+        assert "SUCCESSFUL" in report["controller"]
+        assert len(bench.client.trajectories) == n_copies
+    assert "1 trajectories received, 0 rejected" in (tmp_path / "robot.txt").read_text()
