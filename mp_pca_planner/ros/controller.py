@@ -33,7 +33,7 @@ from .controller_messages import (
     JointTrajectoryControllerState,
 )
 from .messages import read_stamp, to_seconds, to_text
-from .nodes import GuardedNode
+from .nodes import LOG_PERIOD, GuardedNode
 from .subscriptions import GroupExecutor, PolledSubscription, ThreadGroup
 
 _NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -166,11 +166,6 @@ class ControllerAction:
         self._executor.shutdown()
 
     @property
-    def is_ready(self) -> bool:
-        """Whether motions are sent to an action, and a controller serves it."""
-        return self._client is not None and self._client.server_is_ready()
-
-    @property
     def state(self) -> str:
         """Whether motions are sent to the action, and why not."""
         if self._client is None:
@@ -196,17 +191,30 @@ class ControllerAction:
                 return True
         return False
 
-    def send(self, sent: Trajectory, message: JointTrajectory) -> None:
-        """Send a goal; answers to it are heard later, in another thread."""
+    def send(self, sent: Trajectory, content: bytes) -> bool:
+        """Send a trajectory and its serialised message as a goal; returns whether that was done.
+
+        Answers to it are heard later, in another thread.
+        """
         client = self._client
-        assert client is not None
+        if client is None or not client.server_is_ready():
+            return False
+        try:
+            goal = FollowJointTrajectory.Goal(
+                trajectory=deserialize_message(content, JointTrajectory)
+            )
+            future = client.send_goal_async(goal)
+        except Exception as error:  # in any case, a stop must go out: by the topic then
+            text = f"a goal was not sent to the controller: {self._node.explain(error)}"
+            self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+            return False
         with self._lock:
             # The goal that the controller executes, however many stops have not been answered.
             before = self._waiting[2] if self._waiting else None
             self._waiting = sent, time.monotonic(), self._running or before
             self._newest, self._running = sent, None
-        future = client.send_goal_async(FollowJointTrajectory.Goal(trajectory=message))
         future.add_done_callback(self._node.guarded(partial(self._on_answer, sent)))
+        return True
 
     def watch(self) -> None:
         """Cancel the goal before a stop that is not answered."""

@@ -421,7 +421,8 @@ class MotionFollower:
             at_rest = not self.measured.velocities(measured).any()
             seen = Observation(measured, at_rest, self.measured.history())
             on_time = Progress(motion, now, now - motion.began)
-            command = self.stated_command(settings)
+            names, distance = measured.joint_names, settings.commanded_tolerance
+            command = self.controller.newest(names, measured.positions, distance)
             if command is None or not published.motion.is_path_known:
                 following = self._follow(published, on_time, seen)
             else:

@@ -247,8 +247,11 @@ def _held(follower: MotionFollower, measured: FloatArray, settings: Settings) ->
     """Commanded positions of a robot that rests away from the end of its motion."""
     command = follower.stated_command(settings)
     if command is not None and command.at_rest:
-        follower.servo.rest(measured - command.state.positions)
-        return command.state.positions
+        held = command.state.positions
+        # No plausible load pulls a robot farther away from what it is commanded to hold.
+        if np.abs(measured - held).max() <= follower.options.missed_distance:
+            follower.servo.rest(measured - held)
+            return held
     for before in follower.alternatives:
         away = np.abs(measured - before.positions).max()
         if away <= follower.options.start_tolerance and not before.velocities.any():
