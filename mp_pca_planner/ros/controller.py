@@ -20,7 +20,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError
 from ..execution.parameters import Settings
-from ..execution.serving.execution import ControllerAnswer
+from ..execution.serving.execution import ACCEPTED, ControllerAnswer
 from ..execution.threads import TimedLock
 from ..execution.tracking.controller_state import ControllerStates, StatedCommand
 from ..files import reading
@@ -32,7 +32,8 @@ from .controller_messages import (
     FollowJointTrajectory,
     JointTrajectoryControllerState,
 )
-from .messages import read_stamp, to_seconds, to_text
+from .goal_messages import read_stamp
+from .messages import to_seconds, to_text
 from .nodes import LOG_PERIOD, GuardedNode
 from .subscriptions import GroupExecutor, PolledSubscription, ThreadGroup
 
@@ -222,7 +223,7 @@ class ControllerAction:
         if waiting is None or time.monotonic() - waiting[1] < self.answer_time:
             return
         # A goal may still be answered; a robot that is to stop does not wait for that.
-        self._cancel_before(waiting[0], ControllerAnswer("has not answered yet"))
+        self._cancel_before(waiting[0], ControllerAnswer(""))
 
     def _on_answer(self, sent: Trajectory, future: Any) -> None:
         handle = future.result()
@@ -233,7 +234,7 @@ class ControllerAction:
         with self._lock:
             if self._newest is sent:
                 self._waiting, self._running = None, handle
-        self._hear(sent, ControllerAnswer("accepted the goal"))
+        self._hear(sent, ControllerAnswer(ACCEPTED))
         result = handle.get_result_async()
         result.add_done_callback(self._node.guarded(partial(self._on_result, sent, handle)))
 

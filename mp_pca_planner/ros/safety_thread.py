@@ -15,8 +15,8 @@ from functools import partial
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ..execution.serving.motion_monitor import MotionMonitor
 from ..execution.parameters import Settings
+from ..execution.serving.motion_monitor import MotionMonitor
 from ..execution.threads import SAFETY_WAIT, BusyError, TimedLock
 from ..execution.tracking.measured import MeasuredStates
 from .controller import ControllerAction, ControllerTopic

@@ -75,6 +75,9 @@ class Outcome(StrEnum):
         return member
 
 
+ACCEPTED = "accepted the goal"
+
+
 @dataclass(frozen=True)
 class ControllerAnswer:
     """What a controller answers to a motion that was sent as a goal of its action.
@@ -254,8 +257,8 @@ class Execution:
         if answer.is_good:  # whether the robot arrived is seen, not told
             return None
         if not answer.is_accepted:
-            return self._end(NEVER_STARTED, f"never started: the controller {answer.text}")
-        return self._end(NOT_FOLLOWED, f"not followed: the controller {answer.text}")
+            return self._end(Outcome.NEVER_STARTED, f"never started: the controller {answer.text}")
+        return self._end(Outcome.NOT_FOLLOWED, f"not followed: the controller {answer.text}")
 
     def update(
         self, following: Following | None, now: float, options: ServingOptions
@@ -301,6 +304,8 @@ class Execution:
         away = f"{following.distance:.3g} rad (or m), of joint '{following.joint}'"
         duration = now - self.since
         if following.is_over and following.at_rest:
+            if self.controller == ACCEPTED and duration < options.start_delay:
+                return None  # the result of the controller comes a little later
             if not self.is_stop:
                 return self._end(Outcome.ARRIVED, f"arrived: the largest error is {away}")
             text = f"stopped: the robot is at rest {now - self.motion.time:.2f} s after the stop"

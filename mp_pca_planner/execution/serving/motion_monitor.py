@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from ...exceptions import GoalError
+from ...motion.trajectory import Trajectory
 from ...robot.world import World
 from ..options import ServingOptions
 from ..threads import SAFETY_WAIT
