@@ -116,7 +116,7 @@ def test_refusal_of_embedded_joint_states_names_their_field(
 
 
 def test_notes_are_printed(bags: Path, tmp_path: Path) -> None:
-    cut_off = stamped(reaching([0.0, 1.0, 0.2])[:350])
+    cut_off = stamped(reaching([0.05, 1.1, 0.2])[:350])
     (tmp_path / "a").mkdir()
     bag = write_bag(tmp_path / "a" / "cut", "mcap", cut_off)
     status, out, _ = run(bag, bags, "--output", tmp_path / "p.npz")

@@ -304,8 +304,9 @@ def test_options_for_markers_come_together(
 
 def test_reports_hold_residuals_whatever_the_number_of_processes(tmp_path: Path) -> None:
     places = {name: np.concatenate([p, p[::-1]]) for name, p in markers().items()}
-    for name in ("a", "b"):
-        write_marker_arrays(tmp_path / "bags" / name, places)
+    for name, every in (("a", 1), ("b", 2)):  # b is faster, and no copy
+        faster = {marker: p[::every] for marker, p in places.items()}
+        write_marker_arrays(tmp_path / "bags" / name, faster)
     source = marker_source("/markers", URDF, MAP)
     alone, together = (
         load_recordings([tmp_path / "bags"], markers=source, jobs=jobs) for jobs in (1, 2)
