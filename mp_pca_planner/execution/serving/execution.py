@@ -304,7 +304,8 @@ class Execution:
         away = f"{following.distance:.3g} rad (or m), of joint '{following.joint}'"
         duration = now - self.since
         if following.is_over and following.at_rest:
-            if self.controller == ACCEPTED and duration < options.start_delay:
+            late = following.progress.place - following.motion.duration
+            if self.controller == ACCEPTED and late < options.start_delay:
                 return None  # the result of the controller comes a little later
             if not self.is_stop:
                 return self._end(Outcome.ARRIVED, f"arrived: the largest error is {away}")
