@@ -141,10 +141,14 @@ class User:
             self._stamp += 1
             message = JointState(name=JOINT_NAMES, position=goal.tolist())
             message.header.stamp.sec = self._stamp
+            sent, newest = time.time(), self._client.trajectories
             answer = self._client.send(message, TIMEOUT)
             if answer.trajectory is not None:
-                stamp = to_seconds(answer.trajectory.header.stamp)
-                return answer.trajectory, stamp or time.time()
+                # One that came from an earlier goal is older.
+                self._client.wait(
+                    lambda: to_seconds(newest[-1].header.stamp) > sent, TIMEOUT, "no motion"
+                )
+                return newest[-1], to_seconds(newest[-1].header.stamp)
         raise PlannerError(f"no goal was served: {answer.report.message}")
 
     def _publish(self, centre: np.ndarray | None) -> None:
