@@ -22,6 +22,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -141,15 +142,18 @@ class User:
             self._stamp += 1
             message = JointState(name=JOINT_NAMES, position=goal.tolist())
             message.header.stamp.sec = self._stamp
-            sent, newest = time.time(), self._client.trajectories
+            sent = time.time()
             answer = self._client.send(message, TIMEOUT)
             if answer.trajectory is not None:
-                # One that came from an earlier goal is older.
-                self._client.wait(
-                    lambda: to_seconds(newest[-1].header.stamp) > sent, TIMEOUT, "no motion"
-                )
-                return newest[-1], to_seconds(newest[-1].header.stamp)
+                # That of an earlier goal may come first.
+                self._client.wait(partial(self._began_after, sent), TIMEOUT, "no motion")
+                newest = self._client.trajectories[-1]
+                return newest, to_seconds(newest.header.stamp) or time.time()
         raise PlannerError(f"no goal was served: {answer.report.message}")
+
+    def _began_after(self, sent: float) -> bool:
+        """Whether the newest motion begins after a time [s]; without a stamp, it begins now."""
+        return not 0.0 < to_seconds(self._client.trajectories[-1].header.stamp) < sent
 
     def _publish(self, centre: np.ndarray | None) -> None:
         one = Marker(ns="ball", type=Marker.SPHERE)
