@@ -133,6 +133,6 @@ def test_requests_unlike_the_demonstrations_are_remarked_in_words(command: str, 
         is_unusual = facts["in_span_score"] > UNUSUAL_IN_SPAN_SCORE
         assert is_unusual == (request == far)
         assert ("the request is unlike the demonstrations" in text) == is_unusual
-        assert ["unlike the demonstrations" in remark for remark in facts["remarks"]] == (
-            [True] if is_unusual else []
-        )
+        # Another remark may name a joint outside of its demonstrated range.
+        remarked = [remark for remark in facts["remarks"] if "unlike the demonstrations" in remark]
+        assert len(remarked) == int(is_unusual)
