@@ -91,8 +91,8 @@ def _choose_law(arguments: argparse.Namespace, request: PlannedRequest, robot: R
     own = paired_law(request.primitives[0])
     if own is not None and arguments.law is None:
         return own
-    frequency, damping = arguments.natural_frequency, arguments.damping_ratio
-    return ControlLaw.from_frequency(kind, robot, request.plan.trajectory, frequency, damping)
+    frequency = arguments.natural_frequency
+    return ControlLaw.from_frequency(kind, robot, request.plan.trajectory, frequency)
 
 
 def _facts(

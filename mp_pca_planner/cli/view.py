@@ -13,8 +13,7 @@ from ..exceptions import PlannerError
 from ..primitives.library.library import load_primitives
 from ..recordings.load import load_demonstrations
 from ..robot.world import World
-from ..view.content import PageContent, read_content
-from ..view.live import LiveLink
+from ..view.content import LiveLink, PageContent, read_content
 from ..view.page import ViewPage
 from .common import check_frame
 from .terminal import DONE, flush, say

@@ -20,7 +20,7 @@ from trajectory_msgs.msg import JointTrajectory
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
-from ..view.live import LiveView, NodeStatus
+from ..view.content import LiveView, NodeStatus
 from .client import report_values
 from .goal_messages import GOAL_TOPICS, GoalTopic
 from .messages import to_trajectory

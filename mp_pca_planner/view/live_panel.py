@@ -18,7 +18,7 @@ from ..arrays import FloatArray, short
 from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
 from ..robot.world import World
-from .live import LiveLink, LiveView, NodeStatus
+from .content import LiveLink, LiveView, NodeStatus
 from .stage import BAD, GOOD, GREY, WARNING, DrawnPaths, DrawnRobot, Rgb, Stage, part
 from .world_panel import DrawnWorld, WorldEditor
 

@@ -10,7 +10,7 @@ import numpy as np
 import viser
 
 from ..robot.model import Robot
-from .content import PageContent, first_ends
+from .content import LiveLink, PageContent, first_ends
 from .learned import (
     COMPONENTS,
     DEMONSTRATIONS,
@@ -19,7 +19,6 @@ from .learned import (
     recorded,
     reproduced,
 )
-from .live import LiveLink
 from .live_panel import NAME as LIVE
 from .live_panel import LivePanel
 from .plan_panel import NAME as PLAN

@@ -30,7 +30,7 @@ pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from playwright.sync_api import expect
 from view_browser import SIZE, arrow_of, chromium, chromium_path, on_screen
 
-from mp_pca_planner.view.live import LiveView
+from mp_pca_planner.view.content import LiveView
 from mp_pca_planner.view.page import ViewPage
 
 if chromium_path() is None:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from mp_pca_planner.cli.keys import Keys
+from mp_pca_planner.cli.teach import Keys
 
 
 @contextmanager

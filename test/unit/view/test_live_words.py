@@ -7,7 +7,7 @@ import pytest
 from arm import JOINTS, arm_robot
 
 from mp_pca_planner.robot.limits import JointLimits
-from mp_pca_planner.view.live import SILENCE, LiveView, NodeStatus
+from mp_pca_planner.view.content import SILENCE, LiveView, NodeStatus
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.live_panel import figures_html, node_html, reports_html, states_html
