@@ -48,6 +48,8 @@ class AdaptedPlan:
         Names of the primitives of the motion that was displaced; none for a stop.
     in_span_score : float
         In-span score of the motion that was displaced.
+    planned_duration : float
+        Duration of the planned motion that was displaced, perhaps several times [s].
     solve_time : float
         Time taken to find it [s].
     """
@@ -56,6 +58,7 @@ class AdaptedPlan:
     limit_check: LimitCheck
     primitives: tuple[str, ...]
     in_span_score: float
+    planned_duration: float
     solve_time: float
     status: ClassVar[str] = SOLVED
     message: ClassVar[str] = "the motion is continued to the new goal"
@@ -77,6 +80,10 @@ class AdaptedPlan:
         }
 
 
+# Duration of a displaced motion in durations of the planned one.
+_SLOWEST = 2.0
+
+
 def displaced(
     motion: PublishedMotion,
     place: float,
@@ -84,6 +91,7 @@ def displaced(
     robot: Robot,
     limits: JointLimits,
     period: float,
+    planned_duration: float,
 ) -> tuple[Trajectory, LimitCheck] | None:
     """Displace the end of a motion, within the limits and without shortening it.
 
@@ -103,12 +111,15 @@ def displaced(
         Of the same joints.
     period : float
         Longest time between points [s].
+    planned_duration : float
+        Duration of the planned motion [s]. Each motion of a stream of goals displaces the one
+        before, and would take ever longer without a bound.
 
     Returns
     -------
     trajectory, check :
         The displaced motion from the place on with its efforts, and its comparison with the
-        limits; None if every displacement breaks a limit.
+        limits; None if every displacement breaks a limit or takes too long.
     """
     change = np.abs(goal.positions - motion.end)
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
@@ -119,12 +130,11 @@ def displaced(
         for order, (peak, bound) in enumerate(zip(peaks, bounds, strict=True), start=1)
     ]
     # Small displacements are smooth, too, if they take a quarter of a second.
-    duration = max(motion.duration - place, 0.25, *needed)
-    # Durations up to four times as long are tried, because the sum with the motion must keep the
-    # limits.
-    for _ in range(7):
-        if duration > INPUT_LIMITS.longest_motion(period):
-            return None
+    shortest = max(0.25, *needed)
+    duration = max(motion.duration - place, shortest)
+    longest = min(_SLOWEST * max(planned_duration, shortest), INPUT_LIMITS.longest_motion(period))
+    # Longer ones are tried, because the sum with the motion must keep the limits.
+    while duration <= longest:
         trajectory = _displaced_in(duration, motion, place, goal, period)
         check = check_limits(trajectory, robot, limits)
         if not check.violations:
@@ -156,6 +166,14 @@ def _displaced_in(
 
 
 AnyPlan = Plan | AdaptedPlan
+
+
+def _planned_duration(plan: AnyPlan) -> float:
+    if isinstance(plan, AdaptedPlan):
+        return plan.planned_duration
+    return plan.trajectory.duration
+
+
 Planned = tuple[AnyPlan, "ServedTrial | None"]
 
 
@@ -305,12 +323,13 @@ class GoalPlanner:
         motion, period = start.following.motion, model.settings.sample_period
         place = min(start.place, motion.duration)
         robot, limits = model.planning_robot, model.limits
-        found = displaced(motion, place, target, robot, limits, period)
+        planned = motion.duration if last is None else _planned_duration(last.plan)
+        found = displaced(motion, place, target, robot, limits, period, planned)
         collision = model.planner.collision
         if found is None or (collision is not None and collision.collisions(found[0])):
             return None
         primitives, score = (last.plan.primitives, last.plan.in_span_score) if last else ((), nan)
-        return AdaptedPlan(*found, primitives, score, self._clock() - began)
+        return AdaptedPlan(*found, primitives, score, planned, self._clock() - began)
 
     def _plan_in_time(
         self, goal: JointGoal, adapted: AdaptedPlan, request: PlanRequest

@@ -29,7 +29,7 @@ CHANGE = np.array([0.05, -0.1, 0.08, 0.02])
 
 def adapt(change, place=PLACE, limits=LIMITS):
     goal = JointState(JOINTS, START + SHIFT + change)
-    return displaced(MOTION, place, goal, ROBOT, limits, PERIOD)
+    return displaced(MOTION, place, goal, ROBOT, limits, PERIOD, DURATION)
 
 
 def test_displacement_is_the_minimum_jerk_polynomial_to_the_change_of_the_goal():
@@ -72,6 +72,20 @@ def test_displaced_motion_starts_on_the_old_one_ends_at_the_goal_and_keeps_the_l
     assert_keeps(curve, LIMITS)
 
 
+def test_a_stream_of_goals_does_not_make_a_motion_slower_and_slower():
+    tight = {"max_velocity": 0.9, "max_acceleration": 1.9, "max_jerk": 13.0}
+    limits = ROBOT.limits(dict.fromkeys(JOINTS, tight))
+    motion, durations = MOTION, list[float]()
+    for k in range(1, 20):
+        goal = JointState(JOINTS, START + SHIFT * (1.0 + 0.01 * k))
+        found = displaced(motion, 0.05, goal, ROBOT, limits, PERIOD, DURATION)
+        if found is None:  # another motion is planned
+            break
+        durations.append(found[0].duration)
+        motion = PublishedMotion(found[0], 0.0)
+    assert durations and max(durations) <= 2.0 * DURATION
+
+
 def test_goal_that_no_displacement_reaches_within_the_limits_gets_none():
     assert adapt(LIMITS.upper + 0.1 - START - SHIFT) is None
 
@@ -79,7 +93,7 @@ def test_goal_that_no_displacement_reaches_within_the_limits_gets_none():
 def test_goal_may_have_a_velocity():
     v = np.array([0.1, 0.0, -0.1, 0.2])
     goal = JointState(JOINTS, START + SHIFT, v)
-    trajectory, _ = displaced(MOTION, PLACE, goal, ROBOT, LIMITS, PERIOD)
+    trajectory, _ = displaced(MOTION, PLACE, goal, ROBOT, LIMITS, PERIOD, DURATION)
     np.testing.assert_array_equal(trajectory.velocities[-1], v)
     assert_keeps(spline(trajectory), LIMITS)
 
@@ -91,7 +105,7 @@ def test_efforts_are_those_of_the_motion_and_their_cost_is_its_integral():
     np.testing.assert_allclose(trajectory.efforts, efforts, atol=1e-9)
     integral = simpson(np.square(efforts).sum(axis=1), x=trajectory.times)
     assert trajectory.effort_cost == pytest.approx(0.5 * integral, rel=1e-4)
-    plan = AdaptedPlan(trajectory, check, ("reach",), 0.5, 0.01)
+    plan = AdaptedPlan(trajectory, check, ("reach",), 0.5, DURATION, 0.01)
     summary = plan.summary()
     assert summary["effort_cost"] == trajectory.effort_cost
     assert (summary["status"], summary["limit_violation"]) == ("solved", 0.0)
