@@ -241,7 +241,7 @@ def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(node):
         node.monitor.served.rest_of_goal(1.1 * first).state.positions, GOAL
     )
     node.run(1.1 * first)
-    world, came = ball_at(place_on_motion(node, 0.63)), node.now
+    world, came = ball_at(place_on_motion(node, 0.58)), node.now
     assert use(node, world)
     message, served = node.server.avoid_obstacle(node._model, not_cancelled)
     assert served is not None, message
