@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Movement primitives from recorded demonstrations, and least-effort motions made of them.
+"""Movement primitives from recorded demonstrations, and motions made of them.
 
 import mp_pca_planner as mp
 

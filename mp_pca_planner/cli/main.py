@@ -107,7 +107,7 @@ def _parser() -> OneLineParser:
     parser = OneLineParser(
         prog=PROGRAM,
         usage="%(prog)s [-h] [--version] [--debug] COMMAND ...",
-        description="Movement primitives from recordings, and least-effort motions made of them.",
+        description="Movement primitives from recordings, and motions made of them.",
         epilog="commands (each has its own --help):\n"
         + "\n".join(f"  {name:{width}}  {summary}" for name, summary in COMMANDS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -48,14 +48,16 @@ def _facts(request: PlannedRequest) -> dict[str, Any]:
 
 
 def _text(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
-    plan = request.plan
+    plan, unlimited = request.plan, request.planner.limits.unlimited
     own = _sequence_lines(request, facts) if plan.mode else _plan_lines(request, facts)
+    without = f"; some joints have no limit of {', '.join(unlimited)}: use --limits"
     return [
         status_line(plan),
         *request.lines(),
         *own,
         *collision_lines(facts),
-        f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)",
+        f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)"
+        f"{without if unlimited else ''}",
     ]
 
 

@@ -105,7 +105,7 @@ SENTENCES = {
     "missed": "the nearest motion misses a target by {missed:.3g} rad or m",
     "strays": "the nearest motion violates this constraint",
     # Concessions, as the end of a sentence.
-    "lengthened": "the duration was lengthened from {usual:.3g} to {duration:.3g} s",
+    "lengthened": "the duration was lengthened from {usual:.4g} to {duration:.4g} s",
     "raised": "the naturalness was raised from {asked:g} to {used:g}",
     "given_up": "; to keep the limits{clear}, {what}",
     "detour": "; near a collision-free path, because the predicted motion collides",

@@ -63,7 +63,7 @@ def build_primitive(
         if isinstance(one, np.ndarray | list | tuple):
             raise PrimitiveError(
                 f"primitive '{name}' can't be built: arrays need times=, the times of their "
-                "samples [s], and joint_names="
+                "samples [s]; joint_names= names their columns"
             )
         if not isinstance(one, Demonstration):
             raise PrimitiveError(

@@ -132,9 +132,16 @@ class MovementPrimitive:
         left_out, straight = facts["left_out_error"], facts["minimum_jerk_error"]
         lines = [repr(self)]
         if np.isfinite(left_out):
+            nearer = 1.0 - left_out / straight if straight > 0.0 else 0.0
+            judgement = (
+                f"{nearer:.0%} nearer than minimum-jerk motions ({straight:.3g})"
+                if nearer >= 0.1
+                else f"hardly nearer than minimum-jerk motions ({straight:.3g}): show more "
+                "demonstrations, of one kind"
+            )
             lines.append(
-                f"  left-out motions: {left_out:.3g} rad or m RMS from their predictions "
-                f"({straight:.3g} from minimum-jerk motions)"
+                f"  left-out motions: {left_out:.3g} rad or m RMS from their predictions, "
+                f"{judgement}"
             )
         for joint in self.joint_names:
             ends = (*facts["starts"][joint], *facts["goals"][joint])
@@ -256,6 +263,25 @@ class MovementPrimitive:
         """
         ends, expected = self._predicted(start, goal, duration)
         return self._motion(ends, expected, expected.weights)
+
+    def in_span_score(
+        self, start: StateLike, goal: StateLike, duration: float | None = None
+    ) -> float:
+        """Distance of a request from the demonstrations: about 1 is typical, above 3 unlike them.
+
+        The predictions of requests far from the demonstrations may look unlike these.
+
+        Parameters
+        ----------
+        start, goal, duration :
+            As of :meth:`predict`; without a duration, only the end points count.
+
+        Raises
+        ------
+        GoalError
+            See :meth:`predict`.
+        """
+        return self._predicted(start, goal, duration)[1].in_span_score
 
     def sample(self, n: int, start: StateLike, goal: StateLike, seed: int = 0) -> list[Trajectory]:
         """Draw motions from the conditional distribution of a request.

@@ -97,6 +97,12 @@ class JointLimits:
                     "which leaves no room; the lower limit must be below the upper one"
                 )
 
+    @property
+    def unlimited(self) -> tuple[str, ...]:
+        """Which of velocity, acceleration and jerk have no limit for some joint."""
+        rates = {name: getattr(self, name) for name in ("velocity", "acceleration", "jerk")}
+        return tuple(name for name, values in rates.items() if np.isinf(values).any())
+
     def __repr__(self) -> str:
         rows = [["JointLimits", *_KINDS], *self._rows()]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -204,9 +210,13 @@ def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
             f"{where}: joint '{name}' must be a mapping of limits, got {shown(entry, 40)}"
         )
     values: dict[str, float] = {}
+    # MoveIt's Setup Assistant writes 0 beside a limit that is switched off.
+    off = [quantity for switch, quantity in _QUANTITIES.items() if entry.get(switch) is False]
     for key, value in entry.items():
         what = f"{where}: {key} of joint '{name}'"
         if key in LIMIT_KEYS:
+            if key.endswith(tuple(off)):
+                continue
             if not (is_number(value) or isinstance(value, float)):
                 raise LimitsError(f"{what} is {shown(value, 40)}, not a number")
             values[key] = float(value)
@@ -216,7 +226,4 @@ def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
             raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', key, valid)}")
         elif not isinstance(value, bool):
             raise LimitsError(f"{what} must be true or false")
-    for switch, quantity in _QUANTITIES.items():
-        if entry.get(switch) is False:
-            values |= {key: _absent(key) for key in LIMIT_KEYS if key.endswith(quantity)}
-    return values
+    return values | {key: _absent(key) for key in LIMIT_KEYS if key.endswith(tuple(off))}

@@ -269,6 +269,11 @@ class PlannerNode(GuardedNode):
     def _log_readiness(self) -> None:
         self.get_logger().info(self._setup.missing or "ready for goals")
         context = self._setup.context
+        if context is not None and (unlimited := context.limits.unlimited):
+            self.get_logger().warning(
+                f"some joints have no limit of {', '.join(unlimited)}: set them with 'limits_file' "
+                "before a real robot moves"
+            )
         if context is not None and context.planner.collision is not None:
             for note in context.planner.collision.notes:
                 self.get_logger().warning(to_text(note))

@@ -97,7 +97,7 @@ def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
         "this motion follows a minimum-jerk path, keeps the limits and may be executed"
         in plan.message
     )
-    assert f"lengthened from {arm_duration(goal, start):.3g} to" in plan.message
+    assert f"lengthened from {arm_duration(goal, start):.4g} to" in plan.message
     summary = plan.summary()
     assert summary["n_components_used"] == 0 and summary["correction_used"] == 0
     assert summary["limit_violation"] == 0.0 and summary["goal_error"] == 0.0

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Primitives from the front door: fit, predict, sample, save and load."""
 
+from html import escape
 from types import SimpleNamespace
 
 import numpy as np
@@ -99,6 +100,17 @@ def test_a_primitive_is_described_in_one_line():
     assert text.startswith(
         "MovementPrimitive 'arm_arm_4': 4 components of 20 demonstrations, 4 joints, usually "
     )
-    assert "\n" not in text and arm_primitive()._repr_html_() == f"<pre>{text}</pre>".replace(
-        "'", "&#x27;"
-    )
+    assert "\n" not in text
+    shown = str(arm_primitive())
+    assert shown.startswith(f"{text}\n  left-out motions: ")
+    assert "% nearer than minimum-jerk motions (" in shown
+    assert arm_primitive()._repr_html_() == f"<pre>{escape(shown)}</pre>"
+
+
+def test_in_span_score_of_a_request_is_that_of_its_prediction():
+    primitive = arm_primitive()
+    first, last = primitive.boundary_states[0, [0, 3]]
+    score = primitive.in_span_score(first, last)
+    assert score == primitive.model.predict(first, last).in_span_score < 3.0
+    assert primitive.in_span_score(first, last + 3.0) > 3.0
+    assert primitive.in_span_score(first, last, 0.02) > score

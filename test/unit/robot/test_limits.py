@@ -47,7 +47,8 @@ def test_a_moveit_file_is_read_with_its_switches(tmp_path):
         "joint_limits:\n"
         "  a: {has_velocity_limits: true, max_velocity: 2, has_acceleration_limits: false,\n"
         "      max_acceleration: 3.0, max_effort: 40.5}\n"
-        "  b: {has_position_limits: false}\n",
+        # The Setup Assistant of MoveIt writes 0 where there is no limit.
+        "  b: {has_position_limits: false, has_acceleration_limits: false, max_acceleration: 0}\n",
     )
     limits = JointLimits(
         NAMES, merge_limits({"b": {"min_position": 0.0}}, read_limits_file(path, NAMES))
@@ -56,6 +57,7 @@ def test_a_moveit_file_is_read_with_its_switches(tmp_path):
     assert limits.acceleration.tolist() == [np.inf, np.inf]
     assert limits.effort.tolist() == [40.5, np.inf]
     assert limits.lower.tolist() == [-np.inf, -np.inf]
+    assert limits.unlimited == ("velocity", "acceleration", "jerk")
 
 
 @pytest.mark.parametrize(
