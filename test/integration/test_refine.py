@@ -195,7 +195,7 @@ def test_trials_go_on_from_call_to_call_until_one_is_kept(primitive, tmp_path):
     second = refine(primitive, *options, "--cost", "10.0")
     assert second["n_trials"] == 1
     assert second["positions"] != first["positions"]
-    third = refine(primitive, *options, "--cost", "8.0", "--output", new)
+    third = refine(primitive, *options, "--cost", "8.0", "--output", new, ok=False)
     assert third["n_trials"] == 2
     # Nothing is kept until the planned motion and the best one are repeated.
     assert third["gain"] is None and not third["kept"] and not new.exists()
