@@ -270,7 +270,7 @@ class PlannerNode(GuardedNode):
         self.get_logger().info(self._setup.missing or "ready for goals")
         context = self._setup.context
         if context is not None and (unlimited := context.limits.unlimited):
-            self.get_logger().warning(
+            self.get_logger().info(
                 f"some joints have no limit of {', '.join(unlimited)}: set them with 'limits_file' "
                 "before a real robot moves"
             )
