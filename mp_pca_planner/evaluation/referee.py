@@ -358,7 +358,7 @@ def _hulls(geometry: Any) -> Any:
     for part in hulls.geometryObjects:
         if hasattr(part.geometry, "buildConvexHull"):
             points = np.array(part.geometry.vertices())
-            if np.linalg.matrix_rank(points - points.mean(axis=0), rtol=1e-6) < 3:
+            if np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-6 * np.ptp(points)) < 3:
                 continue  # Coal would end the process
             part.geometry.buildConvexHull(True, "Qt")
             part.geometry = part.geometry.convex

@@ -150,6 +150,8 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
             with reading("it", PlannerError):
                 found = parse_mesh(content, request["suffix"])
         except PlannerError as error:
+            if isinstance(error.__context__, MemoryError):  # what it left would be missing later
+                os._exit(_NO_MEMORY)
             reason = str(error).removeprefix("it can't be read: ")
             _send(answers, {"error": reason[:1000]})
             continue

@@ -330,8 +330,10 @@ class Robot:
         Raises
         ------
         RobotError
-            If one is no finite number, or negative.
+            If one is no finite number, or negative, or Pinocchio is older than release 3.
         """
+        if pin.__version__.startswith("2."):  # its inverse dynamics leaves them out
+            raise RobotError(f"rotor inertias need Pinocchio 3, found {pin.__version__}")
         values = frozen_array(inertias, (self.n_joints,), "rotor inertias", RobotError)
         if np.any(values < 0.0):
             raise RobotError(f"rotor inertias must be at least 0, got {values.min():g}")
