@@ -37,13 +37,14 @@ from ..evaluation.run import (
     unsolved,
 )
 from ..exceptions import PlannerError, quote_names
-from ..motion.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel
 from ..plotting.comparison import comparison_figure
 from ..plotting.page import picture
 from ..plotting.text import Table, cells, table
 from ..primitives.library.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..resources import config_file
+from ..robot.collision import package_folders
 from ..robot.model import Robot
 from .common import check_output, named_peers, progress_bar, report
 from .terminal import DONE, written_lines

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import FloatArray, by_name, name_values
 from ..exceptions import GoalError, PlannerError, quote_names
-from ..motion.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
@@ -25,6 +25,7 @@ from ..planning.planner import Planner
 from ..planning.report import remarks
 from ..primitives.library.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
+from ..robot.collision import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
 from .goal_arguments import (

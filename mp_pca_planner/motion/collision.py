@@ -16,12 +16,10 @@ from operator import attrgetter
 import numpy as np
 
 from ..arrays import FloatArray
-from ..robot.collision import CollisionGeometry, package_folders
+from ..robot.collision import CollisionGeometry
 from ..robot.distances import CONTACT, Indices
 from .interpolation import DenseSamples, interpolate
 from .trajectory import Trajectory
-
-__all__ = ["NOT_CHECKED", "Collision", "CollisionModel", "package_folders"]
 
 NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
 """End of messages on robots without collision geometry."""

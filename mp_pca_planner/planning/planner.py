@@ -21,7 +21,7 @@ from ..exceptions import (
     quote_names,
 )
 from ..input_limits import INPUT_LIMITS
-from ..motion.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel
 from ..motion.goal import (
     GoalLike,
     JointGoal,
@@ -34,6 +34,7 @@ from ..motion.goal import (
 from ..motion.validation import require_effort_limits
 from ..primitives.library.library import PrimitiveLibrary
 from ..primitives.primitive import MovementPrimitive
+from ..robot.collision import package_folders
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World

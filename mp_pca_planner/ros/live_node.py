@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import PlannerError, WorldError
-from ..motion.collision import package_folders
+from ..robot.collision import package_folders
 from ..robot.world import Obstacle, World
 from ..view.content import LiveView, NodeStatus
 from .client import report_values
