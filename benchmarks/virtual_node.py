@@ -229,7 +229,7 @@ class VirtualNode:
                 self._tick()
             return getattr(planner, name)(*request)
 
-        others = ("target", "check", "primitives", "collision")
+        others = ("target", "check", "is_too_far", "primitives", "collision")
         kept = {other: getattr(planner, other) for other in others if hasattr(planner, other)}
         return SimpleNamespace(**{name: plan}, **kept)
 

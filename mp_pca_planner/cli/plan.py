@@ -14,7 +14,7 @@ from ..plotting.motion import plan_figure
 from ..plotting.page import picture
 from ..plotting.text import primitive_unit
 from .common import check_motion_file, check_output, report, write_motion
-from .requests import PlannedRequest, collision_lines, effort_words, plan_request, status_line
+from .requests import PlannedRequest, collision_line, effort_words, plan_request, status_line
 from .terminal import DONE, FAILED, written_lines
 
 
@@ -55,7 +55,7 @@ def _text(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
         status_line(plan),
         *request.lines(),
         *own,
-        *collision_lines(facts),
+        collision_line(facts),
         f"worst limit violation  {facts['limit_violation']:.2g} (relative, 1 ms grid)"
         f"{without if unlimited else ''}",
     ]

@@ -19,7 +19,7 @@ from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
 from .common import check_motion_file, check_output, report, write_motion
 from .options import parse
-from .requests import PlannedRequest, collision_lines, plan_request, status_line
+from .requests import PlannedRequest, collision_line, plan_request, status_line
 from .terminal import DONE, FAILED, PROGRAM, complain, flush, written_lines
 
 # Options of `plan` that sequences don't have.
@@ -104,7 +104,7 @@ def _refine_by_model(
     lines = [
         f"cost         {found.original_cost:.4g} → {found.cost:.4g} ({found.gain:.1%} less)",
         f"duration     {before:.3f} → {after:.3f} s",
-        *collision_lines(facts),
+        collision_line(facts),
         f"primitive    {_kept_words(arguments, facts)}",
         *written_lines([arguments.trajectory]),
     ]

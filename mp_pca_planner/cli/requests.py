@@ -22,7 +22,7 @@ from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.path_constraints import path_constraints
 from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
-from ..planning.report import remarks
+from ..planning.report import collision_words, remarks
 from ..primitives.library.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..robot.collision import package_folders
@@ -101,7 +101,7 @@ class PlannedRequest:
             **({"vias": vias} if vias else {}),
             "remarks": self.remarks,
             "joint_names": list(trajectory.joint_names),
-            **({} if check is None else {"collision": _collision_words(check, trajectory)}),
+            **({} if check is None else {"collision": collision_words(check, trajectory)}),
         }
 
     def lines(self) -> list[str]:
@@ -144,6 +144,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):
         options = PlannerOptions(
             naturalness=arguments.naturalness,
+            max_in_span_score=arguments.max_in_span_score,
             sample_period=arguments.sample_period,
             max_solve_time=math.inf,
         )
@@ -169,6 +170,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
         constraints=path_constraints(arguments.constraint, "--constraint", robot),
         timing=arguments.duration if is_named else DEMONSTRATED,
         naturalness=arguments.naturalness,
+        max_in_span_score=arguments.max_in_span_score,
         n_starts=arguments.starts,
         sample_period=arguments.sample_period,
         allow_nonzero_end_velocity=getattr(arguments, "goal_velocity", None) is not None,
@@ -213,17 +215,7 @@ def effort_words(effort: float, expected: float = math.nan) -> str:
     return f"{effort:.4g} N²m²s{beside}"
 
 
-def _collision_words(collision: CollisionModel, trajectory: Trajectory) -> str:
-    if not collision.has_geometry:
-        return "not checked: the robot description has no collision geometry"
-    found = collision.collisions(trajectory)
-    if not found:
-        kind = "bodies" if len(collision.world) else "links"
-        return f"none; {len(collision.pairs)} pairs of {kind} were checked"
-    more = f", and {len(found) - 1} more pairs collide" if len(found) > 1 else ""
-    return f"{found[0]}{more}"
-
-
-def collision_lines(facts: Mapping[str, Any]) -> list[str]:
-    """The line of text on collisions, if they were checked."""
-    return [f"collision    {facts['collision']}"] if "collision" in facts else []
+def collision_line(facts: Mapping[str, Any]) -> str:
+    """The line of text on collisions, checked or not."""
+    unchecked = "self-collision is not checked: --collision avoids it"
+    return f"collision    {facts.get('collision', unchecked)}"

@@ -392,6 +392,9 @@ class PlannerOptions(Checked):
         cost of the expected motion (or more, see `SearchOptions.effort_weight`). 0: least effort
         alone, whose motions may be far from the demonstrations. It is raised if a motion violates
         limits otherwise.
+    max_in_span_score : float
+        In-span score above which no motion is executable: the request is too far from the
+        demonstrations. 0: none is too far.
     sample_period : float
         Time between the points of a trajectory [s].
     max_solve_time : float
@@ -429,6 +432,7 @@ class PlannerOptions(Checked):
     constraints: tuple[PathConstraint, ...] = ()
     timing: str = DEMONSTRATED
     naturalness: float = within(1.0, 0.0, 1e12)
+    max_in_span_score: float = within(0.0, 0.0, 1e6)
     sample_period: float = 0.01
     max_solve_time: float = 1.0
     n_starts: int = within(1, 1, MOST_STARTS, is_whole=True)

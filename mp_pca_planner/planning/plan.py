@@ -188,6 +188,11 @@ class Plan:
         others = [remark for remark in self.remarks if remark != self.message]
         return "; ".join([f"{facts}: {self.message}", *others])
 
+    def __str__(self) -> str:
+        from .report import table
+
+        return table(self)
+
     def _repr_html_(self) -> str:
         values = [(name, self.summary()[name]) for name in _SHOWN]
         shown = [(name, f"{v:.4g}" if isinstance(v, float) else f"{v}") for name, v in values]

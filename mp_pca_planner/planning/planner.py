@@ -128,7 +128,8 @@ class Planner:
             others = "choose an objective without efforts, such as jerk"
             self.robot.require_inertias("objectives with efforts", others)
         objectives, selection = self.options.objectives, self.options.selection
-        self._selector = Selector(self.robot, self.primitives, objectives, selection)
+        most = self.options.max_in_span_score
+        self._selector = Selector(self.robot, self.primitives, objectives, selection, most)
         bases = BasisStore(self.options)
         longest = INPUT_LIMITS.longest_motion(self.options.sample_period)
         self._context = Context(self.robot, self.limits, self.options, collision, bases, longest)
@@ -181,6 +182,23 @@ class Planner:
         check_type(goal, "the goal", GoalError, JointGoal)
         here = as_state(start, self.robot.joint_names, "the start")
         return target(self._context, goal, in_order(here, self.robot.joint_names))
+
+    def is_too_far(self, goal: JointGoal, start: JointState, end: JointState) -> bool:
+        """Whether a request is too far from the demonstrations, see `max_in_span_score`.
+
+        Parameters
+        ----------
+        goal : JointGoal
+            Its duration and its primitive count.
+        start, end : JointState
+            States of all joints, in the robot's order.
+        """
+        most = self.options.max_in_span_score
+        if not most:
+            return False
+        selector = self._selector
+        selector = selector if goal.primitive is None else selector.named(goal.primitive)
+        return selector.least_score(start.positions, end.positions, goal.duration) > most
 
     @one_blas_thread()
     def plan(

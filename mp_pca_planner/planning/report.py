@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..exceptions import quote_names
-from ..motion.collision import NOT_CHECKED
+from ..motion.collision import NOT_CHECKED, CollisionModel
 from ..motion.goal import Goal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
+from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
 from .context import Context
 from .motion import Motion
@@ -34,7 +35,7 @@ from .search.stop_and_go import brakes
 if TYPE_CHECKING:
     from .planner import Planner
 
-# Points of a detour at which clearances are computed, and the largest that is reported [m].
+# Points of a motion at which clearances are computed, and the largest that is reported [m].
 _N_CHECKED, _NEAR = 50, 0.05
 # Time before and after a collision in which it may begin or end, where it is known roughly [s].
 _AROUND = 0.05
@@ -44,11 +45,10 @@ _SHARE_OF_SOLVING = 0.5
 # Distance from a demonstrated range, in standard deviations of its values, that is reported, and
 # the least of these deviations [rad or m].
 _FAR_OUTSIDE, _LEAST_SPREAD = 2.0, 0.1
+# Share of the predicted effort that is no difference.
+_SAME_EFFORT = 1e-6
 # Naturalness from which on effort hardly moves the motion away from the prediction.
 _CLOSE = 0.1
-
-UNUSUAL_IN_SPAN_SCORE = 3.0
-"""In-span score above which a motion is reported as unlike the demonstrations."""
 
 SENTENCES = {
     # What was found.
@@ -58,6 +58,7 @@ SENTENCES = {
         "motion between the prediction and least {what} found (naturalness {rho:g}){effort}"
     ),
     "effort": ": effort {effort:.4g} N²m²s, {share:.2g} % {side} that of the predicted motion",
+    "same_effort": ": effort {effort:.4g} N²m²s, that of the predicted motion",
     "shortest": "shortest motion within the limits found",
     "early": "time or iterations ran out before the optimum was found",
     "joined": "segments joined without optimisation",
@@ -92,6 +93,10 @@ SENTENCES = {
     "keeping": "that keeps {what}",
     "reaching": "that reaches its targets",
     "refused": "{searched}: {why}",
+    "too_far": (
+        "the request is too far from the demonstrations: its in-span score is {score:.2f}, and at "
+        "most {most:g} is accepted (max_in_span_score)"
+    ),
     "too_fast": (
         "no motion within the limits takes {asked:.4g} s: at its limit of velocity, {limit:.4g}, "
         "joint '{joint}' alone needs {least:.4g} s"
@@ -109,6 +114,10 @@ SENTENCES = {
     "raised": "the naturalness was raised from {asked:g} to {used:g}",
     "given_up": "; to keep the limits{clear}, {what}",
     "detour": "; near a collision-free path, because the predicted motion collides",
+    "no_geometry": "not checked: the robot description has no collision geometry",
+    "links_unchecked": "self-collision is not checked",
+    "no_collision": "none; {n} pairs of {kind} were checked",
+    "more_collide": ", and {n} more pairs collide",
     "far": "; the clearance is at least {near:g} mm",
     "near": "; the least clearance is {near:.1f} mm, of '{one}' and '{other}'",
     "cleared": "; bodies that would collide otherwise are kept apart",
@@ -130,6 +139,11 @@ SENTENCES = {
     "least_cost": "'{winner}' has the least cost of the {n} planned: {costs}",
     "outside": "'{name}' not within the limits",
     "cost": "'{name}' {cost:.4g}",
+    # Lines of the table.
+    "score": "  in-span score: {score:.2f} (about 1 is like the demonstrations, above 3 is unlike)",
+    "expected_error": "  prediction: {error:.2g} rad or m RMS from what would be demonstrated",
+    "kept": "kept, on a grid of 1 ms",
+    "unlimited": "; some joints have no limit of {kinds}",
     # Remarks.
     "unusual": (
         "the request is unlike the demonstrations (in-span score {score:.1f}, about 1 is usual), "
@@ -226,7 +240,8 @@ def _optimal(context: Context, best: Candidate) -> str:
     if predicted > 0.0 and np.isfinite(effort):
         share = effort / predicted - 1.0
         side = "above" if share > 0.0 else "below"
-        beside = SENTENCES["effort"].format(effort=effort, share=100.0 * abs(share), side=side)
+        name_of_share = "effort" if abs(share) > _SAME_EFFORT else "same_effort"
+        beside = SENTENCES[name_of_share].format(effort=effort, share=100.0 * abs(share), side=side)
     what = "effort" if is_effort else "cost"
     return SENTENCES[name].format(what=what, rho=rho, effort=beside)
 
@@ -246,6 +261,9 @@ def _joined(outcome: Outcome) -> tuple[str, str, str]:
 def _refusal(context: Context, outcome: Outcome, solve_time: float) -> str:
     """Why a motion must not be executed; empty if it may."""
     best, trajectory = outcome.best, outcome.best.trajectory
+    most = context.options.max_in_span_score
+    if most and (score := _novelty(context, best)) > most:
+        return SENTENCES["too_far"].format(score=score, most=most)
     if best.refusal:
         return _refused(context, outcome, SENTENCES["within"], best.refusal)
     met = ""
@@ -392,7 +410,9 @@ def _concessions(context: Context, best: Candidate) -> str:
             clear = f" {_clear_kind(context)}"
         kept = SENTENCES["given_up"].format(clear=clear, what=" and ".join(given_up))
     if is_detour:
-        kept += SENTENCES["detour"] + _clearance(context, best.trajectory)
+        kept += SENTENCES["detour"]
+        if collision is not None:
+            kept += _clearance(collision, best.trajectory)
     elif best.has_clearances:
         kept += SENTENCES["cleared"]
     if collision is not None and not collision.has_geometry:
@@ -403,18 +423,40 @@ def _concessions(context: Context, best: Candidate) -> str:
     return kept
 
 
-def _clearance(context: Context, trajectory: Trajectory) -> str:
-    """Text on the bodies that come nearest to each other on a detour."""
-    if context.collision is None:
-        return ""
+def _clearance(collision: CollisionModel, trajectory: Trajectory) -> str:
+    """Text on the bodies that come nearest to each other in a motion."""
     positions = trajectory.positions
     chosen = np.linspace(0, len(positions) - 1, min(_N_CHECKED, len(positions))).astype(int)
-    near = context.collision.near(positions[chosen], _NEAR)
+    near = collision.near(positions[chosen], _NEAR)
     if not near.distances.size:
         return SENTENCES["far"].format(near=1e3 * _NEAR)
     k = int(near.distances.argmin())
-    one, other = context.collision.pairs[near.pairs[k]]
+    one, other = collision.pairs[near.pairs[k]]
     return SENTENCES["near"].format(near=1e3 * near.distances[k], one=one, other=other)
+
+
+def collision_words(collision: CollisionModel | None, trajectory: Trajectory) -> str:
+    """Text on the collisions of a motion: the deepest, or the least clearance.
+
+    Parameters
+    ----------
+    collision : CollisionModel or None
+        The model that was used; None if collisions were not checked.
+    trajectory : Trajectory
+        The motion.
+    """
+    if collision is None:
+        return SENTENCES["links_unchecked"]
+    if not collision.has_geometry:
+        return SENTENCES["no_geometry"]
+    found = collision.collisions(trajectory)
+    if found:
+        more = SENTENCES["more_collide"].format(n=len(found) - 1) if len(found) > 1 else ""
+        return f"{found[0]}{more}"
+    kind = "bodies" if len(collision.world) else "links"
+    text = SENTENCES["no_collision"].format(n=len(collision.pairs), kind=kind)
+    text += _clearance(collision, trajectory) if collision.pairs else ""
+    return text if collision.checks_links else f"{text}; {SENTENCES['links_unchecked']}"
 
 
 def _selection(goal: Goal, outcome: Outcome) -> str:
@@ -557,6 +599,37 @@ def _deviation_score(best: Candidate) -> float:
             off = motion.weights[:n] - basis.expected[:n]
             found.append(float(np.sqrt(off @ basis.precision[:n, :n] @ off / n)))
     return max(found, default=float("nan"))
+
+
+def table(plan: Plan) -> str:
+    """A plan as some lines of text: what was found, how good it is, and where each joint goes."""
+    trajectory, planner = plan.trajectory, plan.planner
+    names = ", ".join(f"'{name}'" for name in dict.fromkeys(plan.primitives))
+    lines = [f"Plan: {plan.status}, {plan.duration:.2f} s by {names}", f"  {plan.message}"]
+    lines += [f"  remark: {remark}" for remark in remarks(plan) if remark != plan.message]
+    lines.append(SENTENCES["score"].format(score=plan.in_span_score))
+    if np.isfinite(plan.expected_error):
+        lines.append(SENTENCES["expected_error"].format(error=plan.expected_error))
+    violations = plan.limit_check.violations
+    kept = str(violations[0]) if violations else SENTENCES["kept"]
+    if planner is not None and (unlimited := planner.limits.unlimited):
+        kept += SENTENCES["unlimited"].format(kinds=", ".join(unlimited))
+    lines.append(f"  limits: {kept}")
+    if planner is not None:
+        lines.append(f"  collisions: {collision_words(planner.collision, trajectory)}")
+    rows = [("joint", "start", "goal", "fastest")]
+    fastest = np.abs(trajectory.velocities).max(axis=0)
+    ends = zip(trajectory.joint_names, *trajectory.positions[[0, -1]], fastest, strict=True)
+    for joint, *values in ends:
+        rows.append(
+            (joint, *(f"{x:.3f}" for x in np.round(values, 3) + 0.0))
+        )  # no minus before zero
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for name, *numbers in rows:
+        cells = (x.rjust(width) for x, width in zip(numbers, widths[1:], strict=True))
+        lines.append("  ".join(["", name.ljust(widths[0]), *cells]))
+    lines[-len(rows)] += "  [rad or m, /s]"
+    return "\n".join(lines)
 
 
 class AnyPlan(Protocol):

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray, by_name
 from ..exceptions import PlannerError, printable
 from ..motion.trajectory import Trajectory
+from ..planning.motion import Motion
 from ..planning.plan import Plan
-from ..planning.report import UNUSUAL_IN_SPAN_SCORE
+from ..primitives.boundary import quintics
 from ..primitives.differences import PHASES
+from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
+from ..robot.model import Robot
 from .style import (
     COLOURS,
     FIGURES,
@@ -52,6 +55,8 @@ class MotionContext:
     ----------
     behind : sequence of Curve
         Curves behind the positions, such as demonstrations.
+    references : mapping of str to Curve
+        Curves to compare the positions with, by their name in `LINES`.
     vias : array, shape (n_vias,)
         Times at which the first motion passes its vias [s].
     warnings : sequence of str
@@ -59,12 +64,14 @@ class MotionContext:
     """
 
     behind: Sequence[Curve] = ()
+    references: Mapping[str, Curve] = field(default_factory=dict)
     vias: FloatArray = field(default_factory=lambda: np.zeros(0))
     warnings: Sequence[str] = ()
 
     def entries(self) -> list[Line]:
         """Entries of the legend."""
-        entries = [LINES["behind"]] * bool(self.behind) + [LINES["via"]] * bool(self.vias.size)
+        entries = [LINES["behind"]] * bool(self.behind) + [LINES[x] for x in self.references]
+        entries += [LINES["via"]] * bool(self.vias.size)
         return entries + [LINES["warning"] | {"label": warning} for warning in self.warnings]
 
 
@@ -190,9 +197,10 @@ def _show_context(
     factor, _ = _scale("positions", [name], prismatic)
     joint = motion.joint_names.index(name)
     low, high = axes.get_ylim()
-    for times, positions in context.behind:
+    curves = [("behind", curve) for curve in context.behind]
+    for style, (times, positions) in [*curves, *context.references.items()]:
         values = factor * positions[:, joint]
-        axes.plot(times, values, **LINES["behind"] | {"label": None})
+        axes.plot(times, values, **LINES[style] | {"label": None})
         margin = 0.05 * (high - low)
         low, high = min(low, values.min() - margin), max(high, values.max() + margin)
     axes.set_ylim(low, high)
@@ -261,8 +269,9 @@ def _bounds(limits: JointLimits | None, quantity: str, name: str) -> FloatArray:
 def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
     """Plot a plan, with a column of panels per joint.
 
-    The limits that the motion is near are drawn, and behind each segment the demonstrations whose
-    ends are nearest to its own, re-timed to its duration.
+    The limits that the motion is near are drawn. Behind each segment are the demonstrations whose
+    ends are nearest to its own, re-timed to its duration; for a single goal also the predicted
+    motion and the minimum-jerk motion.
 
     Parameters
     ----------
@@ -292,6 +301,7 @@ def plan_context(plan: Plan) -> MotionContext:
     """What the figure of a plan shows beside its trajectory."""
     joints = list(plan.trajectory.joint_names)
     behind: list[Curve] = []
+    references: dict[str, Curve] = {}
     begin = 0.0
     for motion, name in zip(plan.motions, plan.primitives, strict=True):
         if plan.planner is not None:
@@ -299,11 +309,27 @@ def plan_context(plan: Plan) -> MotionContext:
             states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
             ends = np.array([[state[joint] for joint in joints] for state in states])
             behind += nearest_curves(primitive, joints, ends, begin, motion.duration)
+        if plan.planner is not None and not plan.mode:  # segments have no prediction of their own
+            times = begin + motion.duration * PHASES
+            predicted = _predicted(plan.planner.robot, primitive, motion)
+            straight = quintics(PHASES, motion.boundary, 0)[0]
+            references = {"predicted": (times, predicted), "minimum jerk": (times, straight)}
         begin += motion.duration
     score = plan.in_span_score
     unlike = f"unlike the demonstrations (in-span score {score:.1f}, usual: about 1)"
     warnings = [unlike] if score > UNUSUAL_IN_SPAN_SCORE else []
-    return MotionContext(behind, plan.duration * np.array(plan.via_phases), warnings)
+    return MotionContext(behind, references, plan.duration * np.array(plan.via_phases), warnings)
+
+
+def _predicted(robot: Robot, primitive: MovementPrimitive, motion: Motion) -> FloatArray:
+    """Positions that the primitive predicts for a motion, shape (n_phases, n_joints)."""
+    start, goal = motion.start.positions, motion.goal.positions
+    turns = np.round((primitive.model.mean[: primitive.n_joints] - start) / (2.0 * np.pi))
+    shift = np.where(robot.continuous, 2.0 * np.pi * turns, 0.0)
+    expected = primitive.model.predict(start + shift, goal + shift, motion.duration)
+    basis = primitive.paced_basis(start, goal, expected.pace)
+    predicted = replace(motion, basis=basis, weights=expected.weights)
+    return np.asarray(predicted.evaluate(motion.duration * PHASES)[0])
 
 
 def nearest_curves(

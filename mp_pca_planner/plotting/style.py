@@ -66,6 +66,9 @@ class FigureOptions:
 
 FIGURES = FigureOptions()
 
+# Share of a figure's width up to which its header reaches: letters are wider at other resolutions.
+_WIDEST = 0.97
+
 
 def line(label: str, colour: str, style: Any = "-", width: float = 2.2, **marker: Any) -> Line:
     """Properties of a line."""
@@ -81,6 +84,8 @@ def palette_line(label: str, index: int, width: float = 2.2) -> Line:
 LINES = {
     "limit": line("limit", BLACK, (0, (2, 2)), 1.5),
     "behind": line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6),
+    "predicted": line("predicted", "#9AD0F0", "-", 5.0, zorder=1.6),
+    "minimum jerk": line("minimum jerk", BLACK, (0, (1, 1.5)), 1.5, zorder=1.7),
     "via": line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3),
     "warning": line("", COLOURS[1], "", marker="^", markersize=11),
     "demonstration": line("demonstrations", GREY, "-", 0.8),
@@ -154,7 +159,7 @@ def add_header(figure: Figure, title: str, lines: Sequence[Line]) -> None:
             legend.remove()
         legend = _legend(figure, title, lines, int(letters_per_inch * width), n_columns)
         box = legend.get_window_extent()
-        if box.width <= figure.bbox.width:
+        if box.width <= _WIDEST * figure.bbox.width:
             break
     total = height + box.height / figure.dpi
     figure.set_size_inches(width, total)

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 
+UNUSUAL_IN_SPAN_SCORE = 3.0
+"""In-span score above which a request is reported as unlike the demonstrations."""
+
 # The prior of the covariance of requests counts as this many demonstrations.
 _PRIOR_COUNT = 2.0
 

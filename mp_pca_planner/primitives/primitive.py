@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -23,6 +24,7 @@ from ..motion.trajectory import Trajectory
 from .alignment import aligned_phases
 from .basis import Basis, PacedBasis, PolynomialBasis
 from .boundary import boundary_values, hermite_functions, quintics
+from .in_span import UNUSUAL_IN_SPAN_SCORE
 from .pace import time_scaling
 from .prediction import ConditionalDistribution, ConditionalModel
 from .primitive_values import ARRAY_SHAPES, freeze_values
@@ -247,7 +249,8 @@ class MovementPrimitive:
     ) -> Trajectory:
         """The expected motion from rest to rest, without regard to limits.
 
-        Limits of a robot are not considered: the planner does that.
+        Limits of a robot are not considered: the planner does that. A request far from the
+        demonstrations (in-span score above 3) gives a warning (`UserWarning`) with its score.
 
         Parameters
         ----------
@@ -262,6 +265,7 @@ class MovementPrimitive:
             If an end point is none of these or not finite, or the duration is out of its range.
         """
         ends, expected = self._predicted(start, goal, duration)
+        _warn_if_unusual(self.name, expected.in_span_score)
         return self._motion(ends, expected, expected.weights)
 
     def in_span_score(
@@ -286,7 +290,8 @@ class MovementPrimitive:
     def sample(self, n: int, start: StateLike, goal: StateLike, seed: int = 0) -> list[Trajectory]:
         """Draw motions from the conditional distribution of a request.
 
-        Weights are drawn; duration and time scaling are the expected ones.
+        Weights are drawn; duration and time scaling are the expected ones. It warns as
+        :meth:`predict` does.
 
         Parameters
         ----------
@@ -308,6 +313,7 @@ class MovementPrimitive:
             raise GoalError(f"at most {_MAX_DRAWS} motions are drawn at once, got {n}")
         check_number(seed, "the seed", GoalError, 0, is_whole=True)
         ends, expected = self._predicted(start, goal, None)
+        _warn_if_unusual(self.name, expected.in_span_score)
         covariance = expected.variance * expected.covariance
         draws = np.random.default_rng(seed).multivariate_normal(expected.weights, covariance, n)
         return [self._motion(ends, expected, weights) for weights in draws]
@@ -462,3 +468,13 @@ class MovementPrimitive:
     def arrays(self) -> dict[str, FloatArray]:
         """The arrays that make up the primitive, by name."""
         return {k: getattr(self if hasattr(self, k) else self.model, k) for k in ARRAY_SHAPES}
+
+
+def _warn_if_unusual(name: str, score: float) -> None:
+    """Warn the caller of a method of a primitive if a request is far from its demonstrations."""
+    if score > UNUSUAL_IN_SPAN_SCORE:
+        warnings.warn(
+            f"the request is unlike the demonstrations of '{name}' (in-span score {score:.1f}, "
+            "about 1 is usual), so the motion may look unlike them",
+            stacklevel=3,
+        )

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,6 +20,20 @@ from ..input_limits import INPUT_LIMITS
 
 MIN_SAMPLES = 5
 """Fewest samples of a motion that is given as arrays."""
+
+# Time between samples from which on times are probably not in seconds: 2 kHz in milliseconds.
+_SUSPICIOUS_PERIOD = 0.5
+
+
+def milliseconds_note(name: str, times: FloatArray) -> str:
+    """A sentence if the times of a table or of arrays [s] look like milliseconds; else empty."""
+    period = float(np.median(np.diff(times))) if times.size > 1 else 0.0
+    if period < _SUSPICIOUS_PERIOD:
+        return ""
+    return (
+        f"the samples of '{name}' are {period:.3g} s apart: times must be in seconds, and these "
+        "look like milliseconds"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +146,8 @@ class Demonstration:
         joint_names : sequence of str
             Names of the joints.
         times : array_like, shape (n_samples,)
-            Times of the samples [s], strictly increasing.
+            Times of the samples [s], strictly increasing. Half a second or more between samples
+            gives a warning (`UserWarning`): these are probably milliseconds.
         positions : array_like, shape (n_samples, n_joints)
             Joint positions [rad or m].
         recording : str
@@ -164,6 +180,8 @@ class Demonstration:
             raise RecordingError(
                 f"the times of '{recording}' must be {MIN_SAMPLES} or more and strictly increase"
             )
+        if note := milliseconds_note(recording, t):
+            warnings.warn(note, stacklevel=2)
         found = smooth(Piece(t - t[0], q), 1.0 / float(np.median(np.diff(t))))
         return cls(
             names,

@@ -18,6 +18,7 @@ from ..arrays import FloatArray, unique_names
 from ..exceptions import RecordingError, quote_names, require, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
+from .demonstration import milliseconds_note
 from .joint_states import NS_PER_S, JointLayout, RawJointStates
 from .repair import CleanRecording
 
@@ -222,6 +223,7 @@ def _joint_states(
         raise RecordingError(f"'{topic}' holds no samples")
     if not (np.isfinite(times).all() and np.ptp(times) < INPUT_LIMITS.segment_time):
         raise RecordingError(f"the times of '{topic}' must be finite numbers of seconds")
+    notes += tuple(filter(None, [milliseconds_note(topic, times)]))
     # A stamp of 0 would mean that it is not set.
     stamps = np.rint((times - times.min()) * NS_PER_S).astype(np.int64) + NS_PER_S
     layout = JointLayout(names, np.arange(len(times), dtype=np.int64), positions)

@@ -156,6 +156,11 @@ class CollisionGeometry:
         """Whether there is any collision geometry of links at all."""
         return bool(self._links.names)
 
+    @property
+    def checks_links(self) -> bool:
+        """Whether links are checked for collisions with each other."""
+        return bool(self._pairs_of_links)
+
     def collides(self, q: FloatArray) -> bool:
         """Whether any pair is in collision in a configuration.
 

@@ -475,8 +475,17 @@ def test_refine_says_what_it_wrote(primitive, tmp_path):
 @pytest.mark.parametrize("command", ["plan", "sequence", "refine"])
 def test_planning_says_what_the_check_for_collisions_found(command, primitive):
     found = [line for line in request(command, primitive, "--collision") if "collision" in line]
-    assert found == ["collision    none; 10 pairs of links were checked"]
-    assert not any("collision" in line for line in request(command, primitive))
+    (line,) = found
+    assert line.startswith("collision    none; 10 pairs of links were checked; the ")
+    assert "clearance is" in line and "mm" in line
+    unchecked = [line for line in request(command, primitive) if "collision" in line]
+    assert unchecked == ["collision    self-collision is not checked: --collision avoids it"]
+
+
+@pytest.mark.parametrize("command", ["plan", "sequence"])
+def test_requests_above_the_largest_in_span_score_are_rejected(command, primitive):
+    lines = request(command, primitive, "--max-in-span-score", "0.01", ok=False)
+    assert "in-span score is" in lines[0] and "at most 0.01 is accepted" in lines[0]
 
 
 def test_plan_prints_the_configuration_beside_the_pose_that_it_reaches(primitive):

@@ -104,6 +104,14 @@ def test_a_table_that_is_none_is_refused_by_name(tmp_path: Path, text: str, word
     assert words in str(refused.value)
 
 
+def test_times_in_milliseconds_are_noted(tmp_path: Path) -> None:
+    table = np.column_stack([1e3 * SECONDS, RECORDING.positions])
+    header = ",".join(["time", *JOINT_NAMES])
+    np.savetxt(tmp_path / "t.csv", table, delimiter=",", header=header, comments="")
+    assert "look like milliseconds" in mp.load_demonstrations(tmp_path / "t.csv").report
+    assert "milliseconds" not in mp.load_demonstrations(write_csv(tmp_path / "s.csv")).report
+
+
 def test_tables_beside_bags_are_no_recordings(tmp_path: Path) -> None:
     bag = tmp_path / "bag.mcap"
     write_joint_states(bag, "mcap", JOINT_NAMES, RECORDING.stamps, RECORDING.positions)

@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -61,6 +62,47 @@ def test_values_are_described_in_one_line() -> None:
         assert "\n" not in repr(value) and len(repr(value)) < 300
         assert type(value).__name__ in repr(value)
     assert "<table>" in plan._repr_html_()
+
+
+def test_a_printed_plan_is_a_table_of_what_matters() -> None:
+    demonstrations, _, robot, planner = planned()
+    plan = planner.plan(start=demonstrations[0].positions[0], goal={"elbow": -0.6})
+    lines = str(plan).splitlines()
+    assert lines[0] == f"Plan: solved, {plan.duration:.2f} s by 'raise_arm'"
+    assert any(f"in-span score: {plan.in_span_score:.2f}" in line for line in lines)
+    assert "  collisions: self-collision is not checked" in lines
+    assert "some joints have no limit of" in str(plan)
+    for j, name in enumerate(robot.joint_names):
+        (row,) = (line.split() for line in lines if line.split()[0] == name)
+        ends = plan.trajectory.positions[[0, -1], j]
+        fastest = np.abs(plan.trajectory.velocities[:, j]).max()
+        np.testing.assert_allclose([float(x) for x in row[1:]], [*ends, fastest], atol=5.1e-4)
+    checked = mp.Planner(robot, planner.primitives, world=mp.World())
+    again = checked.plan(start=demonstrations[0].positions[0], goal={"elbow": -0.6})
+    assert "pairs of links were checked; the " in str(again)
+
+
+def test_predictions_far_from_the_demonstrations_warn_with_their_score() -> None:
+    _, primitive, _, _ = planned()
+    start, goal = primitive.boundary_states[0, [0, 3]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        primitive.predict(start, goal)
+        primitive.sample(1, start, goal)
+    score = primitive.in_span_score(start, goal + 5.0)
+    for call in (primitive.predict, lambda *ends: primitive.sample(1, *ends)):
+        with pytest.warns(UserWarning, match=rf"unlike the demons.*score {score:.1f}") as caught:
+            call(start, goal + 5.0)
+        assert caught[0].filename == __file__
+
+
+def test_times_that_look_like_milliseconds_give_a_warning() -> None:
+    t = np.linspace(0.0, 1.0, 51)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mp.Demonstration.from_arrays(["elbow"], t, np.sin(t)[:, None])
+    with pytest.warns(UserWarning, match="20 s apart: times must be in seconds"):
+        mp.Demonstration.from_arrays(["elbow"], 1e3 * t, np.sin(t)[:, None])
 
 
 def test_goal_of_a_dict_an_array_and_a_finished_goal_give_the_same_plan() -> None:

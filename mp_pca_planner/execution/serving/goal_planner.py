@@ -298,6 +298,8 @@ class GoalPlanner:
             end_state = JointState(start.state.joint_names, end)
             goal = JointGoal(end_state, goal.duration, goal.primitive)
         target = model.planner.target(goal, start.state)
+        if model.planner.is_too_far(goal, start.state, target):
+            return None
         change = float(np.abs(target.positions - following.motion.end).max())
         near = self._options.near_at_rest if following.is_over else self._options.near
         is_near = not goal.duration and goal.primitive is None and change <= near

@@ -100,6 +100,8 @@ class Selector:
         Running costs and their weights, as in :class:`.PlannerOptions`.
     options : SelectionOptions
         Options.
+    max_score : float
+        In-span score above which a primitive is only chosen if all are above it; 0: none.
     """
 
     def __init__(
@@ -108,8 +110,9 @@ class Selector:
         primitives: Sequence[MovementPrimitive],
         objectives: Sequence[tuple[float, Objective]] = ((1.0, Effort()),),
         options: SelectionOptions = SelectionOptions(),
+        max_score: float = 0.0,
     ) -> None:
-        self._robot, self._options = robot, options
+        self._robot, self._options, self._max_score = robot, options, max_score
         self.primitives = library = PrimitiveLibrary.of(primitives)
         self._objectives = tuple(objectives)
         self._index = RequestIndex(library.means, library.precisions, robot.continuous)
@@ -162,7 +165,8 @@ class Selector:
         if len(self.primitives) > 1:
             request = _request(start, goal, duration)
             nearest, scores = self._index.nearest(request, self._options.max_considered)
-            chosen = nearest[is_near(scores, self._options)]
+            most = max(self._max_score or np.inf, float(scores.min()))
+            chosen = nearest[is_near(scores, self._options) & (scores <= most)]
         primitives = list(map(self.primitives.__getitem__, chosen.tolist()))
         turns, found = self._index.turns(start, chosen), []
         for i, primitive, turn in zip(chosen.tolist(), primitives, turns, strict=True):

@@ -377,6 +377,22 @@ def test_refused_goal_leaves_the_running_motion_alone(node):
     assert node.outcomes == ["arrived"]
 
 
+@pytest.mark.parametrize("wait", [0.0, 0.4])
+def test_goal_above_the_largest_in_span_score_is_rejected_in_motion_as_at_rest(wait):
+    ends = JointState(JOINTS, GOAL), JointState(JOINTS, START)
+    usual = MODEL.planner.plan(*ends).in_span_score
+    node = Node(model(max_in_span_score=usual + 1.0))
+    if wait:
+        node.ask(GOAL)
+        node.run(wait)
+    node.ask(GOAL + np.array([0.0, 0.9, -0.6, 0.0]))
+    node.run(3.0)
+    assert node.statuses[-1] == "refused"
+    assert "in-span score is" in node.plan_reports[-1].message
+    node.assert_rests_at(GOAL if wait else START)
+    node.assert_smooth()
+
+
 @pytest.mark.parametrize("event", ["other joints", "release"])
 def test_motion_that_is_no_longer_monitored_is_stopped(node, event):
     node.ask(GOAL)

@@ -555,3 +555,15 @@ def test_goals_of_other_types_are_rejected_by_check_and_target():
         subject.target(start.positions, start)
     found = subject.target(goal, dict(zip(JOINTS, start.positions, strict=True)))
     np.testing.assert_array_equal(found.positions, goal.state.positions)
+
+
+def test_requests_above_the_largest_in_span_score_are_never_executable():
+    goal, start = request()
+    score = planner().plan(goal, start).in_span_score
+    assert planner(max_in_span_score=1.01 * score).plan(goal, start).is_executable
+    strict = planner(max_in_span_score=0.99 * score)
+    plan = strict.plan(goal, start)
+    assert plan.status == INFEASIBLE and plan.in_span_score == score
+    assert f"in-span score is {score:.2f}" in plan.message
+    end = strict.target(goal, start)
+    assert strict.is_too_far(goal, start, end) and not planner().is_too_far(goal, start, end)

@@ -175,3 +175,15 @@ def test_motions_without_optimisation_have_costs_where_primitives_are_compared()
         options = PlannerOptions(timing=timing, naturalness=0.01, max_solve_time=0.2)
         plan = Planner(robot, library(), None, options, world=world).plan(goal, start)
         assert "nan" not in plan.selection and np.isfinite(plan.cost)
+
+
+def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:
+    primitives, robot = library(), arm_robot()
+    for motion in arm_demonstrations(10, 9):
+        ends = motion.positions[0], motion.positions[-1]
+        scores = Selector(robot, primitives).scores(*ends)
+        strict = Selector(robot, primitives, max_score=float(scores.min()) + 1e-9).choose(*ends)
+        (only,) = strict.considered
+        assert only.expected.in_span_score == pytest.approx(scores.min())
+        none = Selector(robot, primitives, max_score=0.5 * float(scores.min())).choose(*ends)
+        assert none.first.expected.in_span_score == pytest.approx(scores.min())

@@ -451,8 +451,18 @@ def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
     away = np.linalg.norm((ends - ends[3]) / (ends.std(axis=0) + 1e-3), axis=(1, 2))
     nearest = np.argsort(away)[: FIGURES.max_behind]
     assert nearest[0] == 3
+    entries = [x.get_text() for x in figure.legends[0].get_texts()]
+    assert entries[-2:] == ["predicted", "minimum jerk"]
+    expected = primitive.predict(ends[3, 0], ends[3, 1], found.duration)
     for joint, (above, *_) in enumerate(panels):
-        planned, *behind = above.lines
+        planned, *behind, predicted, straight = above.lines
+        times, shown = predicted.get_data()
+        same = np.interp(times, expected.times, np.rad2deg(expected.positions[:, joint]))
+        np.testing.assert_allclose(shown, same, atol=0.05)
+        s = np.asarray(straight.get_xdata()) / found.duration
+        minimum_jerk = 10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5
+        path = np.rad2deg(ends[3, 0, joint] + minimum_jerk * np.diff(ends[3, :, joint]))
+        np.testing.assert_allclose(straight.get_ydata(), path, atol=1e-6)
         assert len(behind) == FIGURES.max_behind
         assert all(x.get_zorder() < planned.get_zorder() for x in behind)
         shown = np.array([x.get_ydata()[[0, -1]] for x in behind])
