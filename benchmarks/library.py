@@ -7,7 +7,9 @@ labels, once with each outlier as a kind of its own, and that of shuffled labels
 of 100). Prints also the RMS error in path [deg] of motions that are left out and predicted from
 their ends and duration by primitives of the other motions: of the same label, of the same kind, or
 of all pooled; the kind of an outlier is the one with the least in-span score. "chosen": the
-primitive is chosen by the in-span score, as a planner does that knows neither label nor kind.
+primitive is chosen by the in-span score, as a planner does that knows neither label nor kind. The
+last table has the errors by which `build_library` decides, of motions that are left out before the
+kinds are found, with labels and without.
 
     python benchmarks/library.py FOLDER... [--segments FILE.csv] [--json]
 
@@ -27,7 +29,8 @@ from mp_pca_planner.primitives.build import build_from_statistics
 from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences
 from mp_pca_planner.primitives.in_span import in_span_score
-from mp_pca_planner.primitives.kinds.find import OUTLIER, find_kinds
+from mp_pca_planner.primitives.kinds.choice import choose_kinds
+from mp_pca_planner.primitives.kinds.find import OUTLIER, KindOptions, find_kinds
 from mp_pca_planner.primitives.library.build import adjusted_rand_index
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
@@ -49,7 +52,7 @@ def main() -> None:
     for i, folder in enumerate(arguments.folders):
         for motion in _motions(folder, None if i else arguments.segments):
             heaps.setdefault(motion.joint_names, []).append(motion)
-    labels, kinds, errors = [], [], []
+    labels, kinds, errors, choices = [], [], [], []
     for motions in heaps.values():
         statistics = MotionStatistics.of(motions, OPTIONS)
         found = find_kinds(statistics, OPTIONS.n_phases).assigned
@@ -57,9 +60,26 @@ def main() -> None:
         kinds += [int(k) if k == OUTLIER else int(k) + offset for k in found]
         labels += [motion.label for motion in motions]
         errors.append(_errors(motions, statistics, found))
+        unlabelled = MotionStatistics.of([replace(x, label="") for x in motions], OPTIONS)
+        name = f"{len(motions)} motions of set {len(errors)}"
+        choices.append([name, *_choice(statistics)])
+        choices.append([f"{name}, without labels", *_choice(unlabelled)])
     tables = {"Agreement": _agreement(labels, kinds)}
     tables["Left-out error in path [deg]"] = _error_table(kinds, errors)
+    header = ["", "kinds", "outliers", "kind known", "chosen", "pooled", "kept"]
+    tables["Error by which kinds are kept [deg]"] = header, choices
     show(tables, as_json=arguments.json)
+
+
+def _choice(statistics: MotionStatistics) -> list[str]:
+    """Errors with kinds and with one primitive, and which is kept."""
+    _, errors = choose_kinds(statistics, OPTIONS.n_phases, KindOptions())
+    if errors is None:
+        return ["1", "0", "", "", "", "one primitive"]
+    numbers = np.rad2deg([errors.known, errors.chosen, errors.pooled])
+    kept = "one primitive" if errors.one_is_best else "kinds"
+    counts = str(errors.n_kinds), str(errors.n_outliers)
+    return [*counts, *(f"{x:.2f}" for x in numbers), kept]
 
 
 def _motions(folder: str, segments: str | None) -> list[Demonstration]:

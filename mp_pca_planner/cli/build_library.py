@@ -14,7 +14,7 @@ from typing import Any
 from ..exceptions import PrimitiveError, RecordingError, listed
 from ..files import write_whole
 from ..plotting.report import library_page
-from ..plotting.text import table, unit_of
+from ..plotting.text import kinds_words, table, unit_of
 from ..primitives.kinds.find import KindOptions
 from ..primitives.library.build import ExistingLibraries, LibraryContent, build_library
 from ..primitives.library.journal import require_locks
@@ -114,6 +114,7 @@ def _facts(folder: Path, content: LibraryContent) -> dict[str, Any]:
             {"recording": motions[i].recording, "start_time_s": motions[i].start_time, "kinds": x}
             for i, x in content.ambiguous
         ],
+        "kinds_left_out": None if content.left_out is None else asdict(content.left_out),
         "adjusted_rand_index": content.label_agreement(),
     }
 
@@ -131,11 +132,12 @@ def _text(facts: dict[str, Any], content: LibraryContent) -> list[str]:
         for kind in facts["kinds"]
     ]
     header = ["kind", "motions", "components", f"left out [{unit.name}]", "pooled"]
-    agreement = facts["adjusted_rand_index"]
+    agreement, judged = facts["adjusted_rand_index"], content.left_out
     return [
         f"motions     {facts['n_motions']} of {len(facts['joint_names'])} joints, of "
         f"{len(rows)} {'kind' if len(rows) == 1 else 'kinds'}",
         *table(rows, header=header).splitlines(),
+        *([] if judged is None else [f"left out    {kinds_words(judged, unit)}"]),
         *_listed("outliers", [_place(d) for d in facts["outliers"]]),
         *_listed("several", [f"{_place(d)} ({', '.join(d['kinds'])})" for d in facts["ambiguous"]]),
         *([] if agreement is None else [f"labels      adjusted Rand index {agreement:.2f}"]),

@@ -22,6 +22,7 @@ from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import REPORT, report_page
 from ..plotting.text import (
     components_words,
+    kinds_words,
     prediction_words,
     prismatic_joints,
     unit_of,
@@ -30,6 +31,8 @@ from ..plotting.text import (
 from ..primitives.build import build_from_statistics, options_to_update
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.foreign import Foreign, foreign_recordings
+from ..primitives.kinds.choice import KindErrors, choose_kinds
+from ..primitives.kinds.find import KindOptions
 from ..primitives.library.build import origin
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
@@ -208,12 +211,15 @@ def _print(
     primitive: MovementPrimitive,
     output: Path,
 ) -> None:
-    foreign = _foreign(primitive)
+    foreign, kinds = _foreign(primitive), _kinds(primitive)
     if arguments.json:
-        far = [asdict(one) for one in foreign]
-        print_json({**_facts(recordings, primitive, output), "foreign": far})
+        further = {
+            "foreign": [asdict(one) for one in foreign],
+            "kinds_left_out": None if kinds is None else asdict(kinds),
+        }
+        print_json({**_facts(recordings, primitive, output), **further})
     else:
-        say(*_text(recordings, primitive, output))
+        say(*_text(recordings, primitive, kinds, output))
     for refusal in recordings.refused:
         complain(f"refused {refusal.recording}: {refusal.reason}")
     for one in foreign:
@@ -284,7 +290,12 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
     }
 
 
-def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) -> list[str]:
+def _text(
+    recordings: RecordingSet,
+    primitive: MovementPrimitive,
+    kinds: KindErrors | None,
+    output: Path,
+) -> list[str]:
     repaired = [f"{count} {kind}" for kind, count in recordings.repairs.items()]
     durations = primitive.durations
     unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
@@ -299,6 +310,7 @@ def _text(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) 
         f"components  {components_words(primitive)}, which reproduce the motions to "
         f"{fit_residual} {unit.name} RMS",
         f"prediction  {prediction_words(primitive)}",
+        *([] if kinds is None else [f"kinds       {kinds_words(kinds, unit)}"]),
         "",
         *variance_report(primitive),
         "",
@@ -310,6 +322,13 @@ def _foreign(primitive: MovementPrimitive) -> tuple[Foreign, ...]:
     """Recordings whose motions are far from those of the others."""
     assert primitive.statistics is not None
     return foreign_recordings(primitive.statistics, options_to_update(primitive).n_phases)
+
+
+def _kinds(primitive: MovementPrimitive) -> KindErrors | None:
+    """Errors with primitives of several kinds, from at most 200 motions."""
+    assert primitive.statistics is not None
+    n_phases = options_to_update(primitive).n_phases
+    return choose_kinds(primitive.statistics.thinned(), n_phases, KindOptions())[1]
 
 
 def _slowest_line(recordings: RecordingSet, many: int = 10) -> list[str]:

@@ -36,6 +36,7 @@ from .style import BLACK, COLOURS, GREY, LINES, Line, add_header, joint_panels, 
 from .text import (
     TABLE_2,
     is_arm_of_paper,
+    kinds_words,
     primitive_unit,
     prismatic_joints,
     unit_of,
@@ -245,6 +246,7 @@ def _library(folder: Path, content: LibraryContent) -> dict[str, Any]:
         "unit": unit,
         "map": figure_address(partial(kinds_map, content=content)),
         "agreement": content.label_agreement(),
+        "judgement": content.left_out and kinds_words(content.left_out, unit),
         "kinds": [
             {
                 "primitive": primitive,

@@ -5,12 +5,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..exceptions import printable
 from ..primitives.primitive import MovementPrimitive
+
+if TYPE_CHECKING:
+    from ..primitives.kinds.choice import KindErrors  # imports slow parts of SciPy
 
 
 class Unit(NamedTuple):
@@ -178,6 +181,19 @@ def prediction_words(primitive: MovementPrimitive, few: int = 10) -> str:
     return (
         f"left-out motions are predicted to {unit.number(left_out)} {unit.name} RMS "
         f"(by minimum jerk to {unit.number(straight)}){advice}"
+    )
+
+
+def kinds_words(errors: KindErrors, unit: Unit) -> str:
+    """Errors of left-out motions with kinds and with one primitive, and which is better."""
+    kinds = f"{errors.n_kinds} {'kind' if errors.n_kinds == 1 else 'kinds'}"
+    if errors.n_outliers:
+        kinds += f" and {errors.n_outliers} {'outlier' if errors.n_outliers == 1 else 'outliers'}"
+    verdict = "one primitive is better" if errors.one_is_best else "kinds are better"
+    return (
+        f"{unit.number(errors.chosen)} {unit.name} RMS as a planner chooses among {kinds} "
+        f"({unit.number(errors.known)} if the kind is known), {unit.number(errors.pooled)} with "
+        f"one primitive: {verdict}"
     )
 
 

@@ -189,7 +189,8 @@ def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float,
     straight = np.sum(shapes[0] ** 2, axis=1)
     squares = np.full(straight.shape, np.nan)
     if len(straight) > 1:
-        squares = left_out_squares(used.requests(), shapes)
+        labels = [motion.label for motion in used.motions]
+        squares = left_out_squares(used.requests(), shapes, labels=labels)
     scale = n_phases * len(statistics.joint_names)
     predicted, straight = (np.sqrt((x + remainders).mean() / scale) for x in (squares, straight))
     return float(predicted), float(straight)

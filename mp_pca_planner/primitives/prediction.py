@@ -50,6 +50,8 @@ _FAR = 4.0
 # Growth of the standard deviation of motions from a demonstrated request to one far from all.
 _GROWTH = 5.0
 _TINY = 1e-300
+# Requests that are predicted at once.
+_BLOCK = 200
 
 Groups = Sequence[NDArray[np.intp]]
 """Indices of demonstrations that are left out together, in arrays of groups of one size."""
@@ -161,10 +163,7 @@ class ConditionalModel:
         precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
             See :func:`.request_precision`; of all demonstrations, if only some are fitted.
         """
-        activities = np.asarray(labels)
-        partitions: list[Groups] = [[np.arange(len(requests))[:, None]]]
-        if np.any(activities != activities[0]):
-            partitions.append([np.argwhere(activities == x).T for x in np.unique(activities)])
+        partitions = _partitions(labels)
         similar, distances = RequestFeatures(requests)(requests)
         roots = np.sqrt(distances)[:, None]
         shape, residuals = _fit(similar, shapes / roots, partitions)
@@ -172,6 +171,7 @@ class ConditionalModel:
         of_ends, _ = RequestFeatures(requests[:, :-1])(requests[:, :-1])
         times = requests[:, -1:] - requests[:, -1].mean() - np.log(roots)
         duration, _ = _fit(of_ends, np.array([times, times]), partitions[:1])
+        residuals = _mixed(residuals, _without_own(similar[0, 0]))
         errors = _error_covariance(residuals * roots, distances, similar[0, 0])
         return cls(requests, shape, straight_weights, pace, duration, *errors, precision)
 
@@ -197,7 +197,7 @@ class ConditionalModel:
             deviation = min(max(math.log(distance) / 2.0 + residual, -reach), reach)
             duration = math.exp(self.mean[-1] + deviation)
         similar, distance = of_requests(np.append(ends, math.log(duration)))
-        share = min(1.0, _FAR * float(_novelty(similar[0, 0])))
+        share = float(_far_share(similar[0, 0]))
         both = similar.ravel() @ (near + share * far if far.any() else near)
         shape, pace = np.split(both, [self.straight_weights.size])
         weights = self.straight_weights + math.sqrt(distance) * shape
@@ -278,25 +278,80 @@ class RequestFeatures:
         return similar, np.sqrt((squares + self._floor) / self._unit)
 
 
-def left_out_squares(requests: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Squared errors of shapes that are left out and predicted from the others.
+def left_out_squares(
+    requests: FloatArray,
+    shapes: FloatArray,
+    used: NDArray[np.intp] | None = None,
+    labels: Sequence[str] | None = None,
+) -> FloatArray:
+    """Squared errors of shapes that are predicted from other demonstrations.
 
     Parameters
     ----------
     requests : array, shape (n_demonstrations, 2 n_joints + 1)
-        q0, qT [rad or m] and log T; the time grows with the cube of their number.
+        q0, qT [rad or m] and log T.
     shapes : array, shape (2, n_demonstrations, n_functions)
         Coefficients of the shapes, and of the same motions in reversed time.
+    used : array of int, optional
+        Indices of the demonstrations that predictions are made from; all by default. Each of them
+        is predicted from the others. The time grows with the cube of their number.
+    labels : sequence of str, optional
+        Activity of each demonstration that is used; the same by default.
 
     Returns
     -------
     squares : array, shape (n_demonstrations,)
         Sums of squares over the coefficients.
     """
-    similar, distances = RequestFeatures(requests)(requests)
+    used = np.arange(len(requests)) if used is None else used
+    features = RequestFeatures(requests[used])
+    similar, distances = features(requests[used])
     roots = np.sqrt(distances)[:, None]
-    _, residuals = _fit(similar, shapes / roots, [[np.arange(len(requests))[:, None]]])
-    return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
+    partitions = _partitions([""] * len(used) if labels is None else labels)
+    coefficients, residuals = _fit(similar, shapes[:, used] / roots, partitions)
+    errors = np.empty(shapes.shape[1:])
+    errors[used] = _mixed(residuals, _without_own(similar[0, 0])) * roots
+    others = np.setdiff1d(np.arange(len(requests)), used)
+    for first in range(0, len(others), _BLOCK):
+        some = others[first : first + _BLOCK]
+        similar, distances = features(requests[some])
+        fits = np.tensordot(coefficients, similar, axes=((1, 2, 3), (0, 1, 3))).swapaxes(1, 2)
+        predicted = np.sqrt(distances)[:, None] * _mixed(fits, similar[0, 0])
+        errors[some] = shapes[0, some] - predicted
+    return np.asarray(np.sum(errors**2, axis=1))
+
+
+def _partitions(labels: Sequence[str]) -> list[Groups]:
+    """Single demonstrations and, if there are several activities, those of each activity."""
+    activities = np.asarray(labels)
+    singles: list[Groups] = [[np.arange(len(activities))[:, None]]]
+    names = np.unique(activities)
+    return singles + [[np.argwhere(activities == x).T for x in names]] * (len(names) > 1)
+
+
+def _mixed(fits: FloatArray, similarities: FloatArray) -> FloatArray:
+    """Mix the values of all fits: the second one counts where requests are new.
+
+    Parameters
+    ----------
+    fits : array, shape (n_partitions, n_requests, n_outputs)
+        Values of each fit.
+    similarities : array, shape (n_requests, n_demonstrations)
+        Of the requests with the demonstrations.
+    """
+    share = _far_share(similarities)[:, None]
+    return np.asarray(fits[0] + share * (fits[-1] - fits[0]))
+
+
+def _far_share(similarities: FloatArray) -> FloatArray:
+    """Share of the second fit, given similarities in the last axis."""
+    return np.minimum(1.0, _FAR * _novelty(similarities))
+
+
+def _without_own(similarities: FloatArray) -> FloatArray:
+    """Similarities of demonstrations with the others, where there are any."""
+    n = len(similarities)
+    return similarities if n == 1 else np.where(np.eye(n, dtype=bool), -np.inf, similarities)
 
 
 def _error_covariance(
@@ -321,9 +376,8 @@ def _error_covariance(
     floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
     shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
     positive = np.asarray(shrunk + floor * np.eye(size))
-    others = similarities if n == 1 else np.where(np.eye(n, dtype=bool), -np.inf, similarities)
     squares, freedom = np.sum(errors**2, axis=1), max(n, 3)
-    unit = np.sum(squares / _variance(distances, others)) + _TINY
+    unit = np.sum(squares / _variance(distances, _without_own(similarities))) + _TINY
     factor = freedom / (freedom - 2.0) * unit / (np.sum(squares) + _TINY)
     return positive, np.asarray(np.linalg.inv(positive)), np.array([factor])
 
@@ -356,8 +410,8 @@ def _fit(
     -------
     coefficients : array, shape (n_partitions, n_lengths, 2, n_demonstrations, n_outputs)
         A prediction is the sum of their products with the similarities of a request.
-    residuals : array, shape (n_demonstrations, n_outputs)
-        Outputs minus predictions from the other groups of the first partition.
+    residuals : array, shape (n_partitions, n_demonstrations, n_outputs)
+        Outputs minus predictions from the other groups of the first partition, by each fit.
     """
     # Parts that are even in reversed time, then those that are odd.
     parts = np.array([outputs[0] + outputs[1], outputs[0] - outputs[1]]) / 2.0
@@ -378,7 +432,7 @@ def _fit(
     probabilities /= probabilities.sum(axis=1, keepdims=True)
     coefficients = np.zeros((len(partitions), len(similarities), *outputs.shape))
     coefficients[:, 0] = np.einsum("pk,dkno->pdno", probabilities, shares)
-    return coefficients, np.tensordot(probabilities[0], left[0][0], axes=1)
+    return coefficients, np.tensordot(probabilities, left[0][0], axes=1)
 
 
 def _leave_out(

@@ -11,10 +11,12 @@ kinds if two conditions hold:
   motions, is higher than that of one kind (Heller and Ghahramani, "Bayesian hierarchical
   clustering", ICML 2005; the shares as in the integrated completed likelihood of Biernacki, Celeux
   and Govaert, IEEE PAMI 22, 2000).
-- Motions that are left out are predicted as well as before, from their ends and duration.
+- Motions that are left out are predicted about as well as before, by the kind that a planner
+  chooses from their ends and duration.
 
 The first one alone divides similar motions into too many kinds of few demonstrations. The second
-one alone divides without end, because a kind says something about the motions in it.
+one alone divides without end: the kinds were found with the motions that are then left out. See
+:mod:`.choice` for an error without this defect.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from scipy.stats import multivariate_t
 
 from ...arrays import FloatArray
 from ...rows import empty_rows, release, row_blocks
+from ..in_span import left_out_scores
 from ..motion_statistics import MotionStatistics
 from ..pca import components_for_share, fit_components
 from ..prediction import left_out_squares
@@ -123,13 +126,19 @@ class _Division(NamedTuple):
         Logarithm of the evidence of the parts.
     kinds : tuple of sequences of int
         Motions of each kind.
-    squares : array, shape (n_motions,)
-        Squared errors of left-out motions; NaN for those that were not left out.
+    squares, scores : array, shape (n_kinds, n_motions)
+        Squared errors and in-span scores of all motions, left out of the kind.
     """
 
     evidence: float
     kinds: tuple[Sequence[int], ...]
     squares: FloatArray
+    scores: FloatArray
+
+    def chosen(self, members: Indices) -> FloatArray:
+        """Squared errors of motions by the kind that a planner chooses, shape (n_members,)."""
+        best = self.scores[:, members].argmin(axis=0)
+        return np.asarray(self.squares[best, members])
 
 
 def find_kinds(
@@ -222,7 +231,9 @@ class _Tree:
     def __init__(
         self, features: FloatArray, statistics: MotionStatistics, options: KindOptions
     ) -> None:
-        self._features, self._statistics, self._options = features, statistics, options
+        self._features, self._options = features, options
+        self._requests, self._shapes = statistics.requests(), statistics.both_shapes()
+        self._remainders = statistics.shape_remainders.sum(axis=1)
         variances = features.var(axis=0)
         floor = 1e-6 * float(variances.max(initial=0.0)) + 1e-12
         self._prior = options.prior_variance * np.diag(variances + floor)
@@ -305,31 +316,30 @@ class _Tree:
         """The best division of a branch, given those of its branches, if they matter."""
         members = node.pre_order()
         if node.count < self._options.min_motions:
-            return _Division(evidence, (), np.full(len(self._features), np.nan))
-        whole = _Division(evidence, (members,), self._squares(members))
+            nothing = np.empty((0, len(self._features)))
+            return _Division(evidence, (), nothing, nothing)
+        whole = _Division(evidence, (members,), *self._judged(members))
         if node.is_leaf() or node.left.id not in below:
             return whole
         first, second = below[node.left.id], below[node.right.id]
-        squares = np.where(np.isnan(first.squares), second.squares, first.squares)
         parts = _Division(
             first.evidence + second.evidence + _log_shares(node),
             first.kinds + second.kinds,
-            squares,
+            np.concatenate([first.squares, second.squares]),
+            np.concatenate([first.scores, second.scores]),
         )
-        # The motions that are left out of the whole are left out of the parts, except outliers.
-        both = ~np.isnan(squares + whole.squares)
-        is_predicted = squares[both].sum() < self._options.tolerance * whole.squares[both].sum()
-        return parts if parts.kinds and parts.evidence > evidence and is_predicted else whole
+        if not parts.kinds or parts.evidence <= evidence:
+            return whole
+        inside = np.concatenate(parts.kinds)  # without outliers
+        largest = self._options.tolerance * whole.squares[0, inside].sum()
+        return parts if parts.chosen(inside).sum() < largest else whole
 
-    def _squares(self, members: Sequence[int]) -> FloatArray:
-        """Squared errors of left-out motions of a kind, see `_Division`."""
+    def _judged(self, members: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Squared errors and in-span scores of all motions for a kind, see `_Division`."""
         first = np.argsort(self._order[members])[: self._options.max_left_out]
-        used = np.asarray(members)[first]
-        statistics = self._statistics.chosen(used)
-        squares = np.full(len(self._features), np.nan)
-        squares[used] = left_out_squares(statistics.requests(), statistics.both_shapes())
-        squares[used] += statistics.shape_remainders.sum(axis=1)
-        return squares
+        used = np.sort(np.asarray(members)[first])
+        squares = left_out_squares(self._requests, self._shapes, used) + self._remainders
+        return squares[None], left_out_scores(self._requests, used)[None]
 
 
 def _from_leaves(root: ClusterNode) -> list[ClusterNode]:

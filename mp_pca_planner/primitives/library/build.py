@@ -21,7 +21,8 @@ from ...recordings.demonstration import Demonstration
 from ...robot.model import Robot
 from ..build import build_from_statistics
 from ..file import load_primitive, write_primitive
-from ..kinds.find import OUTLIER, Indices, KindOptions, Kinds, find_kinds
+from ..kinds.choice import KindErrors, choose_kinds
+from ..kinds.find import OUTLIER, Indices, KindOptions, Kinds
 from ..kinds.names import kind_names, plain_name
 from ..motion_sources import indices_of
 from ..motion_statistics import MotionStatistics
@@ -38,7 +39,7 @@ OUTLIERS = "outliers"
 _OUTLIERS_FILE = f"{OUTLIERS}.npz"
 
 # Largest numbers of left-out motions of a kind, and of others that are pooled with them.
-_MAX_LEFT_OUT = 100
+_MAX_LEFT_OUT = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,9 @@ class LibraryContent:
     errors_alone, errors_pooled : array, shape (n_kinds,)
         RMS errors in path of left-out motions of each kind, predicted by the others of the kind,
         and by motions of all kinds [rad or m].
+    left_out : KindErrors or None
+        Errors of left-out motions with the kinds that were found, and with one primitive; None if
+        all motions are of one kind.
     outliers : MovementPrimitive or None
         Of the motions that belong to no kind; it only holds their statistics.
     """
@@ -65,6 +69,7 @@ class LibraryContent:
     primitives: tuple[MovementPrimitive, ...]
     errors_alone: FloatArray
     errors_pooled: FloatArray
+    left_out: KindErrors | None
     outliers: MovementPrimitive | None
 
     @property
@@ -148,6 +153,9 @@ def build_library(
     repairs: Mapping[str, Any] | None = None,
 ) -> dict[Path, LibraryContent]:
     """Find the kinds of motions, and put a primitive of each into a versioned library.
+
+    Kinds are kept if left-out motions are then predicted better than by one primitive of all
+    motions, with the primitive that a planner chooses.
 
     Parameters
     ----------
@@ -344,7 +352,7 @@ def library_content(
     def learned(part: MotionStatistics, name: str) -> MovementPrimitive:
         return build_from_statistics(part, name, options, metadata(part) if metadata else None)
 
-    kinds = find_kinds(statistics, options.n_phases, kind_options or KindOptions())
+    kinds, left_out = choose_kinds(statistics, options.n_phases, kind_options or KindOptions())
     members = [kinds.members(k) for k in range(kinds.assigned.max() + 1)]
     parts = [statistics.chosen(x) for x in members]
     names = _names(parts, robot, known or {}, taken)
@@ -357,6 +365,7 @@ def library_content(
         primitives=tuple(learned(part, name) for part, name in zip(parts, names, strict=True)),
         errors_alone=np.array([alone for alone, _ in errors]),
         errors_pooled=np.array([together for _, together in errors]),
+        left_out=left_out,
         outliers=learned(statistics.chosen(left), OUTLIERS) if left.size else None,
     )
 
@@ -440,7 +449,8 @@ def _left_out_errors(statistics: MotionStatistics, members: Indices) -> FloatArr
     errors = []
     for used in (inside, np.concatenate([inside, outside])):
         chosen = statistics.chosen(used)
-        squares = left_out_squares(chosen.requests(), chosen.both_shapes())
+        labels = [motion.label for motion in chosen.motions]
+        squares = left_out_squares(chosen.requests(), chosen.both_shapes(), labels=labels)
         squares = squares + chosen.shape_remainders.sum(axis=1)
         errors.append(np.sqrt(squares[: len(inside)].mean()))
     return np.array(errors)
