@@ -48,7 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     motions = recordings.demonstrations
     robot = Robot.from_file(urdf, motions[0].joint_names)
     with progress_bar("planning", "motion") as progress:
-        found = study(motions, arguments.motions, robot, frames[-1], progress)
+        n, n_starts = arguments.motions, arguments.starts
+        found = study(motions, n, robot, frames[-1], progress, n_starts=n_starts)
     written = _write(folder, found, robot, frames, source)
     files = [str(path) for path in written]
     lines = [source, "", *summary(found).splitlines(), "", f"written: {', '.join(files)}"]

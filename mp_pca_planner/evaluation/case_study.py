@@ -8,8 +8,10 @@ equality constraints on the weights. Velocities at the ends are free, since [P] 
 on them. The weights that meet the constraints are an affine space, whose coordinates are the
 unknowns: for every joint, their number is that of the components kept minus two.
 
-Such a program has several minima. Each method starts from several motions and takes the best of
-their results; its time is the mean of one optimisation, as the planner makes one.
+Such a program has several minima. It is solved from many starts, until two of them lead to the
+least effort that is found. B-splines are treated alike, with ends at rest and with free ends.
+Efforts and times of all starts are kept, so that methods are compared with the same number of
+starts.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -28,7 +31,7 @@ from ..planning.program.motion_program import MotionProgram
 from ..planning.program.segment import SegmentProgram, Unknowns
 from ..planning.program.tables import Tables
 from ..planning.search.threads import one_blas_thread
-from ..planning.solver.sqp import Solution, solve
+from ..planning.solver.sqp import solve
 from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
 from ..primitives.boundary import hermite_functions
 from ..primitives.differences import FINE_PHASES
@@ -50,18 +53,23 @@ class PaperOptions:
         Degree of their polynomials ([P] Section 4).
     n_phases : int
         Samples of a motion.
-    n_starts : int
-        Starts of the optimisation: the likeliest motion, and random ones.
-    start_spread : float
-        Standard deviation of random starts of B-splines [rad], similar to that of the paper's
-        weights.
+    spreads : tuple of float
+        Standard deviations of random starts, in turn, in units of the usual weights.
+    bspline_scale : float
+        Usual weights of B-splines [rad], similar to those of the paper's components.
+    max_rounds : int
+        Largest number of rounds of starts.
+    agreement : float
+        Relative difference of efforts that count as the same.
     """
 
     n_components: int = 4
     degree: int = 4
     n_phases: int = 101
-    n_starts: int = 5
-    start_spread: float = 0.2
+    spreads: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
+    bspline_scale: float = 0.2
+    max_rounds: int = 3
+    agreement: float = 0.01
 
 
 PAPER_OPTIONS = PaperOptions()
@@ -113,7 +121,7 @@ def paper_basis(
     )
 
 
-def paper_method(robot: Robot) -> Predictor:
+def paper_method(robot: Robot, n_starts: int) -> Predictor:
     """The method of the paper, as a predictor for comparisons."""
 
     def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
@@ -124,58 +132,67 @@ def paper_method(robot: Robot) -> Predictor:
         # The basis includes the end points, so there is no boundary part.
         boundary = np.zeros((6, motion.n_joints))
         unknowns = Unknowns(basis.scales, boundary, motion.duration)
-        return _optimised(robot, basis, unknowns, 1.0, began)
+        return _least_effort(robot, basis, unknowns, n_starts, began)
 
     return predict
 
 
-def free_bsplines(robot: Robot) -> Predictor:
-    """B-splines whose velocities and accelerations at the ends are free, as a predictor.
+def bsplines(robot: Robot, n_starts: int, *, free_ends: bool) -> Predictor:
+    """B-splines of least effort, as a predictor.
 
-    Beside the 6 free control points of each joint, 4 are unknowns that otherwise bring the motion
-    to rest at its ends.
+    They have 6 free control points for each joint. With free ends, velocities and accelerations at
+    the ends are unknowns, too: 4 more control points, which otherwise bring the motion to rest.
     """
+    orders = (1, 2) if free_ends else ()
 
-    def predict(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
+    @cache  # The other motions have no effect.
+    def plan(motion: Demonstration) -> Prediction:
         """Plan between the ends of a motion with its duration."""
         began = time.perf_counter()
         basis = BSplineBasis(motion.n_joints)
         boundary = np.zeros((6, motion.n_joints))
         boundary[[0, 3]] = motion.positions[[0, -1]]
-        # The other rows are velocities and accelerations.
-        unknowns = Unknowns(basis.scales, boundary, motion.duration, free_orders=((1, 2), (1, 2)))
-        return _optimised(robot, basis, unknowns, PAPER_OPTIONS.start_spread, began)
+        scales = np.full(basis.n_weights, PAPER_OPTIONS.bspline_scale)
+        unknowns = Unknowns(scales, boundary, motion.duration, free_orders=(orders, orders))
+        return _least_effort(robot, basis, unknowns, n_starts, began)
 
-    return predict
-
-
-def _optimised(
-    robot: Robot, basis: Basis, unknowns: Unknowns, spread: float, began: float
-) -> Prediction:
-    """The motion of least effort of a basis; its time, with that since the beginning [s]."""
-    set_up = time.perf_counter() - began
-    size = PAPER_OPTIONS.n_starts, basis.n_weights
-    starts = spread * np.random.default_rng(1).normal(size=size)
-    starts[0] = 0.0  # the likeliest weights
-    best, seconds = _least_effort(robot, Tables(basis), unknowns, starts)
-    ends, _ = unknowns.boundary_at(best.unknowns)
-    shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
-    positions = hermite_functions(FINE_PHASES) @ ends + shape
-    return Prediction(positions, best.cost, set_up + seconds)
+    return lambda motion, _: plan(motion)
 
 
 def _least_effort(
-    robot: Robot, tables: Tables, unknowns: Unknowns, starts: FloatArray
-) -> tuple[Solution, float]:
-    """The best solution without limits, and the mean time of one optimisation [s]."""
-    began = time.perf_counter()
-    segment = SegmentProgram(robot, tables, unknowns, starts[0])
+    robot: Robot, basis: Basis, unknowns: Unknowns, n_starts: int, began: float
+) -> Prediction:
+    """The motion of least effort of a basis, from the likeliest weights and from random starts.
+
+    Rounds of starts follow until two starts agree on the least effort.
+    """
+    rng, spreads = np.random.default_rng(1), PAPER_OPTIONS.spreads
+    segment = SegmentProgram(robot, Tables(basis), unknowns, np.zeros(basis.n_weights))
     problem = MotionProgram([segment], [[]], [[]], [None], None, [])
-    set_up = time.perf_counter() - began
+    starts, found = list[tuple[float, float]](), []
     with one_blas_thread():
-        found = [solve(problem, unknowns.from_weights(start)) for start in starts]
-    seconds = (time.perf_counter() - began - set_up) / len(starts)
-    return min(found, key=lambda solution: solution.cost), set_up + seconds
+        for k in range(n_starts * PAPER_OPTIONS.max_rounds):
+            x = spreads[k % len(spreads)] * rng.normal(size=unknowns.scales.size) * (k > 0)
+            found.append(solve(problem, x))
+            # The first start includes the time to set up the program.
+            ended = time.perf_counter()
+            starts.append((found[-1].cost, ended - began))
+            began = ended
+            if (k + 1) % n_starts == 0 and n_agreeing(np.array(starts)) > 1:
+                break
+    best = min(found, key=lambda solution: solution.cost)
+    ends, _ = unknowns.boundary_at(best.unknowns)
+    shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
+    positions = hermite_functions(FINE_PHASES) @ ends + shape
+    seconds = float(sum(duration for _, duration in starts))
+    return Prediction(positions, best.cost, seconds, np.array(starts))
+
+
+def n_agreeing(starts: FloatArray, n_starts: int | None = None) -> int:
+    """Number of the first starts that lead to the least effort of all starts."""
+    efforts = starts[:, 0]
+    least = (1.0 + PAPER_OPTIONS.agreement) * efforts.min()
+    return int(np.sum(efforts[:n_starts] <= least))
 
 
 def _polynomials(curves: FloatArray) -> FloatArray:
@@ -186,8 +203,11 @@ def _polynomials(curves: FloatArray) -> FloatArray:
 
 PAPER = "components as in the paper"
 FREE_BSPLINES = "B-splines, free end velocities"
+REST_BSPLINES = "B-splines, many starts"
 OURS = planned(DEFAULT_RHO)
-TABLE_3_METHODS = (BSPLINES, FREE_BSPLINES, PAPER, planned(0.0), OURS)
+TABLE_3_METHODS = (BSPLINES, REST_BSPLINES, FREE_BSPLINES, PAPER, planned(0.0), OURS)
+SAME_ENDS = {REST_BSPLINES: REST_BSPLINES, FREE_BSPLINES: FREE_BSPLINES, PAPER: FREE_BSPLINES}
+"""Methods with many starts, and the B-splines with the same ends."""
 FREE_ENDS = (FREE_BSPLINES, PAPER)
 """Methods that leave velocities and accelerations at the ends free; others end at rest."""
 
@@ -241,9 +261,20 @@ class CaseStudy:
         return float(np.mean(ours < theirs))
 
     def time_ratio(self, method: str) -> float:
-        """Median ratio of a method's solve time to that of B-splines."""
+        """A method's solve time as a multiple of that of B-splines, of all motions together."""
         ours, theirs = (self.held_out.column(name, "solve_time") for name in (method, BSPLINES))
-        return float(np.median(ours / theirs))
+        return float(np.sum(ours) / np.sum(theirs))
+
+    def searches(self, method: str) -> list[FloatArray]:
+        """Efforts and times [s] of a method's starts, shape (n_starts, 2), by motion."""
+        found = (predictions[method].starts for predictions in self.held_out.predictions)
+        return [starts for starts in found if starts is not None]
+
+    def effort_and_time(self, method: str, n_starts: int | None) -> tuple[float, float]:
+        """Median effort of the best of the first starts, and their time for all motions [s]."""
+        first = [starts[:n_starts] for starts in self.searches(method)]
+        efforts = [starts[:, 0].min() for starts in first]
+        return float(np.median(efforts)), float(sum(starts[:, 1].sum() for starts in first))
 
 
 def choose_motions(motions: Sequence[Demonstration], number: int) -> list[Demonstration]:
@@ -289,6 +320,7 @@ def study(
     tip: str,
     progress: Callable[[int, int], None] | None = None,
     min_of_activity: int = 5,
+    n_starts: int = 100,
 ) -> CaseStudy:
     """Run the case study.
 
@@ -306,6 +338,8 @@ def study(
         Called with motions done and in all.
     min_of_activity :
         Least number of motions for a table of an activity.
+    n_starts :
+        Starts of each search for the least effort; as many more follow until two agree.
 
     Raises
     ------
@@ -324,7 +358,11 @@ def study(
         if progress is not None:
             progress(n_done, number * len(groupings))
 
-    more = {PAPER: paper_method(robot), FREE_BSPLINES: free_bsplines(robot)}
+    more = {
+        PAPER: paper_method(robot, n_starts),
+        REST_BSPLINES: bsplines(robot, n_starts, free_ends=False),
+        FREE_BSPLINES: bsplines(robot, n_starts, free_ends=True),
+    }
     held_out, *other_activities = (
         compare(chosen, groups, robot=robot, tip=tip, more=more, progress=count)
         for groups in groupings

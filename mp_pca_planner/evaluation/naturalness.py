@@ -66,12 +66,15 @@ class Prediction(NamedTuple):
     effort : float or None
         J [N²·m²·s], if the method computes the effort.
     solve_time : float
-        Time to optimise it [s].
+        Time to optimise it [s], of all starts.
+    starts : array, shape (n_starts, 2), or None
+        Effort and time [s] of each start, if the method makes several.
     """
 
     positions: FloatArray
     effort: float | None = None
     solve_time: float = float("nan")
+    starts: FloatArray | None = None
 
 
 Predictor = Callable[[Demonstration, Sequence[Demonstration]], Prediction]

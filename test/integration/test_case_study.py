@@ -11,7 +11,13 @@ import pytest
 from arm import arm_demonstrations, arm_robot
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.evaluation.case_study import OURS, choose_motions, study, variance_shares
+from mp_pca_planner.evaluation.case_study import (
+    OURS,
+    PAPER,
+    choose_motions,
+    study,
+    variance_shares,
+)
 from mp_pca_planner.evaluation.case_study_page import tables
 from mp_pca_planner.evaluation.naturalness import BSPLINES, EXPECTED, compare
 from mp_pca_planner.exceptions import PrimitiveError
@@ -51,7 +57,7 @@ def test_too_many_or_too_few_motions_are_refused(number):
 
 @pytest.fixture(scope="module")
 def found():
-    return study(MOTIONS, 6, arm_robot(), "wrist")
+    return study(MOTIONS, 6, arm_robot(), "wrist", n_starts=5)
 
 
 def test_the_arm_raising_motion_lifts_the_hand_most(found):
@@ -84,6 +90,22 @@ def test_rows_say_which_motions_end_at_rest(found):
         assert (ends[name] == "at rest") == (rates < 1e-5), name
 
 
+def test_efforts_and_times_are_compared_with_the_same_number_of_starts(found):
+    header, rows = tables(found)["starts"]
+    starts, ends = header.index("starts"), header.index("ends")
+    for n in ("1", "5"):
+        same = [row for row in rows if row[starts] == n]
+        assert {row[ends] for row in same} == {"at rest", "moving"}
+        (rest, free, paper) = (dict(zip(header, row, strict=True)) for row in same[:3])
+        assert float(rest["effort / same ends"]) == float(free["effort / same ends"]) == 1.0
+        ratio = float(paper["effort [N²m²s]"]) / float(free["effort [N²m²s]"])
+        assert float(paper["effort / same ends"]) == pytest.approx(ratio, rel=0.05)
+    # A total time has the time of every start.
+    for prediction in (predictions[PAPER] for predictions in found.held_out.predictions):
+        assert prediction.solve_time == pytest.approx(prediction.starts[:, 1].sum())
+        assert prediction.effort == prediction.starts[:, 0].min()
+
+
 def test_shares_are_those_of_the_variance_of_the_angles(found):
     angles = np.array([m.time_normalised(101) for m in found.motions])
     expected = np.linalg.eigvalsh(np.cov(angles[:, :, 0].T))[::-1]
@@ -105,17 +127,25 @@ def test_other_activities_are_those_of_other_labels(found):
 def test_one_activity_is_not_compared_with_others():
     progress = []
     alone = study(
-        MOTIONS[::2], 3, arm_robot(), "wrist", lambda done, total: progress.append((done, total))
+        MOTIONS[::2],
+        3,
+        arm_robot(),
+        "wrist",
+        lambda done, total: progress.append((done, total)),
+        n_starts=5,
     )
     assert alone.other_activities is None
     assert progress == [(1, 3), (2, 3), (3, 3)]
+
+
+COMMAND = ("case_study", "--motions", "4", "--starts", "5")
 
 
 @pytest.fixture(scope="module")
 def output(tmp_path_factory, request):
     pytest.importorskip("matplotlib")
     folder = tmp_path_factory.mktemp("study") / "out"
-    assert main(["case_study", "--motions", "4", "--output", str(folder), "--json"]) == 0
+    assert main([*COMMAND, "--output", str(folder), "--json"]) == 0
     return folder
 
 
@@ -134,7 +164,7 @@ def test_the_figures_are_written_beside_it(output):
     assert facts["n_motions"] == 4
     assert facts["table_2"]["elbow"]["paper"][0] == 0.7436
     assert facts["table_3"]["paper"]["PCA"]["effort_cost"] == 9.58805
-    for name in ("table_2", "table_3", "table_3_all_motions", "naturalness"):
+    for name in ("table_2", "table_3", "table_3_all_motions", "starts", "naturalness"):
         with (output / f"{name}.csv").open(encoding="utf-8") as file:
             header, *rows = csv.reader(file)
         assert rows and all(len(row) == len(header) for row in rows)

@@ -3,6 +3,7 @@
 """The paper's own method."""
 
 import numpy as np
+import pytest
 from arm import arm_demonstrations, arm_robot
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
@@ -10,7 +11,8 @@ from scipy.optimize import minimize
 from mp_pca_planner.evaluation.case_study import (
     PAPER_OPTIONS,
     angle_components,
-    free_bsplines,
+    bsplines,
+    n_agreeing,
     paper_basis,
     paper_method,
 )
@@ -50,7 +52,7 @@ def test_the_mean_is_the_likeliest_motion_between_the_ends():
 
 def test_the_effort_is_the_least_that_another_optimiser_finds():
     robot, motion = arm_robot(), MOTIONS[0]
-    found = paper_method(robot)(motion, MOTIONS[1:])
+    found = paper_method(robot, 5)(motion, MOTIONS[1:])
     basis = paper_basis(angle_components(MOTIONS[1:]), START, GOAL)
     x, w = np.polynomial.legendre.leggauss(30)
 
@@ -70,7 +72,7 @@ def test_the_effort_is_the_least_that_another_optimiser_finds():
 
 def test_bsplines_with_free_ends_take_the_least_effort_that_another_optimiser_finds():
     robot, motion = arm_robot(), MOTIONS[0]
-    found = free_bsplines(robot)(motion, ())
+    found = bsplines(robot, 5, free_ends=True)(motion, ())
     np.testing.assert_allclose(found.positions[[0, -1]], [START, GOAL], atol=1e-9)
     # All clamped splines of 12 control points, of which the first and the last are given.
     degree, n_free = 5, 10
@@ -94,5 +96,23 @@ def test_free_ends_take_less_effort_than_rest():
     robot, motion = arm_robot(), MOTIONS[0]
     primitive = build_primitive(MOTIONS[1:], "others")
     rest = plan_like(motion, primitive, robot, "bspline", 0.0)
-    free = free_bsplines(robot)(motion, ())
+    free = bsplines(robot, 5, free_ends=True)(motion, ())
     assert free.effort < rest.effort
+
+
+def test_bsplines_at_rest_are_those_of_the_planner():
+    robot, motion = arm_robot(), MOTIONS[0]
+    planned = plan_like(motion, build_primitive(MOTIONS[1:], "others"), robot, "bspline", 0.0)
+    found = bsplines(robot, 5, free_ends=False)(motion, ())
+    assert found.starts[0, 0] == pytest.approx(planned.effort, rel=1e-3)
+    assert found.effort <= planned.effort
+
+
+def test_starts_follow_until_two_agree_on_the_least_effort():
+    efforts = np.array([8.718, 8.718, 7.275, 9.0, 7.28])
+    starts = np.column_stack([efforts, np.ones(5)])
+    assert [n_agreeing(starts[:n]) for n in (1, 2, 3, 5)] == [1, 2, 1, 2]
+    assert [n_agreeing(starts, n) for n in (2, 3, None)] == [0, 1, 2]
+    found = paper_method(arm_robot(), 2)(MOTIONS[0], MOTIONS[1:])
+    assert len(found.starts) in (2, 4, 6)
+    assert len(found.starts) == 6 or n_agreeing(found.starts) > 1
