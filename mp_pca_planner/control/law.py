@@ -243,8 +243,10 @@ def controller_parameters(law: ControlLaw, controller: str) -> bytes:
     return yaml.safe_dump(content, sort_keys=False).encode()
 
 
-EXCLUDED = "errors of centres of mass, elasticity, backlash, and noise of the sensors"
-"""What no error bound includes."""
+_EXCLUDED = (
+    "errors of centres of mass and of the velocity at the start, elasticity, backlash, and noise "
+    "of the sensors"
+)
 
 NO_LAW = "none; run verify to pair one with this primitive"
 
@@ -258,6 +260,13 @@ def verified_case(robot: Robot, trajectory: Trajectory) -> dict[str, Any]:
         "duration": trajectory.duration,
         "robot": robot.name,
     }
+
+
+def excluded(assumed: Mapping[str, Any]) -> str:
+    """What an error bound does not include, given the errors that it assumes."""
+    friction = [] if any(assumed.get("friction", ())) else ["friction"]
+    rotors = [] if assumed.get("armature") else ["inertias of the rotors"]
+    return ", ".join([*friction, *rotors, _EXCLUDED])
 
 
 def control_statement(primitive: MovementPrimitive) -> str:
@@ -287,9 +296,9 @@ def _bound(primitive: MovementPrimitive, known: Mapping[str, Any]) -> str:
     # Names are in alphabetical order in files.
     start, goal = ({name: case[end][name] for name in names} for end in ("start", "goal"))
     friction = dict(zip(names, assumed.get("friction", ()), strict=False))
-    rubbing, excluded = "", f"friction, {EXCLUDED}"
+    rubbing = ""
     if any(friction.values()):
-        rubbing, excluded = f"friction within {name_values(friction)} N·m or N, ", EXCLUDED
+        rubbing = f"friction within {name_values(friction)} N·m or N, "
     return (
         f"{verdict} on the motion from {name_values(start)} to {name_values(goal)} in "
         f"{case['duration']:.6g} s of robot '{case['robot']}', if each mass and moment of inertia "
@@ -297,5 +306,5 @@ def _bound(primitive: MovementPrimitive, known: Mapping[str, Any]) -> str:
         f"{assumed['payload']:g} kg, {rubbing}the start within "
         f"{assumed['start_error']:g} rad or m, the control period "
         f"{1e3 * assumed['control_period']:g} ms, and the delay {assumed['delay']} samples; "
-        f"not included: {excluded}"
+        f"not included: {excluded(assumed)}"
     )

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,11 +11,10 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from ..arrays import FloatArray
-from ..exceptions import RecordingError, quote_names
+from ..exceptions import RecordingError
 from ..motion.interpolation import interpolate
 from ..motion.trajectory import Trajectory
-from ..recordings.bags import JOINT_STATE, Bag, Stored, choose_topic, open_bag
-from ..recordings.joint_states import NS_PER_S
+from ..recordings.efforts import measured_states
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def measure_execution(
         If it can't be read, lacks positions or efforts of a joint, holds numbers that aren't
         finite, or is shorter than the trajectory.
     """
-    times, q, tau = _measured(path, topic, trajectory.joint_names)
+    times, q, tau = measured_states(path, trajectory.joint_names, topic)
     duration = float(trajectory.times[-1])
     spare = float(times[-1]) - duration
     if spare < -step:
@@ -89,42 +87,3 @@ def _distance(times: FloatArray, q: FloatArray, when: FloatArray, desired: Float
 
 def _at(when: FloatArray, times: FloatArray, values: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(when, times, column) for column in values.T])
-
-
-def _measured(
-    path: Path, topic: str | None, joint_names: Sequence[str]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times from 0 [s], positions and efforts of the joints, shape (n_steps, n_joints)."""
-    with open_bag(path) as bag:
-        chosen = choose_topic([t for t in bag.topics if t.type == JOINT_STATE], topic)
-        rows = bag.read([chosen], lambda stored: _rows(bag, stored, joint_names))
-    if len(rows) < 2:
-        raise RecordingError(
-            f"'{path}' has no joint states of {quote_names(joint_names)} on '{chosen.name}'"
-        )
-    stamps = np.array(sorted(rows), dtype=np.int64)
-    values = np.array([rows[stamp] for stamp in stamps.tolist()])
-    if not np.isfinite(values).all():
-        raise RecordingError(
-            f"positions or efforts on '{chosen.name}' of '{path}' are not all finite"
-        )
-    n_joints = len(joint_names)
-    return (stamps - stamps[0]) * 1e-9, values[:, :n_joints], values[:, n_joints:]
-
-
-def _rows(bag: Bag, stored: Iterator[Stored], joint_names: Sequence[str]) -> dict[int, FloatArray]:
-    """Positions and efforts of the joints by stamp [ns]."""
-    rows: dict[int, FloatArray] = {}
-    for topic, received, data in stored:
-        message = bag.deserialise(topic, data)
-        if not set(joint_names) <= set(message.name):
-            continue  # of other joints, a gripper's for example
-        if len(message.effort) != len(message.name) or len(message.position) != len(message.name):
-            raise RecordingError(
-                f"the joint states on '{topic.name}' of '{bag.path}' lack positions or efforts: "
-                "the cost of an execution needs both"
-            )
-        index = [message.name.index(name) for name in joint_names]
-        stamp = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
-        rows[stamp or received] = np.concatenate([message.position[index], message.effort[index]])
-    return rows

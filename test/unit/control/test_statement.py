@@ -72,7 +72,7 @@ def test_statement_says_bound_case_and_errors_assumed(verified: Path) -> None:
 def test_statement_says_what_it_excludes_and_how_much_friction_it_holds_for(
     verified: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = "friction, errors of centres of mass, elasticity, backlash, and noise of the sensors"
+    words = "friction, inertias of the rotors, errors of centres of mass and of the velocity"
     assert f"not included: {words}" in control_statement(load_primitive(verified))
     other = str(tmp_path / "other.npz")
     options = ["--friction", "elbow=0.01", "--trials", "2", "--output", other]
