@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .exceptions import PlannerError, quote_names, shown
-from .rows import is_in_file, row_blocks
+from .rows import file_of, row_blocks
 
 FloatArray = NDArray[np.float64]
 
@@ -51,12 +51,8 @@ def frozen_array(
     PlannerError
         (as `error`) If the values are not numbers, have another shape or are not finite.
     """
-    is_mapped = is_in_file(values)
-    if is_mapped:
-        array = np.asarray(values, dtype=np.float64, order="C")
-        _check_shape(array.shape, shape, what, error)
-    else:
-        array = float_array(values, what, error, shape)
+    is_mapped = file_of(values) is not None
+    array = float_array(values, what, error, shape, is_copied=not is_mapped)
     if is_mapped:
         is_finite = all(np.isfinite(block).all() for (block,) in row_blocks(array))
     else:
@@ -74,6 +70,8 @@ def float_array(
     what: str,
     error: type[PlannerError],
     shape: tuple[int | None, ...] | None = None,
+    *,
+    is_copied: bool = True,
 ) -> FloatArray:
     """Copy numbers into a float array; the shape is checked before anything is copied.
 
@@ -85,53 +83,41 @@ def float_array(
         See :func:`frozen_array`.
     shape :
         The expected shape; any unless given.
+    is_copied :
+        Whether a float array is copied, too.
 
     Raises
     ------
     PlannerError
         (as `error`) If the values are not numbers, or have another shape.
     """
+    given: Any = values
     try:
-        given = _as_array(values, shape)
-        is_numeric = _are_numbers(given)
+        if not isinstance(values, np.ndarray):
+            # A range of any length is a sequence that takes no memory.
+            most = MAX_SIZE if not shape or shape[0] is None else 1000 * max(shape[0], 1)
+            if isinstance(values, Sized) and len(values) > most:
+                raise TypeError
+            given = np.asarray(values)
+        if given.dtype.kind == "O":
+            is_numeric = given.size <= MAX_SIZE and all(map(is_number, given.flat))
+        else:
+            is_numeric = given.dtype.kind in "iuf" and not isinstance(given, np.ma.MaskedArray)
     except Exception:  # Values of others may raise anything.
         is_numeric = False
     if not is_numeric:
         raise error(f"{what} must be numbers, got {shown(values)}")
-    _check_shape(given.shape, shape, what, error)
-    return np.array(given, dtype=np.float64, order="C")
-
-
-def _as_array(values: Any, shape: tuple[int | None, ...] | None) -> NDArray[Any]:
-    if isinstance(values, np.ndarray):
-        return values
-    # A range of any length is a sequence that takes no memory.
-    most = MAX_SIZE if not shape or shape[0] is None else 1000 * max(shape[0], 1)
-    if isinstance(values, Sized) and len(values) > most:
-        raise TypeError
-    return np.asarray(values)
-
-
-def _are_numbers(given: NDArray[Any]) -> bool:
-    if given.dtype.kind == "O":
-        return given.size <= MAX_SIZE and all(map(is_number, given.flat))
-    return given.dtype.kind in "iuf" and not isinstance(given, np.ma.MaskedArray)
-
-
-def _check_shape(
-    found: tuple[int, ...],
-    shape: tuple[int | None, ...] | None,
-    what: str,
-    error: type[PlannerError],
-) -> None:
     if shape is not None and (
-        len(found) != len(shape)
-        or any(n is not None and have != n for have, n in zip(found, shape, strict=True))
+        given.ndim != len(shape)
+        or any(n is not None and have != n for have, n in zip(given.shape, shape, strict=True))
     ):
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise error(f"{what} must have the shape {expected}, got {found}")
-    if prod(found) > MAX_SIZE:
-        raise error(f"{what} must be at most {MAX_SIZE} numbers, got an array of shape {found}")
+        raise error(f"{what} must have the shape {expected}, got {given.shape}")
+    if prod(given.shape) > MAX_SIZE:
+        raise error(
+            f"{what} must be at most {MAX_SIZE} numbers, got an array of shape {given.shape}"
+        )
+    return (np.array if is_copied else np.asarray)(given, dtype=np.float64, order="C")
 
 
 def is_number(value: object) -> bool:
@@ -227,8 +213,8 @@ def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> 
         raise error(f"{what}: at least one is needed, none was given")
     if any(not isinstance(name, str) or not name for name in result):
         raise error(f"{what}: names must be non-empty strings, got {shown(result)}")
-    if repeated := repeated_names(result):
-        raise error(f"{what}: {quote_names(repeated)} given more than once")
+    if len(set(result)) < len(result):
+        raise error(f"{what}: {quote_names(repeated_names(result))} given more than once")
     return result
 
 

@@ -83,17 +83,13 @@ def row_mean(array: Floats) -> Floats:
 
 def release(array: NDArray[Any]) -> None:
     """Take no more memory for an array in a file, until it is used again."""
-    mapped = _file_of(array)
+    mapped = file_of(array)
     if mapped is not None:
         mapped.madvise(mmap.MADV_DONTNEED)
 
 
-def is_in_file(array: object) -> bool:
-    """Whether an array is in a file."""
-    return _file_of(array) is not None
-
-
-def _file_of(array: object) -> mmap.mmap | None:
+def file_of(array: object) -> mmap.mmap | None:
+    """The file that an array is in, if it is in one."""
     while isinstance(array, np.ndarray):
         array = array.base
     if isinstance(array, memoryview):

@@ -29,6 +29,9 @@ ALIGNMENTS = ("linear", "arc_length")
 KNOTS = np.linspace(0.0, 1.0, 51)
 """Aligned phases of the values of a warp; a monotone cubic interpolates them."""
 
+# Shares of its path that a minimum-jerk motion has covered at the knots.
+_MINIMUM_JERK = hermite_functions(KNOTS)[:, 3]
+
 
 def align(
     demonstrations: Sequence[Demonstration], method: str, n_samples: int = 1001
@@ -84,7 +87,7 @@ def arc_length_warp(
     if path[-1] < min_path:
         return KNOTS
     share = (path / path[-1] + speed_of_rest * own) / (1.0 + speed_of_rest)
-    warp = np.interp(_minimum_jerk(KNOTS), share, own)
+    warp = np.interp(_MINIMUM_JERK, share, own)
     warp[[0, -1]] = 0.0, 1.0
     return np.asarray(warp)
 
@@ -119,7 +122,7 @@ def aligned_phases(warps: FloatArray, shares: FloatArray) -> FloatArray:
     """
     rows = warps.reshape(-1, warps.shape[-1])
     curve = _curve(rows.T)
-    piece = np.array([np.searchsorted(row[1:-1], shares, side="right") for row in rows])
+    piece = np.count_nonzero(rows[:, None, 1:-1] <= shares[:, None], axis=2)
     cubics = curve.c[:, piece, np.arange(len(rows))[:, None]]
     low, high = np.zeros(piece.shape), np.full(piece.shape, curve.x[1])
     for _ in range(52):  # the bits of a phase
@@ -146,7 +149,8 @@ def aligned_positions(
     phases : array, shape (n_steps,)
         Aligned phases in [0, 1].
     """
-    return demonstration.at(demonstration.duration * own_phases(warp, phases))
+    times = demonstration.duration * own_phases(warp, phases)
+    return np.asarray(demonstration.curve()(times))
 
 
 def _curve(values: FloatArray) -> PchipInterpolator:
@@ -155,7 +159,3 @@ def _curve(values: FloatArray) -> PchipInterpolator:
     from scipy.interpolate import PchipInterpolator
 
     return PchipInterpolator(np.linspace(0.0, 1.0, len(values)), values)
-
-
-def _minimum_jerk(phases: FloatArray) -> FloatArray:
-    return np.asarray(hermite_functions(phases)[:, 3])

@@ -9,6 +9,8 @@ Flash and Hogan, J. Neurosci. 5(7), 1985.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from ..arrays import FloatArray
@@ -17,15 +19,15 @@ from ..motion.interpolation import quintics as quintics
 
 
 def boundary_values(
-    start: tuple[FloatArray, FloatArray, FloatArray],
-    goal: tuple[FloatArray, FloatArray, FloatArray],
+    start: Iterable[FloatArray],
+    goal: Iterable[FloatArray],
     duration: float,
 ) -> FloatArray:
     """Boundary values of a motion with respect to phase.
 
     Parameters
     ----------
-    start, goal : three arrays of shape (n_joints,)
+    start, goal : array, shape (3, n_joints), or three arrays of shape (n_joints,)
         Positions [rad or m], velocities [/s] and accelerations [/s²].
     duration : float
         Duration of the motion [s].
@@ -35,7 +37,6 @@ def boundary_values(
     values : array, shape (6, n_joints)
         q, dq/ds = T q̇ and d²q/ds² = T² q̈ at phase 0, then at phase 1.
     """
-    scale = (1.0, duration, duration**2)
-    return np.array(
-        [factor * x for state in (start, goal) for factor, x in zip(scale, state, strict=True)]
-    )
+    (q, v, a), (q_end, v_end, a_end) = start, goal
+    square = duration**2
+    return np.array([q, duration * v, square * a, q_end, duration * v_end, square * a_end])

@@ -1,6 +1,16 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Building of movement primitives from demonstrations."""
+"""Building of movement primitives from demonstrations.
+
+Five steps, each finished before the next begins. The first two are :meth:`.MotionStatistics.of`,
+which recordings can take one by one, the others :func:`build_from_statistics`:
+
+1. :func:`.align` gives all motions the same timing;
+2. :class:`.MotionStatistics` has their shapes, time scalings and ends, in a few numbers each;
+3. :func:`.fit_shapes` finds the principal components of the shapes;
+4. :meth:`.ConditionalModel.fit` learns to predict weights, time scaling and duration;
+5. :class:`.MovementPrimitive` checks and holds the result.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +21,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, check_type
+from ..arrays import check_type
 from ..exceptions import PrimitiveError, shown
 from ..recordings.demonstration import Demonstration
 from ..recordings.segmentation import SegmentationOptions
-from ..rows import empty_rows, row_blocks, row_mean
 from .in_span import request_precision
 from .motion_sources import MotionSources
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 from .options import PrimitiveOptions as PrimitiveOptions
-from .pca import components_for_share, fit_components, largest_signs
+from .pace import reversed_paces
+from .pca import angle_shares, fit_shapes
 from .prediction import ConditionalModel, left_out_squares
 from .primitive import MovementPrimitive
 
@@ -154,26 +164,39 @@ def build_from_statistics(
     """
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
-    shapes = statistics.shapes
-    directions, explained_variance = _fit_directions(shapes, options)
-    mean = row_mean(shapes)
-    smoother = shape_smoother(options.degree, options.n_phases)
-    _, legendre_coefficients = shape_functions(options.degree, options.n_phases)
-    legendre_coefficients = smoother @ legendre_coefficients
+    facts: dict[str, Any] = {
+        "options": {key.removeprefix("n_"): value for key, value in asdict(options).items()},
+        "angle_variance_ratio": angle_shares(statistics),
+    }
+    found = fit_shapes(statistics, options)
+    # The prediction is fitted to some of the motions, and knows the spread of all requests.
+    some, rows = statistics.thinned(), found.directions.reshape(-1, found.mean.size)
+    model = ConditionalModel.fit(
+        some.requests(),
+        some.both_shapes() @ rows.T,
+        -rows @ found.mean.ravel(),
+        np.array([some.paces, reversed_paces(some.paces)]),
+        MotionSources(some.sources).labels(),
+        request_precision(statistics.requests()),
+    )
+    _, series = shape_functions(options.degree, options.n_phases)
+    series = shape_smoother(options.degree, options.n_phases) @ series
+    facts["demonstrations"] = MotionSources(statistics.sources, as_facts=True)
     return MovementPrimitive(
         name=name,
         joint_names=statistics.joint_names,
         coupling=options.coupling,
-        metadata=_facts(statistics, options) | dict(metadata or {}),
-        mean_coefficients=mean @ legendre_coefficients,
-        component_coefficients=directions @ legendre_coefficients,
-        explained_variance=explained_variance,
-        total_variance=_total_variance(shapes, statistics.shape_remainders),
+        metadata=facts | dict(metadata or {}),
+        mean_coefficients=found.mean @ series,
+        component_coefficients=found.directions @ series,
+        explained_variance=found.explained_variance,
+        total_variance=found.total_variance,
+        weights=found.weights,
         boundary_states=statistics.boundary_states,
         durations=statistics.durations,
         warps=statistics.warps,
-        **_reproduced(statistics, mean, directions, smoother, options.n_phases),
-        model=_fit_model(statistics, mean, directions),
+        fit_residual=found.fit_residual,
+        model=model,
         statistics=statistics,
     )
 
@@ -194,110 +217,3 @@ def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float,
     scale = n_phases * len(statistics.joint_names)
     predicted, straight = (np.sqrt((x + remainders).mean() / scale) for x in (squares, straight))
     return float(predicted), float(straight)
-
-
-def _reproduced(
-    statistics: MotionStatistics,
-    mean: FloatArray,
-    directions: FloatArray,
-    smoother: FloatArray,
-    n_phases: int,
-) -> dict[str, FloatArray]:
-    """Weights of the demonstrations, and the RMS of what they leave of each joint, smoothed."""
-    sizes = {"weights": len(directions), "fit_residual": len(mean)}
-    n_motions = len(statistics.durations)
-    arrays = empty_rows(n_motions, {name: (np.float64, (n,)) for name, n in sizes.items()})
-    for part, rows in zip(statistics.blocks(), row_blocks(*arrays.values()), strict=True):
-        weights, residual = rows
-        weights[:] = _project(part.shapes - mean, directions)
-        left = part.shapes - (mean + np.tensordot(weights, directions, axes=1)) @ smoother
-        squares = np.sum(left**2, axis=2) + part.shape_remainders
-        residual[:] = np.sqrt(squares / n_phases)
-    return arrays
-
-
-def _facts(statistics: MotionStatistics, options: PrimitiveOptions) -> dict[str, Any]:
-    """Metadata of a primitive, of JSON types."""
-    angles = statistics.angles
-    total = _total_variance(angles, statistics.angle_remainders)
-    # Shares of the first four components of the joint angles over time: [P], Table 2.
-    shares = {
-        name: (fit_components(angles[:, joint]).explained_variance[:4] / total[joint]).tolist()
-        for joint, name in enumerate(statistics.joint_names)
-    }
-    return {
-        "options": {key.removeprefix("n_"): value for key, value in asdict(options).items()},
-        "angle_variance_ratio": shares,
-        "demonstrations": MotionSources(statistics.sources, as_facts=True),
-    }
-
-
-def _fit_model(
-    statistics: MotionStatistics, mean: FloatArray, directions: FloatArray
-) -> ConditionalModel:
-    """Regress the weights, time scalings and durations on the requests."""
-    n_components, n_joints, n_functions = directions.shape
-    rows = directions.reshape(n_components, n_joints * n_functions)  # there may be no component
-    fitted, straight = statistics.thinned(), -rows @ mean.ravel()
-    labels = [motion.label for motion in fitted.motions]
-    return ConditionalModel.fit(
-        fitted.requests(),
-        fitted.both_shapes() @ rows.T,
-        straight,
-        fitted.paces,
-        labels,
-        request_precision(statistics.requests()),
-    )
-
-
-def _project(shapes: FloatArray, directions: FloatArray) -> FloatArray:
-    """Weights of shapes of shape (..., n_joints, n_functions)."""
-    return np.tensordot(shapes, directions, axes=((-2, -1), (1, 2)))
-
-
-def _fit_directions(shapes: FloatArray, options: PrimitiveOptions) -> tuple[FloatArray, FloatArray]:
-    """Principal components of the shapes, and the variances that they explain.
-
-    Parameters
-    ----------
-    shapes : array, shape (n_demonstrations, n_joints, n_functions)
-        Coefficients of the shapes.
-
-    Returns
-    -------
-    directions : array, shape (n_components, n_joints, n_functions)
-        Coefficients of the components.
-    explained_variance : array, shape (n_components,)
-        Their variances.
-    """
-    n, n_joints, n_functions = shapes.shape
-    values, _ = shape_functions(options.degree, options.n_phases)
-    together = n_joints if options.coupling == "arm" else 1
-    directions, variances = [], []
-    for first in range(0, n_joints, together):
-        block = slice(first, first + together)
-        # Distances between coefficients equal those between samples.
-        components = fit_components(shapes[:, block].reshape(n, -1))
-        kept = options.n_components or components_for_share(components, options.variance)
-        found = components.components[:kept].reshape(-1, together, n_functions)
-        directions.append(np.zeros((len(found), n_joints, n_functions)))
-        directions[-1][:, block] = found * largest_signs(found @ values.T)
-        variances.append(components.explained_variance[:kept])
-    return np.concatenate(directions), np.concatenate(variances)
-
-
-def _total_variance(coefficients: FloatArray, remainders: FloatArray) -> FloatArray:
-    """Variance of curves about their mean polynomial, shape (n_joints,).
-
-    Parameters
-    ----------
-    coefficients : array, shape (n_demonstrations, n_joints, n_functions)
-        Of the polynomials.
-    remainders : array, shape (n_demonstrations, n_joints)
-        Sums of squares of the residuals of the coefficients.
-    """
-    mean = row_mean(coefficients)
-    squares = np.zeros(len(mean))
-    for some, left in row_blocks(coefficients, remainders):
-        squares += np.sum((some - mean) ** 2, axis=(0, 2)) + left.sum(axis=0)
-    return squares / max(len(coefficients) - 1, 1)

@@ -29,7 +29,7 @@ from ..rows import BLOCK, row_blocks
 from .in_span import request_precision
 from .motion_sources import MotionSource, MotionSources, source_rows
 from .motion_statistics import MotionStatistics, thinned
-from .pace import PACE_DEGREE, fit_paces
+from .pace import PACE_DEGREE, fit_paces, reversed_paces
 from .prediction import ConditionalModel
 from .primitive import MovementPrimitive
 from .primitive_values import ARRAY_SHAPES
@@ -210,7 +210,7 @@ def _model_of_version_1(
         frozen_array(own[name], expected, f"array '{name}'", PrimitiveFileError)
         sizes |= dict(zip(ARRAY_SHAPES[name], own[name].shape, strict=True))
     states, components = own["boundary_states"], own["component_coefficients"]
-    arrays["paces"] = fit_paces(own["warps"])
+    paces = arrays["paces"] = fit_paces(own["warps"])
     requests = np.column_stack([states[:, 0], states[:, 3], np.log(own["durations"])])
     used = thinned(requests)
     # Legendre polynomials are alternately even and odd.
@@ -226,7 +226,7 @@ def _model_of_version_1(
         requests[used],
         np.array([own["weights"][used] - straight, weights]),
         straight,
-        arrays["paces"][used],
+        np.array([paces, reversed_paces(paces)])[:, used],
         labels,
         request_precision(requests),
     )

@@ -81,6 +81,10 @@ class MotionSources(Sequence[Any]):
         for text in self.texts():
             yield from map(self._item, json.loads(f"[{text}]"))
 
+    def labels(self) -> list[str]:
+        """The labels of all."""
+        return [json.loads(row).get("label", "") for row in self._rows]
+
     def texts(self) -> Iterator[str]:
         """The JSON of all facts without the brackets around them, in blocks."""
         for (block,) in row_blocks(self._rows):

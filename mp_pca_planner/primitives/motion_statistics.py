@@ -107,25 +107,42 @@ class MotionStatistics:
         from ..recordings.segmentation import extent
 
         _check_joints([(d.joint_names, d.recording) for d in demonstrations])
+        phases = np.linspace(0.0, 1.0, options.n_phases)
+        durations = np.array([d.duration for d in demonstrations])
+        # Joint angles over time: what [P] analyses.
+        over_time = np.array([d.time_normalised(options.n_phases) for d in demonstrations])
+        angles, angle_remainders = _projected(over_time, _angle_functions(options.n_phases))
+        jerks = np.array([_largest_jerk(d) for d in demonstrations])
+        # Step 1: the same timing for all.
         warps = align(demonstrations, options.align)
         pairs = zip(demonstrations, warps, strict=True)
-        columns = zip(*(_summarise(d, w, options) for d, w in pairs), strict=True)
-        states, shapes, remainders, angles, angle_remainders = map(np.array, columns)
+        aligned = np.array([aligned_positions(d, warp, phases) for d, warp in pairs])
+        # Step 2: what is left of each motion without the quintic between its ends.
+        curves = [(d.positions, d.velocities, d.accelerations) for d in demonstrations]
+        states = np.array([[q[0], v[0], a[0], q[-1], v[-1], a[-1]] for q, v, a in curves])
+        if options.align != "linear":
+            states[:, [1, 2, 4, 5]] = 0.0  # a re-timed motion counts as one from rest to rest
+        timed = zip(states, durations.tolist(), strict=True)
+        boundaries = np.array([boundary_values(x[:3], x[3:], duration) for x, duration in timed])
+        sampled = aligned - hermite_functions(phases) @ boundaries
+        functions, _ = shape_functions(options.degree, options.n_phases)
+        shapes, shape_remainders = _projected(sampled, functions)
+        sources = [
+            MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time)
+            for d in demonstrations
+        ]
         return cls(
             joint_names=demonstrations[0].joint_names,
-            durations=np.array([d.duration for d in demonstrations]),
+            durations=durations,
             extents=np.array([extent(d.positions) for d in demonstrations]),
             boundary_states=states,
             warps=warps,
-            paces=fit_paces(warps, np.array([_largest_jerk(d) for d in demonstrations])),
+            paces=fit_paces(warps, jerks),
             shapes=shapes,
-            shape_remainders=remainders,
+            shape_remainders=shape_remainders,
             angles=angles,
             angle_remainders=angle_remainders,
-            sources=source_rows(
-                MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time)
-                for d in demonstrations
-            ),
+            sources=source_rows(sources),
         )
 
     @classmethod
@@ -308,26 +325,6 @@ def _angle_functions(n_phases: int) -> FloatArray:
     return np.linalg.qr(legendre.legvander(np.linspace(-1.0, 1.0, n_phases), degree))[0]
 
 
-def _summarise(
-    demonstration: Demonstration, warp: FloatArray, options: PrimitiveOptions
-) -> tuple[FloatArray, ...]:
-    """Boundary state, shape and angles of a demonstration, the latter two with their remainders."""
-    phases = np.linspace(0.0, 1.0, options.n_phases)
-    positions = aligned_positions(demonstration, warp, phases)
-    curves = (demonstration.positions, demonstration.velocities, demonstration.accelerations)
-    state = np.array([curve[end] for end in (0, -1) for curve in curves])
-    if options.align != "linear":
-        state[[1, 2, 4, 5]] = 0.0  # a re-timed motion counts as one from rest to rest
-    boundary = boundary_values(tuple(state[:3]), tuple(state[3:]), demonstration.duration)
-    functions, _ = shape_functions(options.degree, options.n_phases)
-    angles = demonstration.time_normalised(options.n_phases)
-    return (
-        state,
-        *_project(positions - hermite_functions(phases) @ boundary, functions),
-        *_project(angles, _angle_functions(options.n_phases)),
-    )
-
-
 def _largest_jerk(demonstration: Demonstration) -> float:
     """Largest jerk, in units of the path length per cubed duration."""
     jerks = np.gradient(demonstration.accelerations, demonstration.times, axis=0)
@@ -336,11 +333,19 @@ def _largest_jerk(demonstration: Demonstration) -> float:
     return highest * demonstration.duration**3 / max(path, 1e-9)
 
 
-def _project(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of curves of shape (n_phases, n_joints), and the squares of their residuals."""
-    coefficients = curves.T @ functions
-    rest = curves - functions @ coefficients.T
-    return coefficients, np.asarray(np.sum(rest**2, axis=0))
+def _projected(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of sampled curves, and sums of the squares of their residuals.
+
+    Parameters
+    ----------
+    curves : array, shape (n_demonstrations, n_phases, n_joints)
+        The curves.
+    functions : array, shape (n_phases, n_functions)
+        Orthonormal functions.
+    """
+    coefficients = curves.transpose(0, 2, 1) @ functions
+    rest = curves - functions @ coefficients.transpose(0, 2, 1)
+    return coefficients, np.asarray(np.sum(rest**2, axis=1))
 
 
 def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:

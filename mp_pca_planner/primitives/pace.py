@@ -63,10 +63,10 @@ def fit_paces(
     """
     demonstrated = np.full(len(warps), np.inf) if jerks is None else jerks
     bounds = np.minimum(_GROWTH * demonstrated, max_jerk)
-    targets = aligned_phases(warps, _SHARES) - _SHARES
-    values, even = legendre_values(_series(), _SHARES), _course_jerks(np.zeros((1, PACE_DEGREE)))[0]
-    step = 1e-6
+    even, step = _course_jerks(np.zeros((1, PACE_DEGREE)))[0], 1e-6
     slopes = (_course_jerks(step * np.eye(PACE_DEGREE)) - even) / step
+    values = legendre_values(_series(), _SHARES)
+    targets = aligned_phases(warps, _SHARES) - _SHARES
     paces = np.zeros((len(warps), PACE_DEGREE))
     # Even warps keep a pace of zero: such motions need no :class:`.PacedBasis`.
     left = np.any(warps != np.linspace(0.0, 1.0, warps.shape[1]), axis=1)

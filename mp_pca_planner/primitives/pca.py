@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Principal component analysis, [P] eq. (1)–(5)."""
+"""Principal component analysis, [P] eq. (1)–(5): of vectors, and of the shapes of motions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
-from ..rows import row_blocks, row_mean
+from ..rows import empty_rows, row_blocks, row_mean
+from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
+from .options import PrimitiveOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,3 +99,88 @@ def components_for_share(components: PrincipalComponents, share: float) -> int:
     reached = np.cumsum(components.explained_variance_ratio)
     # A sum of shares may miss 1 by rounding.
     return min(int(np.searchsorted(reached, share - 1e-12)) + 1, len(reached))
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeComponents:
+    """Components of the shapes of demonstrations, and what they reproduce of these.
+
+    Shapes are given by the coefficients of :func:`.shape_functions`.
+
+    Attributes
+    ----------
+    mean : array, shape (n_joints, n_functions)
+        Mean shape.
+    directions : array, shape (n_components, n_joints, n_functions)
+        The components.
+    explained_variance : array, shape (n_components,)
+        Their variances.
+    total_variance : array, shape (n_joints,)
+        Variance of the shapes.
+    weights : array, shape (n_demonstrations, n_components)
+        Weights of the demonstrations.
+    fit_residual : array, shape (n_demonstrations, n_joints)
+        RMS over the phases of what the weights leave of each, with smoothed components.
+    """
+
+    mean: FloatArray
+    directions: FloatArray
+    explained_variance: FloatArray
+    total_variance: FloatArray
+    weights: FloatArray
+    fit_residual: FloatArray
+
+
+def fit_shapes(statistics: MotionStatistics, options: PrimitiveOptions) -> ShapeComponents:
+    """Find the components of the shapes, and the weights of the demonstrations."""
+    shapes, remainders = statistics.shapes, statistics.shape_remainders
+    n, n_joints, n_functions = shapes.shape
+    mean = row_mean(shapes)
+    values, _ = shape_functions(options.degree, options.n_phases)
+    together = n_joints if options.coupling == "arm" else 1
+    parts, variances = [], []
+    for first in range(0, n_joints, together):
+        block = slice(first, first + together)
+        # Distances between coefficients equal those between samples.
+        components = fit_components(shapes[:, block].reshape(n, -1))
+        kept = options.n_components or components_for_share(components, options.variance)
+        found = components.components[:kept].reshape(-1, together, n_functions)
+        parts.append(np.zeros((len(found), n_joints, n_functions)))
+        parts[-1][:, block] = found * largest_signs(found @ values.T)
+        variances.append(components.explained_variance[:kept])
+    directions, total = np.concatenate(parts), total_variance(shapes, remainders)
+    smoother = shape_smoother(options.degree, options.n_phases)
+    sizes = {"weights": (np.float64, (len(directions),)), "residual": (np.float64, (n_joints,))}
+    arrays = empty_rows(n, sizes)
+    for some, left, weights, residual in row_blocks(shapes, remainders, *arrays.values()):
+        weights[:] = np.tensordot(some - mean, directions, axes=((-2, -1), (1, 2)))
+        rest = some - (mean + np.tensordot(weights, directions, axes=1)) @ smoother
+        residual[:] = np.sqrt((np.sum(rest**2, axis=2) + left) / options.n_phases)
+    return ShapeComponents(mean, directions, np.concatenate(variances), total, *arrays.values())
+
+
+def angle_shares(statistics: MotionStatistics) -> dict[str, list[float]]:
+    """Shares of the variance of the first four components of joint angles: [P], Table 2."""
+    total = total_variance(statistics.angles, statistics.angle_remainders)
+    shares = {}
+    for joint, name in enumerate(statistics.joint_names):
+        found = fit_components(statistics.angles[:, joint])
+        shares[name] = (found.explained_variance[:4] / total[joint]).tolist()
+    return shares
+
+
+def total_variance(coefficients: FloatArray, remainders: FloatArray) -> FloatArray:
+    """Variance of curves about their mean polynomial, shape (n_joints,).
+
+    Parameters
+    ----------
+    coefficients : array, shape (n_demonstrations, n_joints, n_functions)
+        Of the polynomials.
+    remainders : array, shape (n_demonstrations, n_joints)
+        Sums of squares of the residuals of the coefficients.
+    """
+    mean = row_mean(coefficients)
+    squares = np.zeros(len(mean))
+    for some, left in row_blocks(coefficients, remainders):
+        squares += np.sum((some - mean) ** 2, axis=(0, 2)) + left.sum(axis=0)
+    return squares / max(len(coefficients) - 1, 1)

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from .in_span import in_span_score
-from .pace import reversed_paces
 
 OFFSET = 10.0
 """Variance of the common offset of all outputs, in units of the variance of outputs that depends
@@ -156,8 +155,8 @@ class ConditionalModel:
         shapes : array, shape (2, n_demonstrations, n_weights)
             Weights of the demonstrations minus the straight ones, and of the same motions in
             reversed time.
-        paces : array, shape (n_demonstrations, n_pace)
-            Their time scalings.
+        paces : array, shape (2, n_demonstrations, n_pace)
+            Their time scalings, and those of the reversed motions.
         labels : sequence of str
             Activity of each.
         precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
@@ -167,7 +166,7 @@ class ConditionalModel:
         similar, distances = RequestFeatures(requests)(requests)
         roots = np.sqrt(distances)[:, None]
         shape, residuals = _fit(similar, shapes / roots, partitions)
-        pace, _ = _fit(similar, np.array([paces, reversed_paces(paces)]), partitions)
+        pace, _ = _fit(similar, paces, partitions)
         of_ends, _ = RequestFeatures(requests[:, :-1])(requests[:, :-1])
         times = requests[:, -1:] - requests[:, -1].mean() - np.log(roots)
         duration, _ = _fit(of_ends, np.array([times, times]), partitions[:1])

@@ -65,14 +65,6 @@ def freeze_values(primitive: MovementPrimitive) -> None:
     PrimitiveFileError
         If a value has a wrong type, shape or range.
     """
-    _freeze_names(primitive)
-    _freeze_arrays(primitive)
-    problem = _problem(primitive)
-    if problem:
-        raise PrimitiveFileError(f"primitive '{primitive.name}': {problem}")
-
-
-def _freeze_names(primitive: MovementPrimitive) -> None:
     name = primitive.name
     if not isinstance(name, str) or not name:
         raise PrimitiveFileError(
@@ -88,15 +80,11 @@ def _freeze_names(primitive: MovementPrimitive) -> None:
     names = unique_names(primitive.joint_names, f"joints of '{name}'", PrimitiveFileError)
     object.__setattr__(primitive, "joint_names", names)
     object.__setattr__(primitive, "metadata", dict(primitive.metadata))
-
-
-def _freeze_arrays(primitive: MovementPrimitive) -> None:
-    """Make the arrays read-only, once their shapes agree."""
-    n, limits = len(primitive.joint_names), INPUT_LIMITS
+    n, limits = len(names), INPUT_LIMITS
     sizes: dict[str | int, int] = {"joints": n, "entries": 2 * n + 1, "rates": PACE_DEGREE}
     for array, shape in ARRAY_SHAPES.items():
         owner = primitive if hasattr(primitive, array) else primitive.model
-        what = f"array '{array}' of '{primitive.name}'"
+        what = f"array '{array}' of '{name}'"
         expected = tuple(x if isinstance(x, int) else sizes.get(x) for x in shape)
         frozen = frozen_array(getattr(owner, array), expected, what, PrimitiveFileError)
         is_precision = array.endswith("_precision")
@@ -105,6 +93,8 @@ def _freeze_arrays(primitive: MovementPrimitive) -> None:
             raise PrimitiveFileError(f"{what} holds numbers that are too large for motions")
         sizes |= dict(zip(shape, frozen.shape, strict=True))
         object.__setattr__(owner, array, frozen)
+    if problem := _problem(primitive):
+        raise PrimitiveFileError(f"primitive '{name}': {problem}")
 
 
 def _problem(primitive: MovementPrimitive) -> str:

@@ -225,9 +225,7 @@ class Demonstration:
 
         They are found by cubic Hermite interpolation of positions and velocities.
         """
-        times = frozen_array(times, (None,), "times [s]", RecordingError)
-        spline = CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
-        return np.asarray(spline(times), dtype=np.float64)
+        return np.asarray(self.curve()(frozen_array(times, (None,), "times [s]", RecordingError)))
 
     def time_normalised(self, n_phases: int) -> FloatArray:
         """Joint positions at evenly spaced phases from 0 to 1 (linear time normalisation).
@@ -236,7 +234,11 @@ class Demonstration:
         """
         most = INPUT_LIMITS.trajectory_points
         check_number(n_phases, "the number of phases", RecordingError, 2, most, is_whole=True)
-        return self.at(np.linspace(0.0, self.times[-1], n_phases))
+        return np.asarray(self.curve()(np.linspace(0.0, self.duration, n_phases)))
+
+    def curve(self) -> CubicHermiteSpline:
+        """Positions by time [s], a function: what :meth:`at` evaluates."""
+        return CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
 
     def thinned(self, most_samples: int) -> Demonstration:
         """The same motion in fewer samples, for a figure.

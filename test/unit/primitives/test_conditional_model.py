@@ -14,6 +14,7 @@ from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences
 from mp_pca_planner.primitives.in_span import in_span_score, request_precision
 from mp_pca_planner.primitives.motion_statistics import thinned
+from mp_pca_planner.primitives.pace import reversed_paces
 from mp_pca_planner.primitives.prediction import ConditionalModel
 from mp_pca_planner.recordings.demonstration import Demonstration
 
@@ -26,11 +27,12 @@ def fit(requests, shapes, reversed_shapes=None, paces=None, labels=None):
     """A model; outputs are the same in reversed time unless given."""
     n, size = shapes.shape
     used = thinned(requests)
+    paces = np.zeros((n, 1)) if paces is None else paces
     return ConditionalModel.fit(
         requests[used],
         np.array([shapes, shapes if reversed_shapes is None else reversed_shapes])[:, used],
         STRAIGHT if size == 2 else np.zeros(size),
-        (np.zeros((n, 1)) if paces is None else paces)[used],
+        np.array([paces, reversed_paces(paces)])[:, used],
         np.asarray([""] * n if labels is None else labels)[used],
         request_precision(requests),
     )

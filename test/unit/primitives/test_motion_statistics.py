@@ -22,7 +22,7 @@ from mp_pca_planner.primitives.motion_sources import MotionSource, MotionSources
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics, shape_functions
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.rows import BLOCK, is_in_file
+from mp_pca_planner.rows import BLOCK, file_of
 
 PHASES = np.linspace(0.0, 1.0, 101)
 
@@ -83,7 +83,7 @@ def test_statistics_in_a_file_give_what_those_in_memory_give():
     options = PrimitiveOptions(n_components=4)
     part = MotionStatistics.of(arm_demonstrations(), options)
     in_file = MotionStatistics.merged([part] * 60)
-    assert is_in_file(in_file.angles) and len(in_file.motions) > 2 * BLOCK
+    assert file_of(in_file.angles) and len(in_file.motions) > 2 * BLOCK
     arrays = {x: np.concatenate([getattr(part, x)] * 60) for x in ("shapes", "angles", "warps")}
     for name, array in arrays.items():
         np.testing.assert_array_equal(getattr(in_file, name), array)
@@ -95,7 +95,7 @@ def test_statistics_in_a_file_give_what_those_in_memory_give():
     }
     assert len(contents) == 1
     chosen = in_file.chosen(range(0, len(in_file.motions), 2))
-    assert is_in_file(chosen.angles)
+    assert file_of(chosen.angles)
     np.testing.assert_array_equal(chosen.angles, arrays["angles"][::2])
     assert [*in_file.motions] == [*part.motions] * 60
     assert [*chosen.motions] == [*in_file.motions][::2]
