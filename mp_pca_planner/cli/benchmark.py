@@ -25,6 +25,7 @@ from ..evaluation.problems import (
 from ..evaluation.run import (
     OWN,
     PEERS,
+    REFERENCE,
     SCENE_PEERS,
     Results,
     compare,
@@ -74,8 +75,8 @@ _SCENE_COLUMNS = {
     "path [rad]": ("path_length", ".2f", ""),
     "jerk [rad/s³]": ("rms_jerk", ".3g", ""),
     "clearance [mm]": ("clearance", ".1f", "mm"),
-    "J ratio": ("effort_cost_ratio", ".2f", ""),
-    "J lower [%]": ("effort_cost_lower_share", ".0f", "%"),
+    "J / OMPL": (f"effort_cost_over_{REFERENCE}", ".2f", ""),
+    "T / OMPL": (f"duration_over_{REFERENCE}", ".2f", ""),
     "jerk lower [%]": ("rms_jerk_lower_share", ".0f", "%"),
 }
 
@@ -194,8 +195,9 @@ def _in_scenes(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]
         f"{_title(facts)}, within {max_time:g} s",
         "",
         "By the referee: solved: reaches the goal without a collision on a 1 ms grid. Medians over",
-        "the solved problems; 'all' over all. Ratio and shares: "
-        f"{OWN} over the method, where both solve.",
+        "the solved problems; 'all' over all. J and T / OMPL: medians of the method over "
+        f"{REFERENCE},",
+        f"'jerk lower': share of the problems in which {OWN} has less; both where both solve.",
     ]
 
 

@@ -72,12 +72,12 @@ seconds = number("1e-6", "1e6", "s")
 
 def duration(text: str) -> str | float:
     """Read a duration [s], or one of the words for a duration that the planner chooses."""
-    if text in ("shortest", "free"):
+    if text in ("shortest", "demonstrated", "free"):
         return text
     try:
         return number("1e-3", "600", "s")(text)
     except ArgumentTypeError as error:
-        raise ArgumentTypeError(f"{error}, 'shortest' or 'free'") from None
+        raise ArgumentTypeError(f"{error}, 'shortest', 'demonstrated' or 'free'") from None
 
 
 def name_list(text: str) -> list[str]:

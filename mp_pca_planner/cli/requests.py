@@ -20,7 +20,7 @@ from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.path_constraints import path_constraints
-from ..planning.plan import DEMONSTRATED, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
+from ..planning.plan import AUTO, INFEASIBLE, STOPPED_EARLY, Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..planning.report import collision_words, remarks
 from ..primitives.library.library import load_primitives
@@ -168,7 +168,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
         basis=arguments.basis,
         objectives=weighted_objectives(weights, robot, arguments.frame),
         constraints=path_constraints(arguments.constraint, "--constraint", robot),
-        timing=arguments.duration if is_named else DEMONSTRATED,
+        timing=arguments.duration if is_named else AUTO,
         naturalness=arguments.naturalness,
         max_in_span_score=arguments.max_in_span_score,
         n_starts=arguments.starts,

@@ -17,7 +17,7 @@ from ..exceptions import require
 from ..motion.collision import CollisionModel
 from ..motion.goal import JointGoal, JointState
 from ..motion.trajectory import Trajectory
-from ..planning.plan import FREE, PlannerOptions
+from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
 from ..primitives.boundary import hermite_functions
 from ..primitives.build import PrimitiveOptions, build_primitive
@@ -147,16 +147,30 @@ def planner_method(
         status = SOLVED if plan.is_executable else plan.message
         return PeerResult(plan.trajectory, took, plan.iterations, status)
 
-    chosen = "" if scene.primitive else " (chosen to come as near to least effort as the paper's)"
+    return Method(name, _about_planner(scene, primitive, options, collision), solve)
+
+
+def _about_planner(
+    scene: Scene,
+    primitive: MovementPrimitive,
+    options: PlannerOptions,
+    collision: CollisionModel | None,
+) -> str:
+    """The basis and the options of the planner, one sentence."""
+    if options.basis == BSPLINE:
+        return "B-splines, 6 free control points per joint beside 6 that the ends fix; least effort"
+    is_chosen = scene.primitive is None and collision is None
+    chosen = " (chosen to come as near to least effort as the paper's)" if is_chosen else ""
+    rho = options.naturalness
+    natural = "ρ = 1, less for in-span scores above 3 (default)" if rho is None else f"ρ = {rho:g}"
     about = (
-        "B-splines, 6 free control points per joint beside 6 that the ends fix; least effort"
-        if options.basis == BSPLINE
-        else f"principal components, coupling {primitive.coupling}, {primitive.n_components} "
-        f"weights{chosen}, naturalness ρ = {options.naturalness:g}"
+        f"principal components, coupling {primitive.coupling}, {primitive.n_components} "
+        f"weights{chosen}, naturalness {natural}"
     )
-    if options.timing == FREE:
-        about += f", free duration, within {options.max_solve_time:g} s"
-    return Method(name, about, solve)
+    if collision is not None:
+        is_default = " (default)" if options.timing == PlannerOptions.timing else ""
+        about += f", timing '{options.timing}'{is_default}, within {options.max_solve_time:g} s"
+    return about
 
 
 def planner_methods(scene: Scene, max_time: float) -> list[Method]:

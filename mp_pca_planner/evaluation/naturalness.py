@@ -20,6 +20,7 @@ from scipy.interpolate import CubicSpline
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..motion.goal import JointGoal, JointState
+from ..planning.likeness import NATURAL
 from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
 from ..primitives.alignment import align, aligned_positions
@@ -46,7 +47,7 @@ where there is no robot."""
 CALIBRATION_SIZES = (3, 5, 8, 12, 20)
 """Numbers of demonstrations for which the predicted standard deviations are checked."""
 
-DEFAULT_RHO = PlannerOptions().naturalness
+DEFAULT_RHO = NATURAL
 RHOS = (0.0, 0.01, 0.03, 0.1, 0.3)
 """Naturalness weights that are compared with the default."""
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..exceptions import PlannerError
 from ..motion.collision import CollisionModel
-from ..planning.plan import FREE, PlannerOptions
+from ..planning.plan import FREE, SHORTEST, PlannerOptions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..robot.world import World
 from .methods import (
@@ -38,13 +38,13 @@ PEERS: dict[str, Callable[[Scene, float], Method]] = {
     "box_fddp": partial(crocoddyl_method, box=True),
 }
 """Methods to compare the planner with: set up with the scene and a time limit [s]."""
+OWN, REFERENCE = "pca", "ompl_toppra"
+"""Names of the planner of this package among obstacles, and of the peer it is compared with."""
 SCENE_PEERS: dict[str, Callable[[Scene, float, CollisionModel], Method]] = {
-    "ompl_toppra": ompl_method,
+    REFERENCE: ompl_method,
     "vamp_toppra": vamp_method,
 }
 """Those among obstacles: set up with the collision model, too."""
-OWN = "pca"
-"""Name of the planner of this package among obstacles."""
 _FACTS = (
     "solve_time_s",
     "path_time_s",
@@ -67,7 +67,7 @@ class SceneOptions:
     n_components : int
         Components of the primitive.
     quick : float
-        Time limit of the second run [s].
+        Time limit of a further run [s].
     """
 
     naturalness: float = 0.01
@@ -100,7 +100,10 @@ def set_up(
 def set_up_in_scenes(
     scene: Scene, collision: CollisionModel, peers: Iterable[str], max_time: float
 ) -> tuple[list[Method], dict[str, str]]:
-    """Set up the planner, with `max_time` and with 100 ms if that is longer, and the peers.
+    """Set up the planner with several options, and the peers.
+
+    Its options are those of the benchmark, the defaults of a user, and the shortest duration; with
+    a `max_time` above 100 ms, those of the benchmark within 100 ms, too.
 
     Returns
     -------
@@ -108,14 +111,20 @@ def set_up_in_scenes(
         As :func:`set_up`.
     """
     size, rho, quick = _SCENES.n_components, _SCENES.naturalness, _SCENES.quick
-    primitive = scene.primitive or build_primitive(
-        scene.demonstrations, scene.name, PrimitiveOptions("arm", size)
+    chosen, usual = (
+        scene.primitive or build_primitive(scene.demonstrations, scene.name, options)
+        for options in (PrimitiveOptions("arm", size), PrimitiveOptions())
     )
-    limits = {OWN: max_time} | ({f"{OWN}_{1e3 * quick:.0f}ms": quick} if max_time > quick else {})
-    own = []
-    for name, limit in limits.items():
-        options = PlannerOptions(naturalness=rho, timing=FREE, max_solve_time=limit)
-        own.append(planner_method(name, scene, primitive, options, collision))
+    runs = {OWN: (chosen, PlannerOptions(naturalness=rho, timing=FREE, max_solve_time=max_time))}
+    if max_time > quick:
+        options = replace(runs[OWN][1], max_solve_time=quick)
+        runs[f"{OWN}_{1e3 * quick:.0f}ms"] = chosen, options
+    runs[f"{OWN}_default"] = usual, PlannerOptions(max_solve_time=max_time)
+    runs[f"{OWN}_shortest"] = usual, PlannerOptions(timing=SHORTEST, max_solve_time=max_time)
+    own = [
+        planner_method(name, scene, primitive, options, collision)
+        for name, (primitive, options) in runs.items()
+    ]
     setting = scene, max_time, collision
     return _with_peers(own, {name: partial(SCENE_PEERS[name], *setting) for name in peers})
 
@@ -278,7 +287,8 @@ def summarise_scenes(
 ) -> dict[str, dict[str, Any]]:
     """By group and method: shares of solved problems, and medians over those.
 
-    The ratios of effort and jerk are those of the planner to a method on problems that both solve.
+    The ratios of effort and jerk are those of the planner to a method on problems that both solve;
+    the ratios to the reference are those of a method to it.
     """
     groups: dict[str, list[Mapping[str, PeerResult]]] = {}
     for problem, found in zip(problems, results, strict=True):
@@ -305,6 +315,7 @@ def _group_summary(results: Results) -> dict[str, dict[str, Any]]:
             "time_of_all_s": _quantile([one.solve_time for one in of_method]),
             **{fact: _quantile([x[fact] for x in facts]) for fact in _FACTS},
             **_against(results, name),
+            **_over_reference(results, name),
         }
     return summary
 
@@ -320,6 +331,19 @@ def _against(results: Results, name: str) -> dict[str, Any]:
         compared[f"{fact}_ratio"] = _quantile(ratios)
         compared[f"{fact}_lower_share"] = _share([ratio < 1.0 for ratio in ratios])
     return compared
+
+
+def _over_reference(results: Results, name: str) -> dict[str, Any]:
+    """Median effort and duration of a method relative to the reference."""
+    both = [
+        (found[name].facts(), found[REFERENCE].facts())
+        for found in results
+        if REFERENCE in found and found[REFERENCE].avoids_obstacles and found[name].avoids_obstacles
+    ]
+    return {
+        f"{fact}_over_{REFERENCE}": _quantile([one[fact] / other[fact] for one, other in both])
+        for fact in ("effort_cost", "duration")
+    }
 
 
 def _share(truths: Sequence[bool]) -> float | None:

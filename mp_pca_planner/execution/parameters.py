@@ -26,7 +26,7 @@ from ..exceptions import (
 )
 from ..input_limits import INPUT_LIMITS
 from ..planning.objectives import objective_weights
-from ..planning.plan import DEMONSTRATED, TIMINGS, PlannerOptions
+from ..planning.plan import TIMINGS, PlannerOptions
 
 
 class ParameterError(PlannerError):
@@ -267,15 +267,17 @@ class Settings:
     )
     duration: float = _declared(
         0.0,
-        """Duration of every motion to a single goal [s]; 0: as the demonstrations suggest, longer
-        if the limits require it. Sequences carry their own times.""",
+        """Duration of every motion to a single goal [s]; 0: by the parameter timing, longer if the
+        limits require it. Sequences carry their own times.""",
         high=INPUT_LIMITS.duration,
     )
     naturalness: float = _declared(
-        PlannerOptions.naturalness,
+        -1.0,
         """Cost of a motion one standard deviation away from the demonstrations, as a share of the
         predicted motion's effort; 0: least effort alone, whose motions may be far from the
-        demonstrations.""",
+        demonstrations. Below 0: 1 for goals like the demonstrations, (3 / score)³ for in-span
+        scores above 3.""",
+        low=-1.0,
         high=1e6,
     )
     max_in_span_score: float = _declared(
@@ -297,9 +299,11 @@ class Settings:
         axis of the frame). Empty: none.""",
     )
     timing: str = _declared(
-        DEMONSTRATED,
+        PlannerOptions.timing,
         """Duration of motions for which none is given: 'demonstrated' (as the demonstrations
-        suggest), 'shortest', or 'free' (of least cost). Sequences are timed as demonstrated.""",
+        suggest), 'shortest', 'free' (of least cost), or 'auto' (as demonstrated for goals like the
+        demonstrations; free, but not slower, for in-span scores above 3 and for detours). Sequences
+        are timed as demonstrated.""",
         choices=TIMINGS,
     )
     max_solve_time: float = _declared(
@@ -405,7 +409,10 @@ class Settings:
     def planner_options(self) -> PlannerOptions:
         """The options of the planner, without its objectives, which need a robot."""
         names = {f.name for f in fields(PlannerOptions)} & {d.name for d in DECLARATIONS}
-        return PlannerOptions(**{name: getattr(self, name) for name in names})
+        values = {name: getattr(self, name) for name in names}
+        if self.naturalness < 0.0:
+            values["naturalness"] = None
+        return PlannerOptions(**values)
 
 
 DECLARATIONS: tuple[Declaration, ...] = tuple(

@@ -17,8 +17,8 @@ from .objectives import Effort, Objective
 from .path_constraints import PathConstraint
 
 BASES = ("pca", "bspline")
-DEMONSTRATED, SHORTEST, FREE = "demonstrated", "shortest", "free"
-TIMINGS = (DEMONSTRATED, SHORTEST, FREE)
+AUTO, DEMONSTRATED, SHORTEST, FREE = "auto", "demonstrated", "shortest", "free"
+TIMINGS = (AUTO, DEMONSTRATED, SHORTEST, FREE)
 REAL_TIME, OPTIMAL = "real_time", "optimal"
 MODES = (REAL_TIME, OPTIMAL)
 MOST_STARTS = 5
@@ -42,7 +42,7 @@ class Checked:
     def __post_init__(self) -> None:
         for one in fields(self):  # type: ignore[arg-type]
             value, limits = getattr(self, one.name), one.metadata.get("range")
-            if limits is None:
+            if limits is None or (value is None and one.default is None):
                 continue
             for number in value if isinstance(value, tuple) else (value,):
                 is_whole = one.metadata["is_whole"]
@@ -384,14 +384,17 @@ class PlannerOptions(Checked):
         given.
     constraints : tuple of PathConstraint
         Constraints on every configuration of a motion, see :mod:`.path_constraints`.
-    timing : {'demonstrated', 'shortest', 'free'}
+    timing : {'auto', 'demonstrated', 'shortest', 'free'}
         Duration of goals that don't specify one: as predicted from the demonstrations; the shortest
-        within all limits; or the one with the least objective.
-    naturalness : float
+        within all limits; or the one with the least objective. 'auto': as predicted for requests
+        like the demonstrations. Elsewhere (in-span score above 3, or a detour) it is free, but not
+        longer than predicted unless the limits require it.
+    naturalness : float, optional
         ρ: cost of a motion one standard deviation away from the expected one, as a share of the
         cost of the expected motion (or more, see `SearchOptions.effort_weight`). 0: least effort
         alone, whose motions may be far from the demonstrations. It is raised if a motion violates
-        limits otherwise.
+        limits otherwise. None: 1 for requests like the demonstrations, (3 / score)³ where the
+        in-span score is above 3, see :mod:`.likeness`.
     max_in_span_score : float
         In-span score above which no motion is executable: the request is too far from the
         demonstrations. 0: none is too far.
@@ -430,8 +433,8 @@ class PlannerOptions(Checked):
     basis: str = "pca"
     objectives: tuple[tuple[float, Objective], ...] = ((1.0, Effort()),)
     constraints: tuple[PathConstraint, ...] = ()
-    timing: str = DEMONSTRATED
-    naturalness: float = within(1.0, 0.0, 1e12)
+    timing: str = AUTO
+    naturalness: float | None = within(None, 0.0, 1e12)
     max_in_span_score: float = within(0.0, 0.0, 1e6)
     sample_period: float = 0.01
     max_solve_time: float = 1.0

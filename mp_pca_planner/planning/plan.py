@@ -15,6 +15,7 @@ from ..exceptions import PlannerError
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
+from .options import AUTO as AUTO
 from .options import BASES as BASES
 from .options import DEMONSTRATED as DEMONSTRATED
 from .options import FREE as FREE

@@ -20,9 +20,10 @@ from ..motion.validation import LimitCheck
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
 from .context import Context
+from .likeness import NATURAL
 from .motion import Motion
 from .objectives import Effort
-from .options import DEMONSTRATED, REAL_TIME
+from .options import AUTO, DEMONSTRATED, FREE, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .program.bases import MotionBasis
 from .request import Request
@@ -53,9 +54,9 @@ _CLOSE = 0.1
 SENTENCES = {
     # What was found.
     "least": "motion of least {what} found{effort}",
-    "close": "motion close to the prediction found (naturalness {rho:g}){effort}",
+    "close": "motion close to the prediction found (naturalness {rho:.3g}){effort}",
     "between": (
-        "motion between the prediction and least {what} found (naturalness {rho:g}){effort}"
+        "motion between the prediction and least {what} found (naturalness {rho:.3g}){effort}"
     ),
     "effort": ": effort {effort:.4g} N²m²s, {share:.2g} % {side} that of the predicted motion",
     "same_effort": ": effort {effort:.4g} N²m²s, that of the predicted motion",
@@ -111,7 +112,7 @@ SENTENCES = {
     "strays": "the nearest motion violates this constraint",
     # Concessions, as the end of a sentence.
     "lengthened": "the duration was lengthened from {usual:.4g} to {duration:.4g} s",
-    "raised": "the naturalness was raised from {asked:g} to {used:g}",
+    "raised": "the naturalness was raised from {asked:.3g} to {used:.3g}",
     "given_up": "; to keep the limits{clear}, {what}",
     "detour": "; near a collision-free path, because the predicted motion collides",
     "no_geometry": "not checked: the robot description has no collision geometry",
@@ -120,6 +121,9 @@ SENTENCES = {
     "more_collide": ", and {n} more pairs collide",
     "far": "; the clearance is at least {near:g} mm",
     "near": "; the least clearance is {near:.1f} mm, of '{one}' and '{other}'",
+    "unlike": "; nothing like this motion was demonstrated, so {what}",
+    "cost_counts": "cost counts more than likeness",
+    "free": "its duration is free",
     "cleared": "; bodies that would collide otherwise are kept apart",
     "corrected": (
         "; B-splines were added to the components of the primitive (RMS {added:.2g} rad or m)"
@@ -221,6 +225,7 @@ def _status(context: Context, outcome: Outcome, solve_time: float) -> tuple[str,
     if outcome.mode == REAL_TIME:
         status, name, met = _joined(outcome)
         return status, SENTENCES[name].format(met=met) + concessions
+    concessions += _preferences(context, best)
     if not best.solution.converged:
         return STOPPED_EARLY, SENTENCES["early"] + concessions
     if np.isfinite(outcome.stated):
@@ -397,13 +402,12 @@ def _concessions(context: Context, best: Candidate) -> str:
     options, collision = context.options, context.collision
     usual, duration = best.request.duration, best.duration
     given_up, kept = [], ""
-    if duration > usual * (1.0 + 1e-9) and options.timing == DEMONSTRATED:
+    if duration > usual * (1.0 + 1e-9) and best.request.timing == DEMONSTRATED:
         given_up.append(SENTENCES["lengthened"].format(usual=usual, duration=duration))
     is_detour = best.bases[0].is_detour
-    if best.naturalness > options.naturalness and not is_detour:
-        given_up.append(
-            SENTENCES["raised"].format(asked=options.naturalness, used=best.naturalness)
-        )
+    asked = best.request.naturalness
+    if best.naturalness > asked and not is_detour:
+        given_up.append(SENTENCES["raised"].format(asked=asked, used=best.naturalness))
     if given_up:
         clear = ""
         if collision is not None and collision.has_geometry:
@@ -421,6 +425,16 @@ def _concessions(context: Context, best: Candidate) -> str:
         added = max(map(_correction, best.bases, best.motions))
         kept += SENTENCES["corrected"].format(added=added)
     return kept
+
+
+def _preferences(context: Context, best: Candidate) -> str:
+    """What the planner chose because nothing like the motion was demonstrated."""
+    options, request, chosen = context.options, best.request, []
+    if options.naturalness is None and request.naturalness < NATURAL:
+        chosen.append(SENTENCES["cost_counts"])
+    if options.timing == AUTO and request.timing == FREE and request.duration_is_free:
+        chosen.append(SENTENCES["free"])
+    return SENTENCES["unlike"].format(what=" and ".join(chosen)) if chosen else ""
 
 
 def _clearance(collision: CollisionModel, trajectory: Trajectory) -> str:

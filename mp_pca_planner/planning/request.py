@@ -21,6 +21,8 @@ from ..motion.goal import JointState, Pose
 from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
+from .likeness import NATURAL
+from .options import DEMONSTRATED
 
 if TYPE_CHECKING:
     from .requests.selection import Selection
@@ -93,6 +95,10 @@ class Request:
     mode : {'', 'optimal', 'real_time'}
         How the segments of a sequence are joined, with or without optimisation; empty for a single
         goal.
+    naturalness : float
+        ρ, see :mod:`.likeness`.
+    timing : {'demonstrated', 'shortest', 'free'}
+        Timing of a free duration of a single goal.
     start, goal : JointState
         States at the start and at the last target.
     pose : Pose or None
@@ -106,6 +112,8 @@ class Request:
     segments: tuple[RequestSegment, ...]
     groups: tuple[tuple[tuple[int, ...], bool], ...]
     mode: str = ""
+    naturalness: float = NATURAL
+    timing: str = DEMONSTRATED
     start: JointState = field(init=False)
     goal: JointState = field(init=False)
     pose: Pose | None = field(init=False)

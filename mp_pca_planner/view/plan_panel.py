@@ -16,7 +16,7 @@ import viser
 from ..arrays import FloatArray
 from ..execution.threads import PreemptiveWorker
 from ..motion.goal import Pose
-from ..planning.plan import DEMONSTRATED, TIMINGS
+from ..planning.plan import AUTO, TIMINGS
 from .learned import explanation
 from .live_panel import LivePanel
 from .planning import (
@@ -36,7 +36,7 @@ _TEXT = "Drag the arrows. The robot plans a motion there, out of what it was sho
 _CONTINUE, _RESET = "At the goal", "Reset"
 _ADD, _REMOVE = "Add", "Remove all"
 _MAX_VIAS = 4
-_NATURALNESS = ("0", "0.01", "0.1", "1", "10")
+_NATURALNESS = (AUTO, "0", "0.01", "0.1", "1", "10")
 _OBJECTIVES = ("effort", "energy", "jerk", "straightness")
 _FORMATS = {"CSV": "motion.csv", "JSON": "motion.json", "Bag (.mcap)": "motion.mcap"}
 _GOAL: Rgb = (0, 158, 115)
@@ -234,19 +234,19 @@ class PlanPanel:
     def _add_settings(self) -> None:
         gui = self._stage.server.gui
         with gui.add_folder("How", expand_by_default=False):
-            text = "0: least cost alone; more: more like the demonstrations"
+            text = "0: least cost alone; more: more like the demonstrations; auto: 1 near them"
             naturalness = gui.add_dropdown(
-                "Naturalness ρ", _NATURALNESS, initial_value="1", hint=text
+                "Naturalness ρ", _NATURALNESS, initial_value=AUTO, hint=text
             )
             objective = gui.add_dropdown("Least", _OBJECTIVES)
-            timing = gui.add_dropdown("Duration", (*TIMINGS, FIXED), initial_value=DEMONSTRATED)
+            timing = gui.add_dropdown("Duration", (*TIMINGS, FIXED), initial_value=AUTO)
             duration = gui.add_number("Seconds", 1.0, min=0.1, max=60.0, step=0.1, visible=False)
             compares = gui.add_checkbox("Compare with B-splines", False)
 
         def on_change() -> None:
             duration.visible = timing.value == FIXED
             settings = PlanSettings(
-                naturalness=float(naturalness.value),
+                naturalness=None if naturalness.value == AUTO else float(naturalness.value),
                 objective=objective.value,
                 timing=timing.value,
                 duration=float(duration.value),

@@ -19,7 +19,7 @@ from ..motion.interpolation import interpolate
 from ..motion.trajectory import Trajectory
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.objectives import objective_by_name
-from ..planning.plan import DEMONSTRATED, TIMINGS, Plan, PlannerOptions
+from ..planning.plan import AUTO, TIMINGS, Plan, PlannerOptions
 from ..planning.planner import Planner
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive
@@ -41,7 +41,7 @@ class PlanSettings:
 
     Attributes
     ----------
-    naturalness : float
+    naturalness : float, optional
         See :class:`.PlannerOptions`.
     objective : str
         One of :data:`.OBJECTIVES`.
@@ -53,9 +53,9 @@ class PlanSettings:
         Whether the same goal is planned with B-splines, too.
     """
 
-    naturalness: float = 1.0
+    naturalness: float | None = None
     objective: str = "effort"
-    timing: str = DEMONSTRATED
+    timing: str = AUTO
     duration: float = 1.0
     compares: bool = False
 
@@ -204,7 +204,7 @@ class InteractivePlanner:
         return JointGoal(state, duration)
 
     def _new_planner(self, basis: str, settings: PlanSettings) -> Planner:
-        timing = settings.timing if settings.timing in TIMINGS else DEMONSTRATED
+        timing = settings.timing if settings.timing in TIMINGS else AUTO
         options = PlannerOptions(
             basis=basis,
             objectives=((1.0, objective_by_name(settings.objective, self.robot)),),

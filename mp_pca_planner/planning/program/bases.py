@@ -75,9 +75,7 @@ class PathFollower:
 
     def __init__(self, primitive: MovementPrimitive, options: PlannerOptions) -> None:
         detours = options.detours
-        least, self._spread = detours.min_naturalness, detours.spread
-        # The path is no demonstration: it counts as little at any naturalness.
-        self._share_of_path = least / max(options.naturalness, least)
+        self._least_naturalness, self._spread = detours.min_naturalness, detours.spread
         n = detours.n_control_points
         splines = BSplineBasis(primitive.n_joints, n)
         basis = SumBasis(primitive.basis, splines, detours.spread)
@@ -86,7 +84,7 @@ class PathFollower:
         # All joints have the same splines.
         self._fit = np.linalg.pinv(splines.functions(self._phases)[:, 0, :n])
 
-    def basis(self, segment: RequestSegment, path: FloatArray) -> MotionBasis:
+    def basis(self, segment: RequestSegment, path: FloatArray, naturalness: float) -> MotionBasis:
         """The components and B-splines; the path takes the place of the prediction.
 
         Parameters
@@ -95,6 +93,8 @@ class PathFollower:
             The segment.
         path : array, shape (n_points, n_joints)
             Points with straight lines between them.
+        naturalness : float
+            ρ of the motion.
         """
         natural, s = segment.expected, self._phases
         expected = np.append(natural.weights, np.zeros(self._n_splines))
@@ -106,7 +106,9 @@ class PathFollower:
         off = points - line.evaluate(s * line.duration)[0]
         weights = expected.copy()
         weights[natural.weights.size :] = (self._fit @ off).T.ravel()
-        of_path = np.eye(self._n_splines) * (self._share_of_path / self._spread**2)
+        # The path is no demonstration: it counts as little at any naturalness.
+        share = self._least_naturalness / max(naturalness, self._least_naturalness)
+        of_path = np.eye(self._n_splines) * (share / self._spread**2)
         precision = block_diag(natural.precision, of_path)
         n_components = natural.weights.size
         return MotionBasis(
@@ -150,6 +152,7 @@ class BasisStore:
     def basis(
         self,
         segment: RequestSegment,
+        naturalness: float,
         width: int = 0,
         *,
         is_paced: bool = True,
@@ -161,6 +164,8 @@ class BasisStore:
         ----------
         segment : RequestSegment
             The segment.
+        naturalness : float
+            ρ of the motion.
         width : int
             0: the components of the primitive (B-splines alone if the options say so); 1: with
             B-splines of every joint added; 2: B-splines alone, without a prediction.
@@ -171,7 +176,7 @@ class BasisStore:
             expected one, a paced motion has starts beside the expected weights.
         """
         options = self._options
-        has_starts = is_paced and (shortest or options.naturalness < options.search.near_expected)
+        has_starts = is_paced and (shortest or naturalness < options.search.near_expected)
         primitive = segment.primitive
         if width == 2 or options.basis == "bspline":
             zero = np.zeros(self._splines(primitive.n_joints).basis.n_weights)

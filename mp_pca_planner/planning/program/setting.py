@@ -87,7 +87,7 @@ def first_setting(
         choose among motions of one duration.
     """
     options, usual = context.options, request.duration
-    is_timed = shortest or (request.duration_is_free and options.timing == FREE)
+    is_timed = shortest or (request.duration_is_free and request.timing == FREE)
     expected = Motion(request.start, request.goal, usual, basis.tables.basis, basis.expected)
     if request.duration_is_free:
         margin = 1.0 if is_timed else options.search.scaling_margin
@@ -98,7 +98,7 @@ def first_setting(
     setting = Setting(
         (basis,),
         (expected,),
-        options.naturalness,
+        request.naturalness,
         options.objectives,
         options.solver,
         width,
@@ -113,12 +113,22 @@ def first_setting(
     return replace(setting, naturalness=0.0, objectives=objectives, is_shortest=True)
 
 
+def lasting(setting: Setting, duration: float) -> Setting:
+    """The setting with the expected motion of a given duration."""
+    basis, motion = setting.bases[0], setting.initial[0]
+    initial = Motion(motion.start, motion.goal, duration, basis.tables.basis, basis.expected)
+    return replace(setting, initial=(initial,), is_timed=False)
+
+
 def sequence_setting(
-    context: Context, bases: tuple[MotionBasis, ...], joined: tuple[Motion, ...]
+    context: Context,
+    request: Request,
+    bases: tuple[MotionBasis, ...],
+    joined: tuple[Motion, ...],
 ) -> Setting:
     """The setting of a motion through several targets, from one that is joined."""
     options = context.options
-    return Setting(bases, joined, options.naturalness, options.objectives, options.solver)
+    return Setting(bases, joined, request.naturalness, options.objectives, options.solver)
 
 
 def joined_motion(

@@ -23,6 +23,7 @@ from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..configurations import configurations_at, starts_near
 from ..context import Context
+from ..likeness import naturalness_for, timing_for
 from ..options import SHORTEST
 from ..request import Request, RequestSegment, duration_groups, fit_durations
 from .selection import Selector
@@ -95,12 +96,16 @@ def _requests(
     # duration, nor for each of several configurations.
     one_each = pose is not None or (goal.duration is None and context.options.timing == SHORTEST)
     groups, found = (((0,), goal.duration is not None),), []
+    # The same for all primitives, so that the costs of their motions can be compared.
+    score = min(one.expected.in_span_score for one in selection.contenders)
+    naturalness = naturalness_for(context.options, score)
+    timing = timing_for(context.options, score)
     for one in selection.contenders[: 1 if one_each else None]:
         duration = one.expected.duration
         segment = RequestSegment(
             here, there, pose, True, selection, one.primitive, one.expected, duration
         )
-        found.append(Request((segment,), groups))
+        found.append(Request((segment,), groups, "", naturalness, timing))
     return tuple(found)
 
 
@@ -197,7 +202,9 @@ def _sequence(
                 durations[i],
             )
         )
-    return Request(tuple(segments), duration_groups(times), mode)
+    # Sequences are planned like the demonstrations unless the options say otherwise.
+    naturalness = naturalness_for(context.options, 0.0)
+    return Request(tuple(segments), duration_groups(times), mode, naturalness)
 
 
 def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:

@@ -21,13 +21,14 @@ from ...motion.validation import LimitCheck, check_executable, check_limits
 from ..configurations import POSE_TOLERANCE, nearest_configuration
 from ..context import Context
 from ..motion import Motion, rank_of
+from ..options import AUTO
 from ..plan import NOT_SOLVED, MotionSolution
 from ..program.bases import MotionBasis
 from ..program.compile import compile_program
 from ..program.constraints import Findings
 from ..program.motion_program import MotionProgram
 from ..program.segment import GOAL_POSITION
-from ..program.setting import Setting
+from ..program.setting import Setting, lasting
 from ..request import Request
 from ..solver.program import FEASIBLE
 from ..solver.sqp import Solution, SolverMemory, solve
@@ -217,7 +218,7 @@ def checked(
         bases,
         motions,
         NOT_SOLVED,
-        context.options.naturalness,
+        request.naturalness,
         trajectory,
         check,
         collisions,
@@ -235,6 +236,9 @@ def checked(
 def attempt(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
     """Compile and solve a request; refine its constraints until the validator finds no violation.
 
+    A duration that the planner made free is at most the predicted one, or the least one that is
+    known to keep the limits: without gravity, the slowest motion has the least effort.
+
     Parameters
     ----------
     context, request, setting
@@ -242,6 +246,16 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
     budget : Budget
         The time for it.
     """
+    found = _attempt(context, request, setting, budget)
+    longest = max(request.duration, setting.duration)
+    is_bounded = setting.is_timed and not setting.is_shortest and context.options.timing == AUTO
+    if is_bounded and found.duration > longest and not budget.is_over():
+        return _attempt(context, request, lasting(setting, longest), budget)
+    return found
+
+
+def _attempt(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
+    """An attempt with any free duration."""
     refined = program = compile_program(context, request, setting)
     n_starts, passes, touched = context.options.n_starts, 0, False
     starts: Sequence[_Start] = list(zip(program.starts[:n_starts], repeat(None)))

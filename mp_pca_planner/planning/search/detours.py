@@ -16,6 +16,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ..context import Context
+from ..likeness import timing_for
 from ..motion import Motion
 from ..options import FREE, SHORTEST
 from ..program.bases import MotionBasis
@@ -34,6 +35,8 @@ def along_path(context: Context, request: Request, budget: Budget) -> Candidate 
     If it is not valid, it has the corners of the path, at which a slow motion may rest.
     """
     best, path = None, None
+    score = request.segments[0].expected.in_span_score
+    request = replace(request, timing=timing_for(context.options, score, is_detour=True))
     ends = request.start.positions, request.goal.positions
     for found in paths(context, ends, budget):
         path = found if path is None else path
@@ -51,10 +54,10 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
     """The motion of least cost near a path, or else the one along it."""
     options, segment = context.options, request.segments[0]
     follower = context.bases.follower(segment.primitive)
-    basis, duration = follower.basis(segment, path), request.duration
+    basis, duration = follower.basis(segment, path, request.naturalness), request.duration
     if request.duration_is_free:
         least = kinematic_stretch(context.limits, follower.rates(segment, basis))
-        at_least = 0.0 if options.timing == FREE else duration
+        at_least = 0.0 if request.timing == FREE else duration
         least *= options.search.scaling_margin
         duration = min(max(at_least, least), context.longest)
         motion = _motion(request, basis, duration)
@@ -87,15 +90,15 @@ def _setting(context: Context, request: Request, basis: MotionBasis, duration: f
     solver = replace(
         options.solver, tolerance=options.detours.tolerance, first_radius=options.detours.radius
     )
-    if request.duration_is_free and options.timing == SHORTEST:
+    if request.duration_is_free and request.timing == SHORTEST:
         return replace(first_setting(context, request, basis, shortest=True), solver=solver)
     return Setting(
         (basis,),
         (_motion(request, basis, duration),),
-        max(options.naturalness, options.detours.min_naturalness),
+        max(request.naturalness, options.detours.min_naturalness),
         options.objectives,
         solver,
-        is_timed=request.duration_is_free and options.timing == FREE,
+        is_timed=request.duration_is_free and request.timing == FREE,
     )
 
 

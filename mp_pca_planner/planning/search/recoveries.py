@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 
 from ...motion.validation import LimitCheck
 from ..context import Context
-from ..motion import Motion
-from ..program.setting import Setting, first_setting
+from ..program.setting import Setting, first_setting, lasting
 from ..request import Request
 from ..time_scaling import slowdown
 from .candidate import Candidate, Violation, collides, sampled
@@ -101,7 +100,9 @@ def wider_basis(failure: Failure) -> Setting | None:
     width = failure.setting.width + 1
     if width >= context.bases.n_widths:
         return None
-    basis = context.bases.basis(request.segments[0], width, shortest=first.is_shortest)
+    basis = context.bases.basis(
+        request.segments[0], request.naturalness, width, shortest=first.is_shortest
+    )
     if first.is_shortest:
         return first_setting(context, request, basis, width, shortest=True)
     wider = replace(first, bases=(basis,), width=width)
@@ -118,13 +119,6 @@ def recovered(failure: Failure) -> Setting | None:
         if (setting := recovery(failure)) is not None:
             return setting
     return None
-
-
-def lasting(setting: Setting, duration: float) -> Setting:
-    """The setting with the expected motion of a given duration."""
-    basis, motion = setting.bases[0], setting.initial[0]
-    initial = Motion(motion.start, motion.goal, duration, basis.tables.basis, basis.expected)
-    return replace(setting, initial=(initial,), is_timed=False)
 
 
 def failure_of(

@@ -70,12 +70,17 @@ def first_case(context: Context, request: Request, budget: Budget) -> Case:
         The time for joining segments.
     """
     if request.mode:
-        bases = tuple([context.bases.basis(one, is_paced=False) for one in request.segments])
+        bases = tuple(
+            [
+                context.bases.basis(one, request.naturalness, is_paced=False)
+                for one in request.segments
+            ]
+        )
         expected = _joined(context, request, bases, budget)
-        first = sequence_setting(context, bases, expected.motions)
+        first = sequence_setting(context, request, bases, expected.motions)
         return Case(context, request, first, expected)
-    shortest = request.duration_is_free and context.options.timing == SHORTEST
-    basis = context.bases.basis(request.segments[0], shortest=shortest)
+    shortest = request.duration_is_free and request.timing == SHORTEST
+    basis = context.bases.basis(request.segments[0], request.naturalness, shortest=shortest)
     return Case(context, request, first_setting(context, request, basis, shortest=shortest), None)
 
 
@@ -169,11 +174,11 @@ def expected_collides(case: Case) -> bool:
     path. It stays nearer to the demonstrations, so it comes first where their timing or
     naturalness is asked for.
     """
-    context, request, options = case.context, case.request, case.context.options
+    context, request = case.context, case.request
     if request.mode or not (searches_paths(context) and request.duration_is_free):
         return False
-    is_natural = options.naturalness >= options.search.near_expected
-    if is_natural or options.timing == DEMONSTRATED:
+    is_natural = request.naturalness >= context.options.search.near_expected
+    if is_natural or request.timing == DEMONSTRATED:
         return False
     assert context.collision is not None
     basis = case.first.bases[0]
@@ -332,11 +337,11 @@ def feasible_duration(
     segment, groups = request.segments[0], (((0,), False),)
     expected = segment.predict(context.robot, request.start, request.goal, None)
     segment = replace(segment, expected=expected, duration=expected.duration)
-    free = Request((segment,), groups)
+    free = replace(request, segments=(segment,), groups=groups)
     for width in range(context.bases.n_widths):
         if budget.is_over():
             break
-        basis = context.bases.basis(segment, width, shortest=True)
+        basis = context.bases.basis(segment, free.naturalness, width, shortest=True)
         setting = first_setting(context, free, basis, width, shortest=True)
         found = attempt(context, free, setting, budget)
         if found.is_valid:

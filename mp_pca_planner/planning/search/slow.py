@@ -118,7 +118,7 @@ def _usual_durations(context: Context, request: Request) -> list[FloatArray]:
     if request.mode:
         return [usual]
     if request.duration_is_free:
-        return [0.0 * usual if context.options.timing == SHORTEST else usual]
+        return [0.0 * usual if request.timing == SHORTEST else usual]
     return [usual, 0.0 * usual]
 
 

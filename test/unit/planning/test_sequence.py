@@ -118,9 +118,11 @@ def chain(posed: bool, *, with_limits: bool) -> MotionProgram:
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
     context = tight._context
     (resolved,) = resolve(context, tight._selector, goal, start, OPTIMAL)
-    bases = tuple(context.bases.basis(one, is_paced=False) for one in resolved.segments)
+    bases = tuple(
+        context.bases.basis(one, resolved.naturalness, is_paced=False) for one in resolved.segments
+    )
     joined = joined_motion(resolved, bases, [one.duration for one in resolved.segments])
-    program = compile_program(context, resolved, sequence_setting(context, bases, joined))
+    program = compile_program(context, resolved, sequence_setting(context, resolved, bases, joined))
     if with_limits:
         return program.constrained([[one.everywhere() for one in p] for p in program.constraints])
     return program.constrained([[] for _ in program.segments])

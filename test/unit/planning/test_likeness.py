@@ -1,0 +1,106 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner chooses where nothing like a request was demonstrated."""
+
+import numpy as np
+import pytest
+from arm import arm_primitive, arm_robot
+from obstacle_scenes import write_scene
+from patience import EVER
+from test_detours import WALL
+
+from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.planning.likeness import naturalness_for, timing_for
+from mp_pca_planner.planning.objectives import Jerk
+from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
+from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.recordings.reaches import random_ends
+from mp_pca_planner.recordings.synthetic import generate_motions
+from mp_pca_planner.robot.world import World
+
+CHOSEN = "nothing like this motion was demonstrated"
+
+
+def planned(ends, collision=None, duration=None, **options):
+    robot = arm_robot()
+    options = PlannerOptions(**{"max_solve_time": EVER, **options})
+    subject = Planner(robot, [arm_primitive()], None, options, collision)
+    return subject.plan(ends[1], ends[0], duration=duration)
+
+
+def unlike(i=0):
+    """Ends far from the demonstrations."""
+    robot = arm_robot()
+    start, goal, _ = random_ends(robot, robot.limits(), np.random.default_rng([7, i]))
+    return start, goal
+
+
+def like(i=0):
+    motion = generate_motions(20, 123)[i]
+    return motion.positions[[0, -1]]
+
+
+@pytest.mark.parametrize(("score", "expected"), [(0.0, 1.0), (3.0, 1.0), (6.0, 0.125), (30, 1e-3)])
+def test_naturalness_falls_with_the_score_unless_it_is_given(score, expected):
+    assert naturalness_for(PlannerOptions(), score) == pytest.approx(expected)
+    assert naturalness_for(PlannerOptions(naturalness=0.5), score) == 0.5
+
+
+def test_duration_is_free_beyond_the_demonstrations_unless_its_timing_is_given():
+    assert timing_for(PlannerOptions(), 3.0) == "demonstrated"
+    assert timing_for(PlannerOptions(), 3.1) == "free"
+    assert timing_for(PlannerOptions(), 1.0, is_detour=True) == "free"
+    for timing in ("demonstrated", "shortest", "free"):
+        options = PlannerOptions(timing=timing)
+        assert timing_for(options, 9.0) == timing_for(options, 1.0, is_detour=True) == timing
+
+
+@pytest.mark.parametrize("i", range(3))
+def test_requests_like_the_demonstrations_are_planned_as_those_were_shown(i):
+    plan = planned(like(i))
+    shown = planned(like(i), naturalness=1.0, timing="demonstrated")
+    assert plan.in_span_score < 3.0 and CHOSEN not in plan.message
+    np.testing.assert_array_equal(plan.trajectory.positions, shown.trajectory.positions)
+
+
+@pytest.mark.parametrize("i", range(3))
+def test_other_requests_get_less_effort_in_no_more_time(i):
+    plan = planned(unlike(i))
+    shown = planned(unlike(i), naturalness=1.0, timing="demonstrated")
+    assert plan.status == SOLVED and plan.in_span_score > 3.0
+    assert plan.naturalness == pytest.approx((3.0 / plan.in_span_score) ** 3)
+    assert plan.effort_cost < shown.effort_cost
+    assert plan.trajectory.duration <= shown.trajectory.duration * (1.0 + 1e-9)
+    assert f"{CHOSEN}, so cost counts more than likeness and its duration is free" in plan.message
+
+
+def test_what_is_given_counts():
+    plan = planned(unlike(), naturalness=1.0, timing="demonstrated")
+    assert plan.naturalness == 1.0 and CHOSEN not in plan.message
+    plan = planned(unlike(), naturalness=1.0)
+    assert f"{CHOSEN}, so its duration is free" in plan.message
+    plan = planned(unlike(), duration=2.5)
+    assert plan.trajectory.duration == pytest.approx(2.5)
+    assert plan.message.endswith(f"{CHOSEN}, so cost counts more than likeness")
+
+
+def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():
+    jerk = {"objectives": ((1.0, Jerk()),)}
+    shown = planned(unlike(), timing="demonstrated", **jerk)
+    slowest = planned(unlike(), timing="free", **jerk)
+    plan = planned(unlike(), **jerk)
+    assert slowest.trajectory.duration > 2.0 * shown.trajectory.duration
+    assert plan.trajectory.duration == pytest.approx(shown.trajectory.duration)
+
+
+def test_a_detour_is_not_slower_than_the_demonstrations(tmp_path):
+    write_scene(tmp_path / "scene.yaml", [WALL], "human_arm")
+    ends = arm_primitive().boundary_states[0, [0, 3]]
+    plans = []
+    for timing in ("auto", "demonstrated"):
+        collision = CollisionModel(arm_robot(), world=World.from_file(tmp_path / "scene.yaml"))
+        plans.append(planned(ends, collision, timing=timing))
+    free, shown = plans
+    assert "near a collision-free path" in free.message
+    assert f"{CHOSEN}, so its duration is free" in free.message
+    assert free.trajectory.duration <= shown.trajectory.duration
