@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 def number_list(text: str, what: str) -> list[float]:
-    """Read numbers separated by spaces or commas.
+    """Read numbers separated by spaces or commas, also in square brackets.
 
     Raises
     ------
     GoalError
         If there is none, or one is no finite number.
     """
-    parts = text.replace(",", " ").split()
+    parts = _without_brackets(text).replace(",", " ").split()
     if not parts:
         raise GoalError(f"{what} '{text}' must be numbers, separated by spaces")
     return [_finite(part, f"a number of {what}") for part in parts]
@@ -41,7 +41,7 @@ def joint_values(
     kind: str = "joint",
     angles: Collection[str] = (),
 ) -> dict[str, float]:
-    """Read ``name=value,…``, or one value per joint in joint order.
+    """Read ``name=value,…``, or one value per joint in joint order, also in square brackets.
 
     Parameters
     ----------
@@ -60,7 +60,8 @@ def joint_values(
         If a name is unknown or repeated, a value is no finite number, or the number of
         values in a list is not that of the joints.
     """
-    parts = [part.strip() for part in text.replace(" ", ",").split(",") if part.strip()]
+    separated = _without_brackets(text).replace(" ", ",").split(",")
+    parts = [part.strip() for part in separated if part.strip()]
     named = ["=" in part for part in parts]
     if not parts or any(named) != all(named):
         raise GoalError(
@@ -83,6 +84,12 @@ def joint_values(
         value = _finite(number, f"{what}: value of {kind} '{name}'")
         values[name] = math.radians(value) if name in angles else value
     return values
+
+
+def _without_brackets(text: str) -> str:
+    """The text of a list such as ``[0.1, 0.2]`` without its brackets."""
+    inner = text.strip()
+    return inner[1:-1] if inner[:1] == "[" and inner[-1:] == "]" else text
 
 
 def angles_in_degrees(arguments: argparse.Namespace, robot: Robot) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from ..planning.report import collision_words, remarks
 from ..primitives.library.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..robot.collision import package_folders
+from ..robot.limits import moveit_factors_note
 from ..robot.model import Robot
 from ..robot.world import World
 from .goal_arguments import (
@@ -53,12 +54,15 @@ class PlannedRequest:
         The texts of the vias and the goal.
     angles : tuple of str
         Joints that are printed in degrees, as they were given.
+    note : str
+        A remark on the limits file, if there is one.
     """
 
     planner: Planner
     plan: Plan
     asked: list[str]
     angles: tuple[str, ...] = ()
+    note: str = ""
 
     @property
     def primitives(self) -> list[MovementPrimitive]:
@@ -80,6 +84,7 @@ class PlannedRequest:
         """What is unusual about the motion and shapes, and joints whose position was not given."""
         robot, collision = self.planner.robot, self.planner.collision
         found = [*remarks(self.plan), *(() if collision is None else collision.notes)]
+        found += [self.note] if self.note else []
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
         relevant = robot.relevant_joints(pairs=collision is not None, links=links)
         unknown = [name for name in relevant if name not in robot.locked_positions]
@@ -141,6 +146,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         robot = Robot.from_file(arguments.robot, joint_names, locked=locked)
     limits, collision = robot.limits(arguments.limits or {}), _collision_model(arguments, robot)
     start, angles = start_state(arguments, robot), angles_in_degrees(arguments, robot)
+    note = moveit_factors_note(arguments.limits)
     if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):
         options = PlannerOptions(
             naturalness=arguments.naturalness,
@@ -151,11 +157,12 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         planner = Planner(robot, primitives, limits, options, collision)
         read = partial(target, robot, angles)
         goal, asked = sequence_goal(arguments, read, "--goal"), [*arguments.via, arguments.goal]
-        return PlannedRequest(planner, planner.plan(goal, start, arguments.mode), asked, angles)
+        plan = planner.plan(goal, start, arguments.mode)
+        return PlannedRequest(planner, plan, asked, angles, note)
     options = _options(arguments, robot)
     single = Planner(robot, primitives, limits, options, collision)
     plan = single.plan(planned_goal(arguments, robot), start)
-    return PlannedRequest(single, plan, asked_texts(arguments, robot), angles)
+    return PlannedRequest(single, plan, asked_texts(arguments, robot), angles, note)
 
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:

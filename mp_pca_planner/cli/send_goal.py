@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,7 +22,7 @@ from ..ros.client import READY, GoalClient, check_node_name, is_served, report_v
 from ..ros.goal_messages import to_pose_message, to_sequence_message
 from ..ros.nodes import NoAnswerError
 from .common import print_json, report_lines
-from .goal_arguments import joint_values, sequence_goal, stated_pose
+from .goal_arguments import joint_values, number_list, sequence_goal, stated_pose
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
 
 _SERVICES = {"reload": "reload_primitives"}
@@ -33,18 +34,53 @@ _MARGIN = 30.0  # s from the end of the motion to its report, where --wait is no
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     command = arguments.command
-    message = None
+    message, is_list = None, False
     if command == "send_goal":
-        message = (_pose_message if arguments.pose else _joint_message)(arguments)
+        is_list = not arguments.pose and _is_list(arguments.goal)
+        if not is_list:
+            message = (_pose_message if arguments.pose else _joint_message)(arguments)
     check_node_name(arguments.namespace, arguments.node)
     try:
         with GoalClient(command, arguments.namespace, arguments.node) as client:
+            if is_list:
+                message = _joint_message(arguments, _joints_of_node(arguments, client))
             if message is not None:
                 return _send(arguments, client, message)
             return _call(arguments, client, _SERVICES.get(command, command))
     except NoAnswerError as error:
         complain(f"{PROGRAM} {command}: {error}")
         return FAILED
+
+
+def _is_list(goal: str) -> bool:
+    """Whether a goal is a list of numbers; names of joints are not checked.
+
+    Raises
+    ------
+    GoalError
+        If it is neither a list of numbers nor has names.
+    """
+    text = goal.partition("@")[0]
+    if "=" in text:
+        return False
+    try:
+        number_list(text, "the goal")
+    except GoalError as error:
+        raise GoalError(
+            f"{error}; a goal is name=value,… or a list of numbers in the joint order of the robot "
+            "description"
+        ) from None
+    return True
+
+
+def _joints_of_node(arguments: argparse.Namespace, client: GoalClient) -> list[str]:
+    """The joints that the node moves, in the order of the robot description."""
+    longest = arguments.wait or arguments.timeout
+    client.wait_for_node(longest, with_trajectory=False)
+    values = client.wait_for_diagnostics(
+        lambda found: found.get("joints", "none") != "none", longest
+    )
+    return values["joints"].split(", ")
 
 
 def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> int:
@@ -95,22 +131,22 @@ def _pose_message(arguments: argparse.Namespace) -> PoseStamped:
     return to_pose_message(stated_pose(arguments.frame, arguments.pose))
 
 
-def _joint_message(arguments: argparse.Namespace) -> JointStateMessage | JointTrajectory:
+def _joint_message(
+    arguments: argparse.Namespace, names: Sequence[str] = ()
+) -> JointStateMessage | JointTrajectory:
+    """The message of a joint goal; one that is a list has values of these joints."""
     if arguments.frame:
         raise GoalError("--frame is for --pose, and is not accepted with joint positions")
-    message = _message(_goal(arguments))
+    message = _message(_goal(arguments, names))
     message.header.frame_id = arguments.primitive
     return message
 
 
-def _goal(arguments: argparse.Namespace) -> SequenceGoal:
+def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
     """The goal and its vias, all of them positions of the goal's joints."""
-    goal, unit = arguments.goal, math.pi / 180.0 if arguments.degrees else 1.0
-    parts = goal.partition("@")[0].split(",")
-    names = [part.partition("=")[0].strip() for part in parts if "=" in part]
-    if not names:
-        # Joint names are needed, because the order of the node's joints is unknown here.
-        raise GoalError(f"the goal '{goal}' must be name=value,…")
+    unit = math.pi / 180.0 if arguments.degrees else 1.0
+    parts = arguments.goal.partition("@")[0].split(",")
+    names = names or [part.partition("=")[0].strip() for part in parts if "=" in part]
 
     def read(text: str, option: str) -> JointState:
         is_via = option == "--via"

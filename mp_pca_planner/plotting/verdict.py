@@ -95,7 +95,10 @@ def verdict_on(
         limit = _OPTIONS.weak_error * float(np.median(path))
         is_weak[list(left_out)] = path > limit
         straight, _, expected = errors.rms()[:, _PATH]
-        text = f"left-out motions are predicted to {unit.number(expected)} {unit.name} RMS in path"
+        text = (
+            f"left-out motions are predicted to {unit.number(expected)} {unit.name} RMS in path "
+            "(timing left aside)"
+        )
         if expected < straight:
             good.append(f"{text}, {1.0 - expected / straight:.0%} nearer than by minimum-jerk")
         else:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -177,6 +178,26 @@ def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, 
                 f"{where} must hold a mapping 'joint_limits' from joint names to limits"
             )
         return _checked(joints, joint_names, where)
+
+
+def moveit_factors_note(path: str | Path | None) -> str:
+    """A sentence if a limits file has MoveIt's default scaling factors; else empty.
+
+    They are no limits, but their file slows MoveIt down. A file that can't be read gets none.
+    """
+    where, content = f"limits file '{path}'", None
+    with suppress(LimitsError), reading(where, LimitsError):
+        content = load_yaml(read_text(path)) if path else None
+    found = content if isinstance(content, dict) else {}
+    names = (f"default_{rate}_scaling_factor" for rate in ("velocity", "acceleration"))
+    factors = {name: found[name] for name in names if name in found}
+    scaled = [f"{name} {x:g}" for name, x in factors.items() if is_number(x) and x != 1.0]
+    if not scaled:
+        return ""
+    return (
+        f"{where}: MoveIt's {' and '.join(scaled)} are not applied: motions use the full limits; "
+        "for slower ones, lower the limits"
+    )
 
 
 def given_limits(

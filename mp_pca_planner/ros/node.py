@@ -27,6 +27,7 @@ from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.tracking.following import MotionFollower
 from ..execution.tracking.measured import MeasuredStates
 from ..execution.tracking.published_motion import PublishedMotion
+from ..robot.limits import moveit_factors_note
 from ..robot.world import World
 from .controller import ControllerAction, ControllerTopic
 from .goal_topics import GoalTopics
@@ -274,6 +275,12 @@ class PlannerNode(GuardedNode):
                 f"some joints have no limit of {', '.join(unlimited)}: set them with 'limits_file' "
                 "before a real robot moves"
             )
+        if context is not None and (note := moveit_factors_note(context.settings.limits_file)):
+            self.get_logger().info(to_text(note))
+        if context is not None and not context.settings.collision:
+            self.get_logger().info(
+                "self-collision is not checked: set 'collision' to true to avoid it"
+            )
         if context is not None and context.planner.collision is not None:
             for note in context.planner.collision.notes:
                 self.get_logger().warning(to_text(note))
@@ -299,6 +306,7 @@ def _status(
         problem = unknown_positions(context, world)
     values = {
         "model": quote_names(context.robot.joint_names) if context else "none",
+        "joints": ", ".join(context.robot.described_joints) if context else "none",
         "library": setup.library,
         **{f"goals_{outcome}": n for outcome, n in statistics.counts.items()},
         **more,

@@ -482,6 +482,26 @@ def test_planning_says_what_the_check_for_collisions_found(command, primitive):
     assert unchecked == ["collision    self-collision is not checked: --collision avoids it"]
 
 
+def test_lists_may_have_brackets(primitive):
+    goal = ("--goal", "[-1.2, 0.1, 0.3, -1.0]")
+    bare = ("--goal", "-1.2,0.1,0.3,-1.0")
+    with_brackets, without = (request("plan", primitive, goal=one) for one in (goal, bare))
+    ends = [[x for x in lines if x.startswith("goal  ")] for lines in (with_brackets, without)]
+    assert ends[0] == ends[1] and ends[0]
+
+
+@pytest.mark.parametrize("command", ["plan", "sequence"])
+def test_scaling_factors_of_moveit_are_said_not_to_be_applied(command, primitive, tmp_path):
+    limits = tmp_path / "joint_limits.yaml"
+    text = "default_velocity_scaling_factor: 0.1\njoint_limits: {elbow: {max_velocity: 9.0}}\n"
+    limits.write_text(text)
+    lines = request(command, primitive, "--limits", limits)
+    (remark,) = (line for line in lines if "scaling_factor" in line)
+    assert remark.startswith("remark ") and "velocity_scaling_factor 0.1 are not applied" in remark
+    limits.write_text(text.replace("0.1", "1.0"))
+    assert not any("scaling" in line for line in request(command, primitive, "--limits", limits))
+
+
 @pytest.mark.parametrize("command", ["plan", "sequence"])
 def test_requests_above_the_largest_in_span_score_are_rejected(command, primitive):
     lines = request(command, primitive, "--max-in-span-score", "0.01", ok=False)

@@ -569,6 +569,23 @@ def test_command_sends_a_goal_in_degrees_and_prints_the_report(
     np.testing.assert_allclose(end, [*START[:3], GOAL[3]], atol=1e-12)
 
 
+@pytest.mark.parametrize("form", ["[{}]", "{}"])
+def test_command_sends_a_list_in_the_joint_order_of_the_robot_description(
+    client: NodeClient, capsys: pytest.CaptureFixture[str], form: str
+) -> None:
+    with parameters(client, state_timeout=0.0):
+        n_trajectories = len(client.trajectories)
+        goal = form.format(", ".join(map(str, GOAL)))
+        assert main(["send_goal", goal, "--wait", "0", "--json"]) == 0
+        assert float(json.loads(capsys.readouterr().out)["goal_error"]) == 0.0
+        assert main(["send_goal", "[0.1, 0.2]", "--wait", "0"]) == 2
+        assert "has 2 values, but there are 4 joints: " in capsys.readouterr().err
+        client.wait_for_diagnostics()
+    assert len(client.trajectories) == n_trajectories + 1
+    end = client.trajectories[-1].points[-1].positions
+    np.testing.assert_allclose(end, GOAL, atol=1e-12)
+
+
 def test_command_sends_a_sequence(client: NodeClient, capsys: pytest.CaptureFixture[str]) -> None:
     with parameters(client, state_timeout=0.0):
         assert (

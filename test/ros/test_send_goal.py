@@ -15,6 +15,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
     ("arguments", "words"),
     [
         (["elbow"], "name=value"),
+        (["0.1,elbow"], "name=value,… or a list"),
         (["elbow=x"], "'x', not a number"),
         (["elbow=nan"], "finite"),
         (["elbow=1,elbow=2"], "more than once"),
