@@ -15,9 +15,9 @@ ends. "speed", "end acceleration" and "end jerk": the 95 % quantile of the predi
 that of the demonstrations. The ends are the first and the last tenth of a prediction; of a
 demonstration, which may be cut off at a speed, all of it counts. ProMP and DMP are interpolated
 linearly, so their jerk means nothing. The table "calibration" has, for primitives of n
-demonstrations drawn at random, the share of left-out joint angles within 1 / 2 / 3 predicted
-standard deviations (68 / 95 / 99.7 of a Gaussian), of left-out requests with an in-span score below
-3, and the RMS error in path relative to the expected one.
+demonstrations drawn at random, the share of left-out joint angles within the predicted intervals of
+68 / 95 / 99.7 % (those of 1 / 2 / 3 standard deviations of a Gaussian), of left-out requests with
+an in-span score below 3, and the RMS error in path relative to the expected one.
 
     python benchmarks/naturalness.py BAG... [--segments FILE.csv] [--by-label] [--by-activity]
         [--align linear,arc_length] [--robot URDF] [--tip FRAME] [--no-peers] [--json]
@@ -37,6 +37,7 @@ from mp_pca_planner.evaluation.naturalness import (
     BSPLINES,
     CALIBRATION_SIZES,
     RHOS,
+    Calibration,
     Comparison,
     Prediction,
     Predictor,
@@ -108,10 +109,10 @@ def main() -> None:
             name = label if "," not in arguments.align else f"{label}, {way}"
             summary.append([name, str(len(motions)), *(_errors(comparison, m) for m in methods)])
             tables[f"{name}, {len(motions)} motions"] = _table(comparison)
-            calibrated.append([name, *_calibration(motions, PrimitiveOptions(align=way))])
+            calibrated.append((name, calibration(motions, PrimitiveOptions(align=way))))
     title = "RMS error [deg]: in time / after time alignment / in path"
     tables = {title: (["motions", "n", *methods], summary), **tables}
-    tables["calibration"] = ["motions", *(f"n = {n}" for n in CALIBRATION_SIZES)], calibrated
+    tables["calibration"] = _calibration_table(calibrated)
     show(tables, as_json=arguments.json)
 
 
@@ -120,14 +121,26 @@ def _errors(comparison: Comparison, method: str) -> str:
     return " / ".join(f"{error:.2f}" for error in errors)
 
 
-def _calibration(motions: Sequence[Demonstration], options: PrimitiveOptions) -> list[str]:
-    found = {x.n_demonstrations: x for x in calibration(motions, options)}
-    cells = {
-        n: " / ".join(f"{100 * share:.0f}" for share in x.within)
-        + f", {100 * x.in_span:.0f}, {x.error_ratio:.2f}"
-        for n, x in found.items()
-    }
-    return [cells.get(n, "") for n in CALIBRATION_SIZES]
+def _calibration_table(found: Sequence[tuple[str, Sequence[Calibration]]]) -> Table:
+    """Rows of all sets, and their means."""
+    rows = [[name, *_calibration_cells(one)] for name, one in found]
+    if len(rows) > 1:
+        rows.append(["mean", *_calibration_cells([x for _, one in found for x in one])])
+    return ["motions", *(f"n = {n}" for n in CALIBRATION_SIZES)], rows
+
+
+def _calibration_cells(found: Sequence[Calibration]) -> list[str]:
+    """A cell for each number of demonstrations, with means over several sets."""
+    cells = []
+    for n in CALIBRATION_SIZES:
+        numbers = [(*x.within, x.in_span, x.error_ratio) for x in found if x.n_demonstrations == n]
+        if not numbers:
+            cells.append("")
+            continue
+        *within, in_span, ratio = np.mean(numbers, axis=0)
+        shares = " / ".join(f"{100 * share:.0f}" for share in within)
+        cells.append(f"{shares}, {100 * in_span:.0f}, {ratio:.2f}")
+    return cells
 
 
 def _table(comparison: Comparison) -> Table:

@@ -29,6 +29,7 @@ from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
 from ..primitives.differences import FINE_PHASES, MEASURES, PHASES, by_way, differences
 from ..primitives.pace import fit_paces
+from ..primitives.prediction import FREEDOM
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..robot.limits import JointLimits
@@ -224,7 +225,8 @@ class Calibration:
     n_demonstrations : int
         Number of demonstrations of each primitive.
     within : tuple of float
-        Shares of the errors within one, two and three predicted standard deviations.
+        Shares of the errors within the predicted intervals of 68, 95 and 99.7 %, which are those
+        of one, two and three standard deviations of a Gaussian.
     in_span : float
         Share of the left-out requests with an in-span score below 3.
     error_ratio : float
@@ -270,11 +272,19 @@ def calibration(
             rows += [_standardised(motion, primitive) for motion in tested]
         if rows:
             errors, scores, squares, expected = map(np.array, zip(*rows, strict=True))
-            one, two, three = (float(np.mean(np.abs(errors) < k)) for k in (1.0, 2.0, 3.0))
+            one, two, three = (float(np.mean(np.abs(errors) < x)) for x in _interval_bounds())
             ratio = float(np.sqrt(squares.mean() / np.mean(expected**2)))
             in_span = float(np.mean(scores < 3.0))
             found.append(Calibration(size, (one, two, three), in_span, ratio))
     return found
+
+
+def _interval_bounds() -> FloatArray:
+    """Bounds of the predicted intervals of 68, 95 and 99.7 %, in standard deviations."""
+    from scipy.stats import norm, t  # imported late, because the import is slow
+
+    bounds = t.ppf(norm.cdf([1.0, 2.0, 3.0]), FREEDOM)
+    return np.asarray(bounds * np.sqrt((FREEDOM - 2.0) / FREEDOM))
 
 
 def _standardised(

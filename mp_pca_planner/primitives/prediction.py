@@ -33,6 +33,10 @@ INVERSE_LENGTHS = (1.0, 0.25)
 """Inverse lengths of the similarities in units of the spread of the requests. Fits use the first;
 the coefficients of the second are zero but in files of earlier releases."""
 
+FREEDOM = 6.0
+"""Degrees of freedom of the errors. They follow Student's t distribution, because some motions are
+harder to predict than others. With 6, intervals hold the predicted shares of left-out motions."""
+
 KERNELS = tuple(product((0.8, -0.8), (0.02, 0.2, 2.0, 200.0)))
 """Time-reversal correlation and noise of each; the largest noise leaves the prior mean."""
 
@@ -71,7 +75,8 @@ class ConditionalDistribution:
         Λ⁻¹.
     variance : float
         Factor of Λ for the errors to expect at this request. It grows with the size of the motion
-        and with the distance from the demonstrations; more so, the fewer there are.
+        and with the distance from the demonstrations; more so, the fewer there are. With this
+        covariance, errors follow Student's t distribution of `FREEDOM`.
     pace : array, shape (n_pace,)
         Expected time scaling, see :mod:`.pace`; zero: even.
     duration : float

@@ -26,7 +26,7 @@ from .basis import Basis, PacedBasis, PolynomialBasis
 from .boundary import boundary_values, hermite_functions, quintics
 from .in_span import UNUSUAL_IN_SPAN_SCORE
 from .pace import time_scaling
-from .prediction import ConditionalDistribution, ConditionalModel
+from .prediction import FREEDOM, ConditionalDistribution, ConditionalModel
 from .primitive_values import ARRAY_SHAPES, freeze_values
 from .primitive_values import COUPLINGS as COUPLINGS
 
@@ -290,8 +290,8 @@ class MovementPrimitive:
     def sample(self, n: int, start: StateLike, goal: StateLike, seed: int = 0) -> list[Trajectory]:
         """Draw motions from the conditional distribution of a request.
 
-        Weights are drawn; duration and time scaling are the expected ones. It warns as
-        :meth:`predict` does.
+        Weights are drawn from a Student's t distribution; duration and time scaling are the
+        expected ones. It warns as :meth:`predict` does.
 
         Parameters
         ----------
@@ -315,8 +315,10 @@ class MovementPrimitive:
         ends, expected = self._predicted(start, goal, None)
         _warn_if_unusual(self.name, expected.in_span_score)
         covariance = expected.variance * expected.covariance
-        draws = np.random.default_rng(seed).multivariate_normal(expected.weights, covariance, n)
-        return [self._motion(ends, expected, weights) for weights in draws]
+        rng = np.random.default_rng(seed)
+        errors = rng.multivariate_normal(np.zeros(len(covariance)), covariance, n)
+        errors *= np.sqrt((FREEDOM - 2.0) / rng.chisquare(FREEDOM, (n, 1)))
+        return [self._motion(ends, expected, expected.weights + error) for error in errors]
 
     def _predicted(
         self, start: StateLike, goal: StateLike, duration: float | None
