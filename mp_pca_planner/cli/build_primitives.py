@@ -19,7 +19,7 @@ from ..control.law import with_gains_only
 from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
-from ..plotting.report import REPORT, report_page
+from ..plotting.report import N_SAMPLES, report_page
 from ..plotting.text import (
     components_words,
     kinds_words,
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         like = old or robot
         joints = arguments.joints if like is None else like.joint_names
         known = [old.statistics] if old and old.statistics else []
-        samples = REPORT.n_samples if arguments.report else 0
+        samples = N_SAMPLES if arguments.report else 0
         recordings = load(arguments, options, joints, samples, known, robot, same_joints=True)
         recordings.require_motion()
     statistics = _statistics(recordings, old, arguments.remove)

@@ -98,7 +98,7 @@ class Children:
             process.send_signal(signal.SIGINT)
         for process in self._processes:
             try:
-                process.wait(_OPTIONS.end_patience)
+                process.wait(_END_PATIENCE)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -111,43 +111,25 @@ class Children:
             raise KeyboardInterrupt
 
 
-@dataclass(frozen=True)
-class DemoOptions:
-    """Motions of the demo, and thresholds of arrival.
-
-    Attributes
-    ----------
-    n_demonstrations, n_goals : int
-        Numbers of recorded motions and of goals; the robot returns after each goal.
-    seed, goal_seed : int
-        Seeds of both. Goals are ends of motions that are not among the demonstrations.
-    rate : float
-        Rate of the recording [Hz].
-    position_error, speed : float
-        Largest error [rad] and speed [rad/s] at which the robot counts as arrived.
-    patience, end_patience : float
-        Longest times to wait for the arrival, and for a process that was signalled to end [s].
-    start_error : float
-        Largest difference between the measured starts here and in the node [rad]: a robot that
-        still settles at `speed` takes a second for it.
-    n_animated : int
-        Motions of the robot in the animation.
-    """
-
-    n_demonstrations: int = 30
-    n_goals: int = 6
-    seed: int = 1
-    goal_seed: int = 2
-    rate: float = 100.0
-    position_error: float = 1e-3
-    speed: float = 1e-5
-    patience: float = 30.0
-    end_patience: float = 10.0
-    start_error: float = 1e-5
-    n_animated: int = 4
-
-
-_OPTIONS = DemoOptions()
+# Numbers of recorded motions and of goals; the robot returns after each goal.
+_N_DEMONSTRATIONS = 30
+_N_GOALS = 6
+# Seeds of both. Goals are ends of motions that are not among the demonstrations.
+_SEED = 1
+_GOAL_SEED = 2
+# Rate of the recording [Hz].
+_RATE = 100.0
+# Largest error [rad] and speed [rad/s] at which the robot counts as arrived.
+_POSITION_ERROR = 1e-3
+_SPEED = 1e-5
+# Longest times to wait for the arrival, and for a process that was signalled to end [s].
+_PATIENCE = 30.0
+_END_PATIENCE = 10.0
+# Largest difference between the measured starts here and in the node [rad]: a robot that still
+# settles at `_SPEED` takes a second for it.
+_START_ERROR = 1e-5
+# Motions of the robot in the animation.
+_N_ANIMATED = 4
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -158,9 +140,9 @@ def run(arguments: argparse.Namespace) -> int:
     folder, urdf = arguments.output, config_file("human_arm.urdf")
     make_folder(folder)
     bag, file = folder / "recording", folder / "arm_raising.npz"
-    n = _OPTIONS.n_demonstrations
+    n = _N_DEMONSTRATIONS
     say(f"1. Recording {n} arm-raising motions, and returns between them, into {bag}")
-    write_example_recording(bag, n, seed=_OPTIONS.seed)
+    write_example_recording(bag, n, seed=_SEED)
     say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
     options = ["--robot", str(urdf), "--joints", ",".join(JOINT_NAMES), "--force"]
     build = parse("build_primitives", [str(bag), "--output", str(file), *options])
@@ -211,7 +193,7 @@ def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
     values = {"primitives": [str(primitive_file)], "robot_description": description}
     content = {"mp_pca_planner": {"ros__parameters": values}}
     write_whole(parameters, yaml.safe_dump(content).encode(), overwrite=True)
-    goals = generate_motions(_OPTIONS.n_goals, _OPTIONS.goal_seed)
+    goals = generate_motions(_N_GOALS, _GOAL_SEED)
     home = goals[0].positions[0]
     start = ",".join(f"{name}={q}" for name, q in zip(JOINT_NAMES, home, strict=True))
     ros_arguments = ("--params-file", str(parameters), "--log-level", "warn")
@@ -245,14 +227,14 @@ def _measured(monitor: LiveNode) -> FloatArray:
 
 def _wait_until_at(monitor: LiveNode, goal: FloatArray) -> float:
     """Wait until the robot rests at a goal; return its distance from the goal [rad]."""
-    deadline = time.monotonic() + _OPTIONS.patience
+    deadline = time.monotonic() + _PATIENCE
     while True:
         q, v = _measured(monitor)
         error = float(np.abs(q - goal).max())
-        is_there = error < _OPTIONS.position_error and np.abs(v).max() < _OPTIONS.speed
+        is_there = error < _POSITION_ERROR and np.abs(v).max() < _SPEED
         if is_there or time.monotonic() > deadline:
             return error
-        time.sleep(1.0 / _OPTIONS.rate)
+        time.sleep(1.0 / _RATE)
 
 
 def _report(robot: Robot, served: Sequence[_Served]) -> int:
@@ -261,7 +243,7 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
     rows, failures = [], 0
     for i, goal in enumerate(served, start=1):
         verdict = _verdict(robot, limits, goal)
-        failures += verdict != _GOOD or not goal.arrival_error < _OPTIONS.position_error
+        failures += verdict != _GOOD or not goal.arrival_error < _POSITION_ERROR
         reported = {name: goal.answer.values.get(name) for name, _, _ in _COLUMNS.values()}
         values = {name: None if text is None else float(text) for name, text in reported.items()}
         values |= {"latency": goal.answer.latency, "arrival_error": goal.arrival_error}
@@ -277,7 +259,7 @@ def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
         return str(goal.answer.report.message)
     # Between this measurement and the planner's, the settling robot moves by some nanometres.
     first = trajectory.positions[0]
-    start = first if np.abs(first - goal.start).max() < _OPTIONS.start_error else goal.start
+    start = first if np.abs(first - goal.start).max() < _START_ERROR else goal.start
     try:
         check = check_limits(trajectory, robot, limits)
         check_executable(trajectory, check, JointState(JOINT_NAMES, start))
@@ -311,7 +293,7 @@ def _draw(
         arm_figure(figure, {"planned": chain}, "The arm on its path to the goal", _ARM[-1])
     # Motions away from the start: every other one.
     demonstrated = [at_frames(motion.times, motion.positions) for motion in motions[:16:4]]
-    executed = _measured_motions(folder / _RECORD)[: _OPTIONS.n_animated]
+    executed = _measured_motions(folder / _RECORD)[:_N_ANIMATED]
     arms = ([robot.frame_positions(q, _ARM) for q in some] for some in (demonstrated, executed))
     write_animation(pictures[3], *arms, force=True)
     return pictures

@@ -25,7 +25,7 @@ from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from .problems import Problem, Scene
-from .referee import REFEREE, SceneVerdict, Verdict
+from .referee import REFEREE_POSITION_TOLERANCE, REFEREE_VELOCITY_TOLERANCE, SceneVerdict, Verdict
 
 SOLVED = "solved"
 BSPLINE = "bspline"
@@ -80,8 +80,8 @@ class PeerResult:
             return False
         return (
             not self.among_obstacles.collision
-            and self.verdict.end_error <= REFEREE.position_tolerance
-            and self.verdict.end_velocity <= REFEREE.velocity_tolerance
+            and self.verdict.end_error <= REFEREE_POSITION_TOLERANCE
+            and self.verdict.end_velocity <= REFEREE_VELOCITY_TOLERANCE
         )
 
     def facts(self) -> dict[str, Any]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -24,37 +23,16 @@ from .methods import Method, PeerResult, minimum_jerk
 from .problems import Problem, Scene
 from .referee import RigidArm
 
-
-@dataclass(frozen=True)
-class ShootingOptions:
-    """How the problems are discretised and solved.
-
-    The weights are multiples of the mean of ½‖τ‖² of the minimum-jerk motion. With these weights,
-    goal errors are below 0.1 mrad and limit violations about 0.5 %; larger weights take more
-    iterations.
-
-    Attributes
-    ----------
-    step : float
-        Longest time step [s].
-    goal_weight : float
-        Weight of the terminal cost.
-    barrier_weight : float
-        Weight of the barriers.
-    convergence : float
-        Relative difference from the converged cost that ends a timed run.
-    max_iterations : int
-        Iterations after which a run has converged.
-    """
-
-    step: float = 0.01
-    goal_weight: float = 1e4
-    barrier_weight: float = 1e2
-    convergence: float = 0.01
-    max_iterations: int = 200
-
-
-_OPTIONS = ShootingOptions()
+# Weights of costs are multiples of the mean of ½‖τ‖² of the minimum-jerk motion. With these, goal
+# errors are below 0.1 mrad and limit violations about 0.5 %; larger ones take more iterations.
+_GOAL_WEIGHT = 1e4
+_BARRIER_WEIGHT = 1e2
+# Longest time step [s].
+_STEP = 0.01
+# Relative difference from the converged cost that ends a timed run.
+_CONVERGENCE = 0.01
+# Iterations after which a run has converged.
+_MAX_ITERATIONS = 200
 
 
 def crocoddyl_method(scene: Scene, max_time: float, *, box: bool) -> Method:
@@ -92,8 +70,8 @@ def crocoddyl_method(scene: Scene, max_time: float, *, box: bool) -> Method:
 
     kind = "BoxFDDP, efforts limited" if box else "FDDP, efforts by a barrier"
     about = (
-        f"Crocoddyl's {kind}, steps of {1e3 * _OPTIONS.step:g} ms, until within "
-        f"{_OPTIONS.convergence:.0%} of its own converged cost"
+        f"Crocoddyl's {kind}, steps of {1e3 * _STEP:g} ms, until within "
+        f"{_CONVERGENCE:.0%} of its own converged cost"
     )
     return Method("box_fddp" if box else "fddp", about, solve, slow=True)
 
@@ -112,12 +90,12 @@ def _iterations_needed(shooting: _Shooting, problem: Problem, max_time: float) -
 
     solver.setCallbacks([Recorder()])
     try:
-        solver.solve(states, controls, _OPTIONS.max_iterations, False)
+        solver.solve(states, controls, _MAX_ITERATIONS, False)
     except TimeoutError:
         return 0
     if not costs or not np.isfinite(costs[-1]):
         return 0
-    outside = np.flatnonzero(np.abs(np.array(costs) / costs[-1] - 1.0) > _OPTIONS.convergence)
+    outside = np.flatnonzero(np.abs(np.array(costs) / costs[-1] - 1.0) > _CONVERGENCE)
     return int(outside[-1]) + 2 if outside.size else 1
 
 
@@ -135,7 +113,7 @@ class _Shooting:
     def set_up(self, problem: Problem) -> tuple[Any, list[FloatArray], list[FloatArray]]:
         """The solver, and the minimum-jerk motion with its controls as a start."""
         crocoddyl, arm = self.crocoddyl, self._arm
-        n_steps = int(np.ceil(problem.duration / _OPTIONS.step))
+        n_steps = int(np.ceil(problem.duration / _STEP))
         q, v, a = minimum_jerk(problem, np.linspace(0.0, 1.0, n_steps + 1))
         guess = [np.r_[arm.configuration(x), arm.velocity(y)] for x, y in zip(q, v, strict=True)]
         tau = [arm.velocity(x) for x in arm.efforts(q, v, a)[:-1]]
@@ -146,7 +124,7 @@ class _Shooting:
         target = np.r_[arm.configuration(problem.goal), v[-1]]
         residual = crocoddyl.ResidualModelState(self._state, target)
         goal = crocoddyl.CostModelResidual(self._state, residual)
-        ending.addCost("goal", goal, _OPTIONS.goal_weight * unit)
+        ending.addCost("goal", goal, _GOAL_WEIGHT * unit)
         final = self._action(ending, 0.0)
         shooting = crocoddyl.ShootingProblem(guess[0], [running] * n_steps, final)
         kind = crocoddyl.SolverBoxFDDP if self._box else crocoddyl.SolverFDDP
@@ -169,7 +147,7 @@ class _Shooting:
         lower = np.r_[arm.velocity(limits.lower), -arm.velocity(limits.velocity)]
         upper = np.r_[arm.velocity(limits.upper), arm.velocity(limits.velocity)]
         of_states = crocoddyl.ResidualModelState(state, state.zero())
-        weight = _OPTIONS.barrier_weight
+        weight = _BARRIER_WEIGHT
         costs.addCost("states", self._barrier(of_states, lower, upper), weight * unit)
         if not self._box:
             bound = arm.velocity(limits.effort)

@@ -34,39 +34,21 @@ except ImportError:  # its name before release 3
     import hppfcl as coal
 
 
-@dataclass(frozen=True)
-class RefereeOptions:
-    """Grid and tolerances of the referee.
-
-    Attributes
-    ----------
-    period : float
-        Longest step of the grid [s].
-    limit_tolerance : float
-        Largest relative excess over a limit of a feasible motion.
-    position_tolerance : float
-        Largest distance of a feasible motion from its start and goal [rad or m].
-    velocity_tolerance : float
-        Largest velocity of a feasible motion at its ends [rad/s or m/s].
-    active_share : float
-        Share of a limit from which it counts as active.
-    end_share : float
-        Share of the duration at either end in which limits don't count as active.
-    collision_period, clearance_period : float
-        Steps of the grids on which collisions and clearances are computed [s].
-    """
-
-    period: float = 5e-4
-    limit_tolerance: float = 1e-6
-    position_tolerance: float = 1e-3
-    velocity_tolerance: float = 1e-2
-    active_share: float = 0.998
-    end_share: float = 0.05
-    collision_period: float = 1e-3
-    clearance_period: float = 1e-2
-
-
-REFEREE = RefereeOptions()
+# Longest step of the grid [s].
+REFEREE_PERIOD = 5e-4
+# Largest relative excess over a limit of a feasible motion.
+REFEREE_LIMIT_TOLERANCE = 1e-6
+# Largest distance of a feasible motion from its start and goal [rad or m].
+REFEREE_POSITION_TOLERANCE = 1e-3
+# Largest velocity of a feasible motion at its ends [rad/s or m/s].
+REFEREE_VELOCITY_TOLERANCE = 1e-2
+# Share of a limit from which it counts as active.
+REFEREE_ACTIVE_SHARE = 0.998
+# Share of the duration at either end in which limits don't count as active.
+REFEREE_END_SHARE = 0.05
+# Steps of the grids on which collisions and clearances are computed [s].
+REFEREE_COLLISION_PERIOD = 1e-3
+REFEREE_CLEARANCE_PERIOD = 1e-2
 
 
 @dataclass(frozen=True)
@@ -168,7 +150,7 @@ class RigidArm:
 def judge(trajectory: Trajectory, problem: Problem, arm: RigidArm, limits: JointLimits) -> Verdict:
     """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
     curve = executed(trajectory)
-    n_steps = int(np.ceil(trajectory.duration / REFEREE.period))
+    n_steps = int(np.ceil(trajectory.duration / REFEREE_PERIOD))
     times = np.linspace(0.0, trajectory.duration, n_steps + 1)
     q, v, a, jerk = (curve(times) if k == 0 else curve.derivative(k)(times) for k in range(4))
     tau = arm.efforts(q, v, a)
@@ -184,9 +166,9 @@ def judge(trajectory: Trajectory, problem: Problem, arm: RigidArm, limits: Joint
         end_error=end_error,
         end_velocity=end_velocity,
         demo_distance_deg=_distance(curve, trajectory.duration, problem),
-        feasible=excess <= REFEREE.limit_tolerance
-        and end_error <= REFEREE.position_tolerance
-        and end_velocity <= REFEREE.velocity_tolerance,
+        feasible=excess <= REFEREE_LIMIT_TOLERANCE
+        and end_error <= REFEREE_POSITION_TOLERANCE
+        and end_velocity <= REFEREE_VELOCITY_TOLERANCE,
     )
 
 
@@ -212,8 +194,8 @@ def _against_limits(
         "jerk": np.abs(jerk) / limits.jerk - 1.0,
         "effort": np.abs(tau) / limits.effort - 1.0,
     }
-    inside = np.abs(times / times[-1] - 0.5) < 0.5 - REFEREE.end_share
-    active = any(excess[inside].max() > REFEREE.active_share - 1.0 for excess in excesses.values())
+    inside = np.abs(times / times[-1] - 0.5) < 0.5 - REFEREE_END_SHARE
+    active = any(excess[inside].max() > REFEREE_ACTIVE_SHARE - 1.0 for excess in excesses.values())
     quantity = max(excesses, key=lambda name: float(excesses[name].max()))
     step, joint = np.unravel_index(excesses[quantity].argmax(), q.shape)
     worst = float(excesses[quantity][step, joint])
@@ -306,7 +288,7 @@ class SceneReferee:
         curve = executed(trajectory)
         n_fine, n_coarse = (
             1 + _count(trajectory.duration, period)
-            for period in (REFEREE.collision_period, REFEREE.clearance_period)
+            for period in (REFEREE_COLLISION_PERIOD, REFEREE_CLEARANCE_PERIOD)
         )
         times = np.linspace(0.0, trajectory.duration, n_fine)
         coarse = np.linspace(0, n_fine - 1, n_coarse)

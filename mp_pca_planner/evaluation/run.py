@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,26 +56,13 @@ _FACTS = (
 )
 
 
-@dataclass(frozen=True)
-class SceneOptions:
-    """Options of the planner among obstacles.
+# Likeness to the demonstrations, in the duration of least cost: nearly least effort.
+_SCENE_NATURALNESS = 0.01
+# Components of the primitive.
+_SCENE_N_COMPONENTS = 8
+# Time limit of a further run [s].
+_SCENE_QUICK = 0.1
 
-    Attributes
-    ----------
-    naturalness : float
-        Likeness to the demonstrations, in the duration of least cost: nearly least effort.
-    n_components : int
-        Components of the primitive.
-    quick : float
-        Time limit of a further run [s].
-    """
-
-    naturalness: float = 0.01
-    n_components: int = 8
-    quick: float = 0.1
-
-
-_SCENES = SceneOptions()
 
 Results = Sequence[Mapping[str, PeerResult]]
 """For each problem, the results of the methods that were run on it, by method name."""
@@ -110,7 +97,7 @@ def set_up_in_scenes(
     methods, absent :
         As :func:`set_up`.
     """
-    size, rho, quick = _SCENES.n_components, _SCENES.naturalness, _SCENES.quick
+    size, rho, quick = _SCENE_N_COMPONENTS, _SCENE_NATURALNESS, _SCENE_QUICK
     chosen, usual = (
         scene.primitive or build_primitive(scene.demonstrations, scene.name, options)
         for options in (PrimitiveOptions("arm", size), PrimitiveOptions())
@@ -302,7 +289,7 @@ def _group_summary(results: Results) -> dict[str, dict[str, Any]]:
         of_method = [found[name] for found in results]
         solved = [one for one in of_method if one.avoids_obstacles]
         facts = [one.facts() for one in solved]
-        n_quick = sum(x["solve_time_s"] <= _SCENES.quick for x in facts)
+        n_quick = sum(x["solve_time_s"] <= _SCENE_QUICK for x in facts)
         collided = [one.among_obstacles for one in of_method if one.solved]
         summary[name] = {
             "n_problems": len(of_method),

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,30 +23,14 @@ from ..robot.model import Robot
 from .inverse_kinematics import BoolArray, Linearised, MarkerProblem, minimise, solve_each
 from .marker_map import MarkerMap, MarkerPlacement, OriginFit
 
-
-@dataclass(frozen=True)
-class OriginFitOptions:
-    """Options of the fit.
-
-    Attributes
-    ----------
-    n_frames : int
-        Frames that are used, evenly spread over the recording.
-    max_iterations : int
-        Largest number of steps.
-    last_step : float
-        Change of the origins at which the fit ends [m].
-    min_effect : float
-        Directions that change the errors less than this share of the strongest stay unchanged.
-    """
-
-    n_frames: int = 60
-    max_iterations: int = 30
-    last_step: float = 1e-7
-    min_effect: float = 1e-4
-
-
-_OPTIONS = OriginFitOptions()
+# Frames that are used, evenly spread over the recording.
+_N_FRAMES = 60
+# Largest number of steps.
+_MAX_ITERATIONS = 30
+# Change of the origins at which the fit ends [m].
+_LAST_STEP = 1e-7
+# Directions that change the errors less than this share of the strongest stay unchanged.
+_MIN_EFFECT = 1e-4
 
 
 class _Joint(NamedTuple):
@@ -115,7 +98,7 @@ def fit_origins(
         for direction in _directions(joints[name], fit)
     ]
     in_parents = [(joints[name].parent, direction) for name, direction in columns]
-    chosen = np.unique(np.linspace(0, len(targets) - 1, _OPTIONS.n_frames).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(targets) - 1, _N_FRAMES).round().astype(int))
     beyond = _beyond(joints, [name for name, _ in columns], markers)
     q: FloatArray | None = None
 
@@ -135,7 +118,7 @@ def fit_origins(
 
     bounds = np.array(-np.inf), np.array(np.inf)
     start = np.zeros(len(columns))
-    limits = _OPTIONS.last_step, _OPTIONS.max_iterations
+    limits = _LAST_STEP, _MAX_ITERATIONS
     change, _ = minimise(start, linearise, _strong_step, bounds, *limits)
     return _with_origins(urdf, fitted(change)), _notes(joints, fitted(change))
 
@@ -153,7 +136,7 @@ def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Line
     frames = np.arange(len(q))
     errors, jacobians = problem.weighted(frames, q)
     effects = effects * problem.scale(frames)[..., None, None]
-    removed = jacobians @ np.linalg.pinv(jacobians, rcond=_OPTIONS.min_effect)
+    removed = jacobians @ np.linalg.pinv(jacobians, rcond=_MIN_EFFECT)
     rest = np.eye(errors.shape[1]) - removed
     matrix = (rest @ effects.reshape(*errors.shape, -1)).reshape(-1, effects.shape[-1])
     left = (rest @ errors[..., None]).reshape(-1)
@@ -165,7 +148,7 @@ def _strong_step(
 ) -> FloatArray:
     """Step in the directions that change the errors."""
     values, vectors = np.linalg.eigh(matrix)
-    strong = values > _OPTIONS.min_effect**2 * values[-1]
+    strong = values > _MIN_EFFECT**2 * values[-1]
     vectors = vectors[:, strong]
     return np.asarray(-vectors @ ((vectors.T @ gradient) / (values[strong] + damping)))
 

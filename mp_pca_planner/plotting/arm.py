@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -130,33 +129,17 @@ def _view_box(points: FloatArray) -> FloatArray:
 _PALE = "#D9D9D9"
 
 
-@dataclass(frozen=True)
-class AnimationOptions:
-    """Size and timing of an animation.
-
-    Attributes
-    ----------
-    rate : float
-        Frames per second; motions run in real time.
-    pause : int
-        Frames before and after each motion.
-    width, height : float
-        Size [inch].
-    axes : tuple of float
-        Left, bottom, width and height of the drawing, as shares of the size.
-    dpi : int
-        Pixels per inch.
-    """
-
-    rate: float = 20.0
-    pause: int = 12
-    width: float = 4.6
-    height: float = 5.1
-    axes: tuple[float, float, float, float] = (0.02, 0.02, 0.96, 0.9)
-    dpi: int = 80
-
-
-ANIMATION = AnimationOptions()
+# Frames per second; motions run in real time.
+ANIMATION_RATE = 20.0
+# Frames before and after each motion.
+ANIMATION_PAUSE = 12
+# Size [inch].
+ANIMATION_WIDTH = 4.6
+ANIMATION_HEIGHT = 5.1
+# Left, bottom, width and height of the drawing, as shares of the size.
+ANIMATION_AXES = (0.02, 0.02, 0.96, 0.9)
+# Pixels per inch.
+ANIMATION_DPI = 80
 
 
 def at_frames(times: FloatArray, positions: FloatArray) -> FloatArray:
@@ -169,7 +152,7 @@ def at_frames(times: FloatArray, positions: FloatArray) -> FloatArray:
     positions : array, shape (n_times, n_joints)
         Positions at these times [rad or m].
     """
-    n_frames = round((times[-1] - times[0]) * ANIMATION.rate) + 1
+    n_frames = round((times[-1] - times[0]) * ANIMATION_RATE) + 1
     frames = np.linspace(times[0], times[-1], n_frames)
     return np.column_stack([np.interp(frames, times, q) for q in positions.T])
 
@@ -199,11 +182,11 @@ def write_animation(
     with styled_figure() as figure, tempfile.TemporaryDirectory() as folder:
         from matplotlib.animation import PillowWriter
 
-        figure.set_size_inches(ANIMATION.width, ANIMATION.height)
+        figure.set_size_inches(ANIMATION_WIDTH, ANIMATION_HEIGHT)
         figure.set_layout_engine("none")  # one is computed for each frame otherwise
-        axes, writer = figure.add_axes(ANIMATION.axes), PillowWriter(fps=round(ANIMATION.rate))
+        axes, writer = figure.add_axes(ANIMATION_AXES), PillowWriter(fps=round(ANIMATION_RATE))
         file = Path(folder, "animation.gif")
-        with writer.saving(figure, file, ANIMATION.dpi):
+        with writer.saving(figure, file, ANIMATION_DPI):
             _draw_frames(axes, shown, executed, writer.grab_frame)
         content = file.read_bytes()
     write_whole(path, content, overwrite=force)
@@ -215,13 +198,13 @@ def _draw_frames(
     executed: Sequence[FloatArray],
     grab: Callable[[], None],
 ) -> None:
-    for k in range(max(map(len, shown)) + ANIMATION.pause):
+    for k in range(max(map(len, shown)) + ANIMATION_PAUSE):
         _draw_person(axes, "1. Motions are shown")
         for chain in shown:
             _draw_arm(axes, chain[: k + 1], GREY)
         grab()
     for chain in executed:
-        for k in range(-ANIMATION.pause, len(chain) + ANIMATION.pause):
+        for k in range(-ANIMATION_PAUSE, len(chain) + ANIMATION_PAUSE):
             _draw_person(axes, "2. A goal is given" if k < 0 else "3. The simulated robot moves")
             for one in shown:
                 _draw_path(axes, one, GREY)

@@ -24,8 +24,12 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .style import (
     COLOURS,
-    FIGURES,
     LINES,
+    MAX_BEHIND,
+    MIN_EFFORT_SPAN,
+    MIN_SPAN,
+    NEAR_LIMIT,
+    REACHED_LIMIT,
     STYLES,
     Line,
     add_header,
@@ -183,7 +187,7 @@ def _is_shown(quantity: str, motions: Iterable[Trajectory], limits: JointLimits 
     if limits is None:
         return False
     largest = max(np.max(np.abs(m.accelerations) / limits.acceleration) for m in motions)
-    return bool(largest > FIGURES.reached_limit)
+    return bool(largest > REACHED_LIMIT)
 
 
 def _show_context(
@@ -238,10 +242,10 @@ def _show_limits(
     """
     factor, _ = _scale(quantity, [name], prismatic)
     low, high = axes.dataLim.intervaly
-    least = FIGURES.min_effort_span if quantity == "efforts" else FIGURES.min_span
+    least = MIN_EFFORT_SPAN if quantity == "efforts" else MIN_SPAN
     span = max(high - low, factor * least)
     low, high = (low + high - span) / 2, (low + high + span) / 2
-    reach = low - FIGURES.near_limit * span, high + FIGURES.near_limit * span
+    reach = low - NEAR_LIMIT * span, high + NEAR_LIMIT * span
     bounds = factor * _bounds(limits, quantity, name)
     near = [bound for bound in bounds if reach[0] < bound < reach[1]]
     for bound in near:
@@ -358,7 +362,7 @@ def nearest_curves(
     times = begin + duration * PHASES
     return [
         (times, primitive.reproduction(int(i), primitive.durations[i] * PHASES)[:, order])
-        for i in primitive.nearest_demonstrations(own_ends)[: FIGURES.max_behind]
+        for i in primitive.nearest_demonstrations(own_ends)[:MAX_BEHIND]
     ]
 
 

@@ -15,8 +15,8 @@ from ..primitives.alignment import own_phases
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
 from .style import (
-    FIGURES,
     LINES,
+    MAX_COMPONENTS,
     Line,
     add_header,
     joint_panels,
@@ -120,7 +120,7 @@ def primitive_figure(
         plot_components(below, primitive, joint)
         if primitive.coupling == "joint":
             shares = primitive.explained_variance_ratio[primitive.joint_names[joint]]
-            percents = ", ".join(f"{100 * share:.1f}" for share in shares[: FIGURES.max_components])
+            percents = ", ".join(f"{100 * share:.1f}" for share in shares[:MAX_COMPONENTS])
             below.set_title(f"variance: {percents} %", fontsize="small", fontweight="normal")
         if not prismatic_joints(primitive):
             for axes in (above, below):
@@ -190,7 +190,7 @@ def _component_lines(primitive: MovementPrimitive) -> list[Line]:
         palette_line(
             f"±1 sd, component {k + 1}" + (f" ({100 * shares[k]:.1f} %)" if shares else ""), k, 1.8
         )
-        for k in range(min(n_most, FIGURES.max_components))
+        for k in range(min(n_most, MAX_COMPONENTS))
     ]
 
 

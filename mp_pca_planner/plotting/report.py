@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,42 +50,24 @@ if TYPE_CHECKING:
 _MARKERS = "osD^v<>P*X"
 
 
-@dataclass(frozen=True)
-class ReportOptions:
-    """Limits of the page's size and of the time to make it.
-
-    Attributes
-    ----------
-    n_samples : int
-        Samples of a motion for curves and leave-one-out predictions.
-    max_recordings_drawn : int
-        Recordings with a figure.
-    max_demonstrations_drawn : int
-        Demonstrations in the figure of the primitive.
-    max_left_out : int
-        Demonstrations that are left out and predicted.
-    max_built_from : int
-        Total number of demonstrations in all primitives for these predictions. With many
-        demonstrations, fewer are left out, but at least five.
-    max_rows, max_motions : int
-        Rows of a table, and motions of a library in a list.
-    max_kinds, max_paths, max_joints : int
-        Kinds of motions with a figure, and motions and joints in it.
-    """
-
-    n_samples: int = 301
-    max_recordings_drawn: int = 100
-    max_demonstrations_drawn: int = 200
-    max_left_out: int = 60
-    max_built_from: int = 6000
-    max_rows: int = 500
-    max_motions: int = 200
-    max_kinds: int = 40
-    max_paths: int = 60
-    max_joints: int = 8
-
-
-REPORT = ReportOptions()
+# Samples of a motion for curves and leave-one-out predictions.
+N_SAMPLES = 301
+# Recordings with a figure.
+_MAX_RECORDINGS_DRAWN = 100
+# Demonstrations in the figure of the primitive.
+_MAX_DEMONSTRATIONS_DRAWN = 200
+# Demonstrations that are left out and predicted.
+_MAX_LEFT_OUT = 60
+# Total number of demonstrations in all primitives for these predictions. With many
+# demonstrations, fewer are left out, but at least five.
+_MAX_BUILT_FROM = 6000
+# Rows of a table, and motions of a library in a list.
+_MAX_ROWS = 500
+_MAX_MOTIONS = 200
+# Kinds of motions with a figure, and motions and joints in it.
+_MAX_KINDS = 40
+_MAX_PATHS = 60
+_MAX_JOINTS = 8
 
 
 def report_page(
@@ -113,20 +94,19 @@ def report_page(
     MissingDependencyError
         If matplotlib or jinja2 is not installed.
     """
-    limits = REPORT
     motions = recordings.demonstrations
-    drawn = _evenly(len(motions), limits.max_demonstrations_drawn)
+    drawn = _evenly(len(motions), _MAX_DEMONSTRATIONS_DRAWN)
     prismatic = prismatic_joints(primitive)
     statistics = primitive.statistics or MotionStatistics.of(motions, options)
-    affordable = max(5, limits.max_built_from // len(motions))
-    left_out = _evenly(len(motions), min(limits.max_left_out, affordable))
+    affordable = max(5, _MAX_BUILT_FROM // len(motions))
+    left_out = _evenly(len(motions), min(_MAX_LEFT_OUT, affordable))
     angles = primitive.metadata["angle_variance_ratio"]
     errors, why_no_errors = _held_out(motions, options, left_out)
     verdict = verdict_on(primitive, errors, left_out, robot)
     return render(
         "report.html",
         title=f"Movement primitive '{primitive.name}'",
-        limits=limits,
+        max_rows=_MAX_ROWS,
         primitive=primitive,
         verdict=verdict,
         goals=None if robot is None else _goals_address(primitive, robot, verdict),
@@ -150,7 +130,7 @@ def report_page(
         reports=recordings.reports,
         images=[
             figure_address(partial(recording_figure, report=report, prismatic=prismatic))
-            for report in recordings.reports[: limits.max_recordings_drawn]
+            for report in recordings.reports[:_MAX_RECORDINGS_DRAWN]
         ],
     )
 
@@ -233,7 +213,7 @@ def library_page(places: Mapping[Path, LibraryContent], refused: Sequence[Refusa
         title="Kinds of motions",
         libraries=[_library(folder, content) for folder, content in places.items()],
         refused=refused,
-        max_rows=REPORT.max_motions,
+        max_rows=_MAX_MOTIONS,
     )
 
 
@@ -254,7 +234,7 @@ def _library(folder: Path, content: LibraryContent) -> dict[str, Any]:
                 "alone": unit.number(alone),
                 "together": unit.number(together),
                 "figure": figure_address(partial(paths_figure, primitive=primitive))
-                if i < REPORT.max_kinds
+                if i < _MAX_KINDS
                 else None,
             }
             for i, (primitive, alone, together) in enumerate(kinds)
@@ -290,9 +270,9 @@ def _points(colour: str, marker: str, label: str) -> Line:
 
 def paths_figure(figure: Figure, primitive: MovementPrimitive) -> None:
     """Draw the motions of a kind over the aligned phase, in the joints that move most."""
-    paths = reproductions(primitive, _evenly(len(primitive.durations), REPORT.max_paths))
+    paths = reproductions(primitive, _evenly(len(primitive.durations), _MAX_PATHS))
     moved = np.argsort(-np.ptp(paths, axis=1).mean(axis=0), kind="stable")
-    joints = np.sort(moved[: REPORT.max_joints])
+    joints = np.sort(moved[:_MAX_JOINTS])
     names = [primitive.joint_names[j] for j in joints]
     panels = joint_panels(figure, names, 1)
     add_header(figure, primitive.name, [LINES["demonstration"], LINES["mean"]])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import product
 from math import ceil
 from pathlib import Path
@@ -33,38 +32,21 @@ STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)))
 BLACK, GREY = "#000000", "#8C8C8C"
 
 
-@dataclass(frozen=True)
-class FigureOptions:
-    """How much figures show.
-
-    Attributes
-    ----------
-    max_columns : int
-        Most panels beside each other.
-    max_behind : int
-        Most demonstrations behind a segment of a plan; more hide each other.
-    max_components : int
-        Most components around one mean; more curves are not distinguishable.
-    near_limit : float
-        A limit is drawn if it is nearer to the curve than this share of the curve's range; a
-        farther one would flatten the curve.
-    reached_limit : float
-        Share of a limit from which on it is reached: planned motions end just below it.
-    min_span, min_effort_span : float
-        Smallest ranges of a vertical axis [SI units] of positions and velocities, and of efforts:
-        rounding errors of joints at rest stay invisible.
-    """
-
-    max_columns: int = 4
-    max_behind: int = 8
-    max_components: int = 3
-    near_limit: float = 0.25
-    reached_limit: float = 0.95
-    min_span: float = 0.02
-    min_effort_span: float = 0.2
-
-
-FIGURES = FigureOptions()
+# Most panels beside each other.
+MAX_COLUMNS = 4
+# Most demonstrations behind a segment of a plan; more hide each other.
+MAX_BEHIND = 8
+# Most components around one mean; more curves are not distinguishable.
+MAX_COMPONENTS = 3
+# A limit is drawn if it is nearer to the curve than this share of the curve's range; a farther
+# one would flatten the curve.
+NEAR_LIMIT = 0.25
+# Share of a limit from which on it is reached: planned motions end just below it.
+REACHED_LIMIT = 0.95
+# Smallest ranges of a vertical axis [SI units] of positions and velocities, and of efforts:
+# rounding errors of joints at rest stay invisible.
+MIN_SPAN = 0.02
+MIN_EFFORT_SPAN = 0.2
 
 # Share of a figure's width up to which its header reaches: letters are wider at other resolutions.
 _WIDEST = 0.97
@@ -196,7 +178,7 @@ def joint_panels(figure: Figure, names: Sequence[str], n_rows: int) -> list[list
     panels :
         By joint: its `n_rows` Axes, from top to bottom.
     """
-    n_bands = ceil(len(names) / FIGURES.max_columns)
+    n_bands = ceil(len(names) / MAX_COLUMNS)
     n_columns = ceil(len(names) / n_bands)
     figure.set_size_inches(3.5 * max(n_columns, 2), 2.3 * n_bands * n_rows)
     grid = figure.subplots(n_bands * n_rows, n_columns, squeeze=False)

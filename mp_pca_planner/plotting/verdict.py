@@ -23,32 +23,16 @@ Feature = tuple[FloatArray, Unit]
 """Values of a quantity at the goals of motions [rad or m], and its unit."""
 
 
-@dataclass(frozen=True)
-class VerdictOptions:
-    """Thresholds of verdicts.
-
-    Attributes
-    ----------
-    weak_error : float
-        Error above which a left-out motion counts as weak, in medians of the errors.
-    separation : float
-        Share of the weak motions in a region, less that of the others, above which the region is
-        named.
-    few : int
-        Number of demonstrations below which more are recommended.
-    n_sampled, reach : int, float
-        Number of goals sampled for the region in span, and how far beyond a demonstrated goal, as
-        a share of its distance from another one.
-    """
-
-    weak_error: float = 2.0
-    separation: float = 0.5
-    few: int = 10
-    n_sampled: int = 3000
-    reach: float = 0.5
-
-
-_OPTIONS = VerdictOptions()
+# Error above which a left-out motion counts as weak, in medians of the errors.
+_WEAK_ERROR = 2.0
+# Share of the weak motions in a region, less that of the others, above which the region is named.
+_SEPARATION = 0.5
+# Number of demonstrations below which more are recommended.
+_FEW = 10
+# Number of goals sampled for the region in span, and how far beyond a demonstrated goal, as a
+# share of its distance from another one.
+_N_SAMPLED = 3000
+_REACH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +76,7 @@ def verdict_on(
     features = _features(primitive, robot)
     if errors is not None:
         path, unit = errors.expected[:, _PATH], primitive_unit(primitive)
-        limit = _OPTIONS.weak_error * float(np.median(path))
+        limit = _WEAK_ERROR * float(np.median(path))
         is_weak[list(left_out)] = path > limit
         straight, _, expected = errors.rms()[:, _PATH]
         text = (
@@ -116,7 +100,7 @@ def verdict_on(
     ]
     good.append("goals in the demonstrated ranges: " + ", ".join(ranges))
     weak.append("goals outside: the in-span score of a plan says how far (above 3: unlike)")
-    if is_weak.size < _OPTIONS.few:
+    if is_weak.size < _FEW:
         weak.append(f"there are only {is_weak.size} demonstrations: record ten to thirty")
     return PrimitiveVerdict(good, weak, is_weak)
 
@@ -130,8 +114,8 @@ def goals_in_span(primitive: MovementPrimitive) -> FloatArray:
     rng = np.random.default_rng(0)
     model, ends = primitive.model, primitive.boundary_states[:, [0, 3]]
     own = ends.reshape(len(ends), -1)
-    i, j = rng.integers(len(ends), size=(2, _OPTIONS.n_sampled))
-    reach = rng.uniform(-_OPTIONS.reach, 0.5, size=(_OPTIONS.n_sampled, 1))
+    i, j = rng.integers(len(ends), size=(2, _N_SAMPLED))
+    reach = rng.uniform(-_REACH, 0.5, size=(_N_SAMPLED, 1))
     goals = ends[i, 1] + reach * (ends[j, 1] - ends[i, 1])
 
     def score(request: FloatArray) -> float:
@@ -159,7 +143,7 @@ def _features(primitive: MovementPrimitive, robot: Robot | None) -> dict[str, Fe
 def _weak_goals(features: Mapping[str, Feature], is_weak: NDArray[np.bool_], limit: str) -> str:
     """Where the goals of weak motions are: on one side of a value of one feature, or anywhere."""
     n_weak, n = int(is_weak.sum()), is_weak.size
-    best, found = _OPTIONS.separation, ""
+    best, found = _SEPARATION, ""
     for name, (values, unit) in features.items():
         known = np.unique(values)
         for cut in 0.5 * (known[1:] + known[:-1]):

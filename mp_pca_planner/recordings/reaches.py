@@ -9,7 +9,6 @@ demonstrations of one task do; their ends, timing and speed differ.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
@@ -21,64 +20,38 @@ from ..robot.model import Robot
 from .demonstration import Demonstration
 from .synthetic import SyntheticRecording, bell, progress
 
-
-@dataclass(frozen=True)
-class ReachOptions:
-    """Distributions of the reaches; ranges are of uniform distributions.
-
-    Attributes
-    ----------
-    max_reach : float
-        Largest distance from the middle of a joint's range that is used [rad or m].
-    continuous_reach : float
-        The same for joints without limits, which never turn by half a turn [rad].
-    postures, spread : float
-        Shares of the used range that contain the postures of a task, and their deviation in it.
-    min_distance : float
-        Shortest distance between them, as a share of the longest possible.
-    detour, detour_spread : float
-        Standard deviation of the detours of a task as shares of the distances, and their relative
-        deviation.
-    peak, detour_peak : tuple of float
-        Phases of the peak speed and of the largest detour.
-    joint_peak_shift : float
-        Standard deviation of the joints' own peaks.
-    haste : tuple of float
-        Peak speeds as shares of the limits. Efforts stay below the second share of theirs.
-    min_duration : float
-        Shortest duration [s].
-    rate : float
-        Samples per second [Hz].
-    n_phases : int
-        Phases of a path at which it is computed.
-    max_draws : int
-        Random draws after which the limits leave no reach.
-    rest : tuple of float
-        Shortest and longest rest between the motions of a recording [s].
-    sensor_noise : float
-        Standard deviation of recorded positions [rad].
-    """
-
-    max_reach: float = 2.0
-    continuous_reach: float = 1.5
-    postures: float = 0.6
-    spread: float = 0.12
-    min_distance: float = 0.25
-    detour: float = 0.12
-    detour_spread: float = 0.4
-    peak: tuple[float, float] = (0.44, 0.52)
-    detour_peak: tuple[float, float] = (0.4, 0.6)
-    joint_peak_shift: float = 0.02
-    haste: tuple[float, float] = (0.6, 0.95)
-    min_duration: float = 0.4
-    rate: float = 100.0
-    n_phases: int = 101
-    max_draws: int = 1000
-    rest: tuple[float, float] = (0.8, 1.2)
-    sensor_noise: float = 1e-4
-
-
-OPTIONS = ReachOptions()
+# Largest distance from the middle of a joint's range that is used [rad or m].
+_MAX_REACH = 2.0
+# The same for joints without limits, which never turn by half a turn [rad].
+_CONTINUOUS_REACH = 1.5
+# Shares of the used range that contain the postures of a task, and their deviation in it.
+_POSTURES = 0.6
+_SPREAD = 0.12
+# Shortest distance between them, as a share of the longest possible.
+_MIN_DISTANCE = 0.25
+# Standard deviation of the detours of a task as shares of the distances, and their relative
+# deviation.
+_DETOUR = 0.12
+_DETOUR_SPREAD = 0.4
+# Phases of the peak speed and of the largest detour.
+_PEAK = (0.44, 0.52)
+_DETOUR_PEAK = (0.4, 0.6)
+# Standard deviation of the joints' own peaks.
+_JOINT_PEAK_SHIFT = 0.02
+# Peak speeds as shares of the limits. Efforts stay below the second share of theirs.
+_HASTE = (0.6, 0.95)
+# Shortest duration [s].
+_MIN_DURATION = 0.4
+# Samples per second [Hz].
+_RATE = 100.0
+# Phases of a path at which it is computed.
+_N_PHASES = 101
+# Random draws after which the limits leave no reach.
+_MAX_DRAWS = 1000
+# Shortest and longest rest between the motions of a recording [s].
+_REST = (0.8, 1.2)
+# Standard deviation of recorded positions [rad].
+_SENSOR_NOISE = 1e-4
 
 
 def random_reaches(
@@ -137,16 +110,16 @@ def reach_recording(
         shift = following.positions[0] - motion.positions[0]
         back = motion.positions[::-1] + shift * progress(s, np.array(0.5))
         for positions in (motion.positions, back):
-            now += rng.uniform(*OPTIONS.rest)
+            now += rng.uniform(*_REST)
             times.append(now + motion.times)
             path.append(positions)
             spans.append((now, now + motion.duration))
             now += motion.duration
-    grid = np.arange(0.0, now + OPTIONS.rest[1], 1.0 / OPTIONS.rate)
+    grid = np.arange(0.0, now + _REST[1], 1.0 / _RATE)
     # Monotone interpolation: a spline would ring in the rests.
     curve = PchipInterpolator(np.concatenate(times), np.concatenate(path))
     positions = curve(np.clip(grid, times[0][0], times[-1][-1]))
-    positions += rng.normal(0.0, OPTIONS.sensor_noise, positions.shape)
+    positions += rng.normal(0.0, _SENSOR_NOISE, positions.shape)
     resting = np.tile(list(still.values()), (len(grid), 1))
     of_all = np.array(spans)
     return SyntheticRecording(
@@ -177,9 +150,9 @@ def random_ends(
     """
     arm = _Arm(robot, limits)
     share = progress(_phases(), np.array([0.5]))
-    for _ in range(OPTIONS.max_draws):
+    for _ in range(_MAX_DRAWS):
         start, goal = (arm.posture(rng, 0.9) for _ in range(2))
-        haste = rng.uniform(*OPTIONS.haste)
+        haste = rng.uniform(*_HASTE)
         if np.abs(goal - start).max() < 0.1 * np.max(arm.half_range):
             continue
         duration = arm.duration(start + (goal - start) * share, haste)
@@ -198,13 +171,13 @@ class _Arm:
         self._middle = np.zeros(robot.n_joints)
         self._middle[bounded] = (limits.lower[bounded] + limits.upper[bounded]) / 2.0
         width = limits.upper - limits.lower
-        half = np.minimum(width / 2.0, OPTIONS.max_reach)
-        self.half_range = np.where(np.isfinite(width), half, OPTIONS.continuous_reach)
+        half = np.minimum(width / 2.0, _MAX_REACH)
+        self.half_range = np.where(np.isfinite(width), half, _CONTINUOUS_REACH)
 
     def posture(self, rng: np.random.Generator, part: float) -> FloatArray:
         """A configuration in a part of the range that the joints can hold."""
         zero = np.zeros((1, self.robot.n_joints))
-        for _ in range(OPTIONS.max_draws):
+        for _ in range(_MAX_DRAWS):
             q = self._middle + part * rng.uniform(-1.0, 1.0, zero.size) * self.half_range
             if self._has_strength(self.robot.inverse_dynamics(q[None], zero, zero)):
                 return q
@@ -225,7 +198,7 @@ class _Arm:
         if np.any(q < self._limits.lower) or np.any(q > self._limits.upper):
             return None
         fastest = float((np.abs(slope).max(axis=0) / (haste * self._limits.velocity)).max())
-        duration = max(OPTIONS.min_duration, fastest)
+        duration = max(_MIN_DURATION, fastest)
         # Thirty steps of a tenth multiply it by 17: a longer motion is no reach.
         for _ in range(30):
             a = bend / duration**2
@@ -236,27 +209,27 @@ class _Arm:
         return None
 
     def _has_strength(self, tau: FloatArray) -> bool:
-        return bool(np.all(np.abs(tau) <= OPTIONS.haste[1] * self._limits.effort))
+        return bool(np.all(np.abs(tau) <= _HASTE[1] * self._limits.effort))
 
 
 class _ReachTask:
     """Two postures, and the common detours and timing of all reaches between them."""
 
     def __init__(self, arm: _Arm, rng: np.random.Generator) -> None:
-        options, n = OPTIONS, arm.robot.n_joints
+        n = arm.robot.n_joints
         self._arm = arm
-        longest = 2.0 * options.postures * np.linalg.norm(arm.half_range)
-        for _ in range(OPTIONS.max_draws):
-            self._ends = [arm.posture(rng, options.postures) for _ in range(2)]
-            if np.linalg.norm(self._ends[1] - self._ends[0]) > options.min_distance * longest:
+        longest = 2.0 * _POSTURES * np.linalg.norm(arm.half_range)
+        for _ in range(_MAX_DRAWS):
+            self._ends = [arm.posture(rng, _POSTURES) for _ in range(2)]
+            if np.linalg.norm(self._ends[1] - self._ends[0]) > _MIN_DISTANCE * longest:
                 break
-        self._detour = rng.normal(0.0, options.detour, (n, n)) * (1.0 - np.eye(n))
-        self._peak_shift = rng.normal(0.0, options.joint_peak_shift, n)
+        self._detour = rng.normal(0.0, _DETOUR, (n, n)) * (1.0 - np.eye(n))
+        self._peak_shift = rng.normal(0.0, _JOINT_PEAK_SHIFT, n)
 
     def reach(self, rng: np.random.Generator, number: int) -> Demonstration:
-        for _ in range(OPTIONS.max_draws):
+        for _ in range(_MAX_DRAWS):
             path = self._path(rng)
-            duration = self._arm.duration(path, rng.uniform(*OPTIONS.haste))
+            duration = self._arm.duration(path, rng.uniform(*_HASTE))
             if duration is not None:
                 return self._demonstration(_phases()[:, 0] * duration, path, number)
         raise RecordingError(
@@ -265,23 +238,23 @@ class _ReachTask:
         )
 
     def _path(self, rng: np.random.Generator) -> FloatArray:
-        options, column = OPTIONS, _phases()
-        spread = options.spread * self._arm.half_range
+        column = _phases()
+        spread = _SPREAD * self._arm.half_range
         start, goal = (end + rng.uniform(-1.0, 1.0, end.size) * spread for end in self._ends)
         distance = goal - start
-        peaks = rng.uniform(*options.peak) + self._peak_shift
-        low, high = 1.0 - options.detour_spread, 1.0 + options.detour_spread
+        peaks = rng.uniform(*_PEAK) + self._peak_shift
+        low, high = 1.0 - _DETOUR_SPREAD, 1.0 + _DETOUR_SPREAD
         detour = (self._detour @ distance) * rng.uniform(low, high, distance.size)
         path = start + distance * progress(column, peaks)
-        return path + detour * bell(column, rng.uniform(*options.detour_peak))
+        return path + detour * bell(column, rng.uniform(*_DETOUR_PEAK))
 
     def _demonstration(self, knots: FloatArray, path: FloatArray, number: int) -> Demonstration:
         curve = CubicSpline(knots, path, bc_type="clamped")
-        times = np.linspace(0.0, knots[-1], round(knots[-1] * OPTIONS.rate) + 1)
+        times = np.linspace(0.0, knots[-1], round(knots[-1] * _RATE) + 1)
         names = self._arm.robot.joint_names
         return Demonstration.of_curve(names, curve, times, f"made-up reach {number}")
 
 
 def _phases() -> FloatArray:
     """Phases at which paths are computed, shape (n_phases, 1)."""
-    return np.linspace(0.0, 1.0, OPTIONS.n_phases)[:, None]
+    return np.linspace(0.0, 1.0, _N_PHASES)[:, None]

@@ -29,72 +29,49 @@ JOINT_NAMES = ("shoulder1", "shoulder2", "shoulder3", "elbow")
 Range = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class ArmRaisingStyle:
-    """Distributions of the motions; ranges are of uniform distributions.
-
-    Attributes
-    ----------
-    hanging, resting, raised : tuple of ranges
-        Postures: azimuth (0: forward, positive: to the left) and elevation (0: horizontal) of the
-        upper arm, shoulder3, elbow [deg].
-    turn_with_azimuth : float
-        Outward turn of shoulder3 for a given azimuth; without it the hand of an arm raised to the
-        side would be behind the head.
-    base_duration, duration_per_radian : float
-        Duration of a motion [s, s/rad] for the distance in joint space.
-    haste, duration_range : range
-        Factor of the duration, and its bounds [s].
-    peak_upward, peak_downward : range
-        Phase of the peak speed. Acceleration takes a smaller part of an upward motion than of a
-        downward one: Papaxanthis, Pozzo and Stapley, Neurosci. Lett. 253, 1998. It differs from
-        one half by about this much: Nagasaki, Exp. Brain Res. 74, 1989.
-    peak_shift, peak_shift_spread : tuple of float, float
-        Phases of the joints' own peaks relative to it, and their deviation.
-    detour : tuple
-        Detour of each joint (rows) halfway, as a share of the distance of each joint (columns).
-        Paths of unrestrained vertical motions are curved (Atkeson and Hollerbach, J. Neurosci.
-        5(9), 1985): here the elbow flexes and the arm leaves the body a little.
-    detour_spread : float
-        Relative deviation of the detours.
-    detour_peak : range
-        Phase of the largest detour.
-    tremor_band : range
-        Frequencies of physiological tremor [Hz]: Lakie et al., J. Physiol. 593, 2015.
-    tremor_in_motion, tremor_at_rest : float
-        Its amplitudes [rad]; in motion it is a few times larger (measured at the ankle:
-        J. Appl. Physiol. 52, 1982).
-    sensor_noise : float
-        Standard deviation of the measured positions [rad].
-    """
-
-    hanging: tuple[Range, ...] = ((-70.0, -10.0), (-88.0, -75.0), (35.0, 65.0), (-35.0, -12.0))
-    resting: tuple[Range, ...] = ((-45.0, 0.0), (-80.0, -65.0), (40.0, 70.0), (-100.0, -70.0))
-    raised: tuple[Range, ...] = ((-85.0, 10.0), (-25.0, 50.0), (38.0, 62.0), (-60.0, -15.0))
-    turn_with_azimuth: float = 0.45
-    base_duration: float = 0.35
-    duration_per_radian: float = 0.3
-    haste: Range = (0.8, 1.25)
-    duration_range: Range = (0.5, 1.5)
-    peak_upward: Range = (0.40, 0.52)
-    peak_downward: Range = (0.46, 0.54)
-    peak_shift: tuple[float, ...] = (-0.01, 0.0, 0.01, 0.03)
-    peak_shift_spread: float = 0.015
-    detour: tuple[tuple[float, ...], ...] = (
-        (0.00, 0.05, 0.00, 0.04),
-        (0.05, 0.00, 0.00, 0.00),
-        (0.05, 0.04, 0.00, 0.00),
-        (0.13, 0.00, 0.05, 0.00),
-    )
-    detour_spread: float = 0.4
-    detour_peak: Range = (0.38, 0.62)
-    tremor_band: Range = (6.0, 12.0)
-    tremor_in_motion: float = 6e-4
-    tremor_at_rest: float = 2e-4
-    sensor_noise: float = 1e-3
-
-
-STYLE = ArmRaisingStyle()
+# Postures: azimuth (0: forward, positive: to the left) and elevation (0: horizontal) of the upper
+# arm, shoulder3, elbow [deg].
+_HANGING = ((-70.0, -10.0), (-88.0, -75.0), (35.0, 65.0), (-35.0, -12.0))
+_RESTING = ((-45.0, 0.0), (-80.0, -65.0), (40.0, 70.0), (-100.0, -70.0))
+_RAISED = ((-85.0, 10.0), (-25.0, 50.0), (38.0, 62.0), (-60.0, -15.0))
+# Outward turn of shoulder3 for a given azimuth; without it the hand of an arm raised to the side
+# would be behind the head.
+_TURN_WITH_AZIMUTH = 0.45
+# Duration of a motion [s, s/rad] for the distance in joint space.
+_BASE_DURATION = 0.35
+_DURATION_PER_RADIAN = 0.3
+# Factor of the duration, and its bounds [s].
+_HASTE = (0.8, 1.25)
+_DURATION_RANGE = (0.5, 1.5)
+# Phase of the peak speed. Acceleration takes a smaller part of an upward motion than of a
+# downward one: Papaxanthis, Pozzo and Stapley, Neurosci. Lett. 253, 1998. It differs from one
+# half by about this much: Nagasaki, Exp. Brain Res. 74, 1989.
+_PEAK_UPWARD = (0.40, 0.52)
+_PEAK_DOWNWARD = (0.46, 0.54)
+# Phases of the joints' own peaks relative to it, and their deviation.
+_PEAK_SHIFT = (-0.01, 0.0, 0.01, 0.03)
+_PEAK_SHIFT_SPREAD = 0.015
+# Detour of each joint (rows) halfway, as a share of the distance of each joint (columns). Paths
+# of unrestrained vertical motions are curved (Atkeson and Hollerbach, J. Neurosci. 5(9), 1985):
+# here the elbow flexes and the arm leaves the body a little.
+_DETOUR = (
+    (0.00, 0.05, 0.00, 0.04),
+    (0.05, 0.00, 0.00, 0.00),
+    (0.05, 0.04, 0.00, 0.00),
+    (0.13, 0.00, 0.05, 0.00),
+)
+# Relative deviation of the detours.
+_DETOUR_SPREAD = 0.4
+# Phase of the largest detour.
+_DETOUR_PEAK = (0.38, 0.62)
+# Frequencies of physiological tremor [Hz]: Lakie et al., J. Physiol. 593, 2015.
+_TREMOR_BAND = (6.0, 12.0)
+# Its amplitudes [rad]; in motion it is a few times larger (measured at the ankle: J. Appl.
+# Physiol. 52, 1982).
+_TREMOR_IN_MOTION = 6e-4
+_TREMOR_AT_REST = 2e-4
+# Standard deviation of the measured positions [rad].
+_SENSOR_NOISE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,15 +168,15 @@ def continuous_recording(
     for i, motion in enumerate(motions):
         if i > 0:
             ends = motions[i - 1].positions[-1], motion.positions[0]
-            append(_move(*ends, STYLE.peak_downward, rng, rate))
+            append(_move(*ends, _PEAK_DOWNWARD, rng, rate))
         append(motion)
     # Where there is no rest, the end of a motion is the start of the next one.
     at, first = np.unique(np.concatenate([*knots, [now]]), return_index=True)
     # Monotone interpolation: a spline would ring in the rests.
     curve = PchipInterpolator(at, np.concatenate([*path, motions[-1].positions[-1:]])[first])
     times = np.arange(int(now * rate) + 1) / rate
-    positions = curve(times) + _tremor(times, STYLE.tremor_at_rest, rng)
-    positions += rng.normal(0.0, STYLE.sensor_noise, positions.shape)
+    positions = curve(times) + _tremor(times, _TREMOR_AT_REST, rng)
+    positions += rng.normal(0.0, _SENSOR_NOISE, positions.shape)
     of_all = np.array(spans)
     return SyntheticRecording(JOINT_NAMES, times, positions, of_all[::2], of_all[1::2])
 
@@ -237,13 +214,13 @@ def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int 
 
 
 def _raise_arm(rng: np.random.Generator, rate: float) -> Demonstration:
-    start = _posture(STYLE.hanging if rng.random() < 0.6 else STYLE.resting, rng)
-    return _move(start, _posture(STYLE.raised, rng), STYLE.peak_upward, rng, rate)
+    start = _posture(_HANGING if rng.random() < 0.6 else _RESTING, rng)
+    return _move(start, _posture(_RAISED, rng), _PEAK_UPWARD, rng, rate)
 
 
 def _posture(ranges: tuple[Range, ...], rng: np.random.Generator) -> FloatArray:
     azimuth, elevation, turn, elbow = np.deg2rad([rng.uniform(*bounds) for bounds in ranges])
-    turn += STYLE.turn_with_azimuth * min(azimuth, 0.0) * np.cos(elevation)
+    turn += _TURN_WITH_AZIMUTH * min(azimuth, 0.0) * np.cos(elevation)
     # Direction of the upper arm, Ry(q1) Rx(q2) (0, 0, -1) in the frame of the shoulder, solved
     # for q1 and q2. The azimuths of all postures are on the side where q1 is negative. In the
     # URDF the axis of shoulder1 is turned by -50 degrees about the vertical.
@@ -256,19 +233,19 @@ def _move(
     start: FloatArray, goal: FloatArray, peak_range: Range, rng: np.random.Generator, rate: float
 ) -> Demonstration:
     distance = goal - start
-    usual = STYLE.base_duration + STYLE.duration_per_radian * np.linalg.norm(distance)
-    duration = np.clip(usual * rng.uniform(*STYLE.haste), *STYLE.duration_range)
+    usual = _BASE_DURATION + _DURATION_PER_RADIAN * np.linalg.norm(distance)
+    duration = np.clip(usual * rng.uniform(*_HASTE), *_DURATION_RANGE)
     phases = np.linspace(0.0, 1.0, round(duration * rate) + 1)[:, None]
-    peaks = rng.uniform(*peak_range) + np.array(STYLE.peak_shift)
-    peaks += rng.uniform(-STYLE.peak_shift_spread, STYLE.peak_shift_spread, peaks.shape)
-    spread = rng.uniform(1.0 - STYLE.detour_spread, 1.0 + STYLE.detour_spread, distance.shape)
-    detour = (np.array(STYLE.detour) @ distance) * spread
+    peaks = rng.uniform(*peak_range) + np.array(_PEAK_SHIFT)
+    peaks += rng.uniform(-_PEAK_SHIFT_SPREAD, _PEAK_SHIFT_SPREAD, peaks.shape)
+    spread = rng.uniform(1.0 - _DETOUR_SPREAD, 1.0 + _DETOUR_SPREAD, distance.shape)
+    detour = (np.array(_DETOUR) @ distance) * spread
     times = phases[:, 0] * duration
     positions = (
         start
         + distance * progress(phases, peaks)
-        + detour * bell(phases, rng.uniform(*STYLE.detour_peak))
-        + _tremor(times, STYLE.tremor_in_motion, rng) * bell(phases, 0.5)
+        + detour * bell(phases, rng.uniform(*_DETOUR_PEAK))
+        + _tremor(times, _TREMOR_IN_MOTION, rng) * bell(phases, 0.5)
     )
     curve = CubicSpline(times, positions)
     return Demonstration.of_curve(JOINT_NAMES, curve, times, "made up")
@@ -292,7 +269,7 @@ def bell(phases: FloatArray, peak: float) -> FloatArray:
 def _tremor(times: FloatArray, amplitude: float, rng: np.random.Generator) -> FloatArray:
     """Three sinusoids a joint with a common amplitude [rad], shape (n_steps, n_joints)."""
     shape = (3, len(JOINT_NAMES))
-    frequencies = rng.uniform(*STYLE.tremor_band, shape)
+    frequencies = rng.uniform(*_TREMOR_BAND, shape)
     offsets = rng.uniform(0.0, 2.0 * np.pi, shape)
     waves = np.sin(2.0 * np.pi * frequencies * times[:, None, None] + offsets)
     return np.asarray(amplitude * waves.mean(axis=1))

@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from itertools import zip_longest
 from queue import Empty, Queue
 from typing import Any, TypeVar
@@ -196,24 +195,12 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-@dataclass(frozen=True)
-class ClusterOptions:
-    """Options of working on a cluster.
+# Time in which a scheduler must answer [s].
+_CONNECTION_TIMEOUT = 10.0
+# Threads of workers for which items are submitted, at least: workers may come later. All items
+# would take memory of this process and of the scheduler in proportion to their number.
+_MIN_THREADS = 16
 
-    Attributes
-    ----------
-    connection_timeout : float
-        Time in which a scheduler must answer [s].
-    min_threads : int
-        Threads of workers for which items are submitted, at least: workers may come later. All
-        items would take memory of this process and of the scheduler in proportion to their number.
-    """
-
-    connection_timeout: float = 10.0
-    min_threads: int = 16
-
-
-_CLUSTER = ClusterOptions()
 
 _ADDRESS = re.compile(r"((tcp|tls|ucx|ws|wss)://)?[^/\s]+:\d{1,5}")
 
@@ -265,9 +252,7 @@ def map_on_cluster(
     @contextmanager
     def hire(_: int) -> Iterator[Hired]:
         try:
-            client = distributed.Client(
-                address, timeout=_CLUSTER.connection_timeout, set_as_default=False
-            )
+            client = distributed.Client(address, timeout=_CONNECTION_TIMEOUT, set_as_default=False)
         except OSError as error:
             raise RecordingError(f"no Dask scheduler answers at '{address}': {error}") from None
 
@@ -284,7 +269,7 @@ def map_on_cluster(
         try:
             with _quiet(), client:
                 threads = sum(client.nthreads().values())
-                yield submit, has_workers, IN_FLIGHT * max(threads, _CLUSTER.min_threads)
+                yield submit, has_workers, IN_FLIGHT * max(threads, _MIN_THREADS)
         except distributed.CancelledError:
             raise RecordingError(f"{name} was lost") from None
         except (ImportError, FileNotFoundError) as error:

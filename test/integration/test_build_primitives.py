@@ -442,10 +442,8 @@ def test_page_of_many_recordings_says_what_it_leaves_out(
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     from mp_pca_planner.plotting import report
 
-    few = report.ReportOptions(
-        max_recordings_drawn=2, max_demonstrations_drawn=2, max_left_out=2, max_rows=2
-    )
-    monkeypatch.setattr(report, "REPORT", few)
+    for shown in ("RECORDINGS_DRAWN", "DEMONSTRATIONS_DRAWN", "LEFT_OUT", "ROWS"):
+        monkeypatch.setattr(report, f"_MAX_{shown}", 2)
     build(bags, "--output", tmp_path / "p.npz", "--report", tmp_path / "page.html")
     page = read_page(tmp_path / "page.html")
     assert "2 of the 8 demonstrations are drawn" in page.text

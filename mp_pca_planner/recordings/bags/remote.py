@@ -32,33 +32,19 @@ FILE_URL = "file://"
 """Start of URLs of this machine."""
 
 
-@dataclass(frozen=True)
-class RemoteOptions:
-    """Options of reading over a network.
-
-    Attributes
-    ----------
-    waits : tuple of float
-        Times between attempts after an error [s].
-    block : int
-        Bytes that are copied at a time.
-    unknown_bytes : int
-        Largest size of a file whose server does not state it.
-    disk_reserve : int
-        Space that stays free beside a copy [bytes].
-    patience, slowest : float
-        Time [s] after which a copy must have had this rate on average [bytes/s].
-    """
-
-    waits: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
-    block: int = 4 << 20
-    unknown_bytes: int = 4 << 30
-    disk_reserve: int = 256 << 20
-    patience: float = 60.0
-    slowest: float = 1e4
+# Times between attempts after an error [s].
+_WAITS = (0.5, 1.0, 2.0, 4.0, 8.0)
+# Bytes that are copied at a time.
+_BLOCK = 4 << 20
+# Largest size of a file whose server does not state it.
+_UNKNOWN_BYTES = 4 << 30
+# Space that stays free beside a copy [bytes].
+_DISK_RESERVE = 256 << 20
+# Time [s] after which a copy must have had this rate on average [bytes/s].
+_PATIENCE = 60.0
+_SLOWEST = 1e4
 
 
-_OPTIONS = RemoteOptions()
 # Errors of the libraries after which another attempt is of no use.
 _FINAL = ("NoCredentialsError", "PartialCredentialsError")
 
@@ -216,19 +202,19 @@ def _remote_file(path: str, entry: Mapping[str, Any]) -> RemoteFile:
 
 
 def _copy(storage: Any, file: RemoteFile, target: Path) -> None:
-    most, began = file.size or _OPTIONS.unknown_bytes, time.monotonic()
+    most, began = file.size or _UNKNOWN_BYTES, time.monotonic()
     with storage.open(file.path, "rb", cache_type="none") as source, target.open("wb") as copy:
-        while block := source.read(_OPTIONS.block):
+        while block := source.read(_BLOCK):
             copy.write(block)
             n_bytes, seconds = copy.tell(), time.monotonic() - began
             if n_bytes > most:
                 break
-            if shutil.disk_usage(target.parent).free < _OPTIONS.disk_reserve:
+            if shutil.disk_usage(target.parent).free < _DISK_RESERVE:
                 raise RecordingError(
-                    f"there are less than {_OPTIONS.disk_reserve >> 20} MiB left in "
+                    f"there are less than {_DISK_RESERVE >> 20} MiB left in "
                     f"'{target.parent}': set TMPDIR to a folder with more space"
                 )
-            if seconds > _OPTIONS.patience and n_bytes < _OPTIONS.slowest * seconds:
+            if seconds > _PATIENCE and n_bytes < _SLOWEST * seconds:
                 raise RecordingError(f"it arrives at {n_bytes / seconds:.0f} bytes per second")
     n_bytes = target.stat().st_size
     if not file.size and n_bytes > most:
@@ -239,7 +225,7 @@ def _copy(storage: Any, file: RemoteFile, target: Path) -> None:
 
 def _patiently(action: Callable[[], Value], shown: str) -> Value:
     """The result of an action that is repeated after errors of the network."""
-    for wait in (*_OPTIONS.waits, None):
+    for wait in (*_WAITS, None):
         try:
             return action()
         except RecordingError as error:
@@ -259,6 +245,6 @@ def _patiently(action: Callable[[], Value], shown: str) -> Value:
                 time.sleep(wait)
                 continue
             else:
-                reason = f"{kind}, {len(_OPTIONS.waits) + 1} times"
+                reason = f"{kind}, {len(_WAITS) + 1} times"
             raise RecordingError(f"'{shown}' can't be read: {reason}") from None
     raise AssertionError

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,38 +170,21 @@ JUMPS = Defect(
 )
 
 
-@dataclass(frozen=True)
-class VelocityCheckOptions:
-    """Thresholds of the comparison.
-
-    Attributes
-    ----------
-    window : float
-        Mean velocities over this time are compared [s]; noise hides those over one period.
-    max_compared, min_compared : int
-        Number of windows; with fewer no verdict is given.
-    min_speed, max_speed : float
-        Joints are compared between these speeds [rad/s or m/s]: at rest there is only noise, and
-        a faster joint has wrapped or jumped.
-    max_stretch : float
-        A window longer than this share of the median window contains a gap.
-    max_scale_error : float
-        Accepted relative error of the scale.
-    min_correlation : float
-        With a lower correlation the velocities do not follow the positions.
-    """
-
-    window: float = 0.1
-    max_compared: int = 20000
-    min_compared: int = 20
-    min_speed: float = 0.02
-    max_speed: float = 20.0
-    max_stretch: float = 2.0
-    max_scale_error: float = 0.2
-    min_correlation: float = 0.8
-
-
-_OPTIONS = VelocityCheckOptions()
+# Mean velocities over this time are compared [s]; noise hides those over one period.
+_VELOCITY_WINDOW = 0.1
+# Number of windows; with fewer no verdict is given.
+_VELOCITY_MAX_COMPARED = 20000
+_VELOCITY_MIN_COMPARED = 20
+# Joints are compared between these speeds [rad/s or m/s]: at rest there is only noise, and a
+# faster joint has wrapped or jumped.
+_VELOCITY_MIN_SPEED = 0.02
+_VELOCITY_MAX_SPEED = 20.0
+# A window longer than this share of the median window contains a gap.
+_VELOCITY_MAX_STRETCH = 2.0
+# Accepted relative error of the scale.
+_VELOCITY_MAX_SCALE_ERROR = 0.2
+# With a lower correlation the velocities do not follow the positions.
+_VELOCITY_MIN_CORRELATION = 0.8
 
 
 def velocity_notes(raw: RawJointStates, joint_names: Sequence[str]) -> tuple[str, ...]:
@@ -227,7 +209,7 @@ def velocity_notes(raw: RawJointStates, joint_names: Sequence[str]) -> tuple[str
     latest = np.maximum.accumulate(stamps)
     rows = np.flatnonzero(np.append(True, stamps[1:] > latest[:-1]) & (stamps > 0))
     verdicts: dict[str, list[str]] = {}
-    if rows.size >= _OPTIONS.min_compared:
+    if rows.size >= _VELOCITY_MIN_COMPARED:
         for name, column in zip(joint_names, columns, strict=True):
             values = layout.positions[rows, column], layout.velocities[rows, column]
             verdict = _verdict(*_mean_velocities(stamps[rows], *values))
@@ -252,8 +234,8 @@ def _mean_velocities(
     stamps: IntArray, position: FloatArray, velocity: NDArray[np.float32]
 ) -> tuple[FloatArray, FloatArray]:
     """Mean velocities of a joint over short windows: by its positions, and as recorded."""
-    width = max(1, round(_OPTIONS.window * NS_PER_S / float(np.median(np.diff(stamps)))))
-    starts = np.arange(0, stamps.size - width, max(1, stamps.size // _OPTIONS.max_compared))
+    width = max(1, round(_VELOCITY_WINDOW * NS_PER_S / float(np.median(np.diff(stamps)))))
+    starts = np.arange(0, stamps.size - width, max(1, stamps.size // _VELOCITY_MAX_COMPARED))
     times = (stamps[starts + width] - stamps[starts]) / NS_PER_S
     true = (position[starts + width] - position[starts]) / times
     # Weights of the trapezoidal rule, so that a window of one period is compared rightly, too.
@@ -261,24 +243,24 @@ def _mean_velocities(
     for offset in range(width + 1):
         recorded += (0.5 if offset in (0, width) else 1.0) * velocity[starts + offset]
     recorded /= width
-    usable = times < _OPTIONS.max_stretch * np.median(times) if times.size else times > 0.0
+    usable = times < _VELOCITY_MAX_STRETCH * np.median(times) if times.size else times > 0.0
     usable &= np.isfinite(recorded)
-    usable &= (np.abs(true) > _OPTIONS.min_speed) & (np.abs(true) < _OPTIONS.max_speed)
+    usable &= (np.abs(true) > _VELOCITY_MIN_SPEED) & (np.abs(true) < _VELOCITY_MAX_SPEED)
     return true[usable], recorded[usable]
 
 
 def _verdict(true: FloatArray, recorded: FloatArray) -> str:
     """The defect of the recorded velocities of a joint; '' if there is none."""
-    if true.size < _OPTIONS.min_compared:
+    if true.size < _VELOCITY_MIN_COMPARED:
         return ""
     if not recorded.any():
         return "are zero while the positions change"
     product, true_square, recorded_square = true @ recorded, true @ true, recorded @ recorded
     scale = product / true_square
-    if abs(product) < _OPTIONS.min_correlation * np.sqrt(true_square * recorded_square):
+    if abs(product) < _VELOCITY_MIN_CORRELATION * np.sqrt(true_square * recorded_square):
         return "do not follow the positions"
-    if abs(scale - 1.0) <= _OPTIONS.max_scale_error:
+    if abs(scale - 1.0) <= _VELOCITY_MAX_SCALE_ERROR:
         return ""
-    if abs(scale + 1.0) <= _OPTIONS.max_scale_error:
+    if abs(scale + 1.0) <= _VELOCITY_MAX_SCALE_ERROR:
         return "have the opposite sign"
     return f"are {scale:.2g} times the derivative of the positions"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.plotting.arm import ANIMATION, at_frames, write_animation
+from mp_pca_planner.plotting.arm import ANIMATION_PAUSE, ANIMATION_RATE, at_frames, write_animation
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
@@ -28,7 +28,7 @@ def blue(frame: np.ndarray) -> np.ndarray:
 def test_positions_at_frames_are_those_of_the_motion() -> None:
     times = np.array([2.0, 2.3, 3.0])
     found = at_frames(times, np.column_stack([times, 5.0 - 2.0 * times]))
-    frames = np.linspace(2.0, 3.0, round(ANIMATION.rate) + 1)
+    frames = np.linspace(2.0, 3.0, round(ANIMATION_RATE) + 1)
     np.testing.assert_allclose(found, np.column_stack([frames, 5.0 - 2.0 * frames]))
 
 
@@ -41,8 +41,8 @@ def test_animation_lasts_as_long_as_its_motions_and_pauses(tmp_path: Path) -> No
         frames = [
             (f.info["duration"], np.array(f.convert("RGB"))) for f in ImageSequence.Iterator(image)
         ]
-    n_frames = 14 + 20 + 11 + 5 * ANIMATION.pause
-    assert sum(duration for duration, _ in frames) == pytest.approx(1e3 * n_frames / ANIMATION.rate)
+    n_frames = 14 + 20 + 11 + 5 * ANIMATION_PAUSE
+    assert sum(duration for duration, _ in frames) == pytest.approx(1e3 * n_frames / ANIMATION_RATE)
     assert len(blue(frames[0][1])) == 0
     # At the end, the hand is in front of the shoulder, and the arm is level but for 0.07 rad.
     rows, columns = blue(frames[-1][1]).T

@@ -29,7 +29,7 @@ from mp_pca_planner.plotting.motion import (
 from mp_pca_planner.plotting.page import picture
 from mp_pca_planner.plotting.primitive import plot_primitive, primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
-from mp_pca_planner.plotting.style import FIGURES, add_header, line, styled_figure
+from mp_pca_planner.plotting.style import MAX_BEHIND, add_header, line, styled_figure
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import PHASES
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -449,7 +449,7 @@ def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
         panels = plan_figure(figure, found)
     ends = primitive.boundary_states[:, [0, 3]]
     away = np.linalg.norm((ends - ends[3]) / (ends.std(axis=0) + 1e-3), axis=(1, 2))
-    nearest = np.argsort(away)[: FIGURES.max_behind]
+    nearest = np.argsort(away)[:MAX_BEHIND]
     assert nearest[0] == 3
     entries = [x.get_text() for x in figure.legends[0].get_texts()]
     assert entries[-2:] == ["predicted", "minimum jerk"]
@@ -463,7 +463,7 @@ def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
         minimum_jerk = 10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5
         path = np.rad2deg(ends[3, 0, joint] + minimum_jerk * np.diff(ends[3, :, joint]))
         np.testing.assert_allclose(straight.get_ydata(), path, atol=1e-6)
-        assert len(behind) == FIGURES.max_behind
+        assert len(behind) == MAX_BEHIND
         assert all(x.get_zorder() < planned.get_zorder() for x in behind)
         shown = np.array([x.get_ydata()[[0, -1]] for x in behind])
         np.testing.assert_allclose(shown, np.rad2deg(ends[nearest][:, :, joint]), atol=1e-6)

@@ -195,7 +195,7 @@ def test_scheduler_that_does_not_answer_is_refused_in_one_line(
     bags: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed", reason="distributed is not installed (extra 'dask')")
-    monkeypatch.setattr(workers, "_CLUSTER", workers.ClusterOptions(connection_timeout=1.0))
+    monkeypatch.setattr(workers, "_CONNECTION_TIMEOUT", 1.0)
     with port_of_nobody() as port:
         address = f"tcp://127.0.0.1:{port}"
         line = refusal(bags, "--output", tmp_path / "p.npz", "--dask", address)

@@ -223,7 +223,7 @@ def test_urls_that_cannot_be_used_are_refused_in_one_sentence(
 def test_a_server_that_does_not_answer_is_named_without_secrets(
     access: Proxy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remote, "_OPTIONS", remote.RemoteOptions(waits=(0.0,)))
+    monkeypatch.setattr(remote, "_WAITS", (0.0,))
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = unused.getsockname()[1]
     url = f"http://127.0.0.1:{port}/x.mcap?signature={SECRET}"
@@ -292,8 +292,8 @@ def endless() -> Iterator[str]:
     ("name", "changed", "reason"),
     [
         ("x.mcap", {"unknown_bytes": 8 << 20}, "states no size, and it has more than 8 MiB"),
-        ("x.mcap", {"disk_reserve": 1 << 60}, "set TMPDIR to a folder with more space"),
-        ("slow.mcap", {"patience": 0.1, "slowest": 1e12}, "arrives at .* bytes per second"),
+        ("x.mcap", {"_DISK_RESERVE": 1 << 60}, "set TMPDIR to a folder with more space"),
+        ("slow.mcap", {"_PATIENCE": 0.1, "_SLOWEST": 1e12}, "arrives at .* bytes per second"),
     ],
 )
 def test_a_file_without_an_end_is_rejected(
@@ -305,7 +305,8 @@ def test_a_file_without_an_end_is_rejected(
     reason: str,
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(remote, "_OPTIONS", remote.RemoteOptions(**changed))  # type: ignore[arg-type]
+    for constant, value in changed.items():
+        monkeypatch.setattr(remote, constant, value)
     (refused,) = load_recordings(f"{endless}/{name}").refused
     assert re.search(reason, refused.reason)
     assert not list(tmp_path.iterdir())
