@@ -16,8 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from ..robot.model import Robot
-from ..teaching.dialogue import KEYS, StateSource, hold_dialogue
-from ..teaching.played import PlayedBag
+from ..teaching.dialogue import KEYS, MessageSource, PlayedBag, hold_dialogue
 from ..teaching.session import SessionFiles, TeachingSession
 from ..teaching.words import SessionWords
 from . import build_primitives
@@ -66,7 +65,7 @@ def _taught(
 
 
 def _dialogue(
-    session: TeachingSession, source: StateSource, keys: Keys, words: SessionWords
+    session: TeachingSession, source: MessageSource, keys: Keys, words: SessionWords
 ) -> bool:
     """Whether to build the primitive; Ctrl-C quits."""
     _say_now(KEYS)

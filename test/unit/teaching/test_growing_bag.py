@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import open_bag
-from mp_pca_planner.teaching.growing_bag import GrowingBag
+from mp_pca_planner.teaching.session import GrowingBag
 
 TOPIC = "/joint_states"
 STORE = get_typestore(Stores.ROS2_JAZZY)
