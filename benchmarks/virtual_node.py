@@ -31,7 +31,7 @@ from mp_pca_planner.execution.serving.goal_planner import GoalRequest
 from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
 from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
 from mp_pca_planner.execution.threads import CancelledError
-from mp_pca_planner.execution.tracking.controller_state import StatedCommand
+from mp_pca_planner.execution.tracking.estimation import StatedCommand
 from mp_pca_planner.execution.tracking.following import MotionFollower
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion

@@ -55,7 +55,7 @@ def _taught(
             if n_known:
                 say(f"continued    {files.bag} already holds {n_known} of the messages to play")
             return session, _dialogue(session, played, keys, words)
-    from ..ros.joint_state_source import JointStateSource, full_topic_name
+    from ..ros.live_node import JointStateSource, full_topic_name
 
     topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
     taught = TeachingSession(files, topic, joints, moving_only=is_whole)

@@ -39,9 +39,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..robot.model import Robot
-from .closed_loop import ControlLoop, ErrorModel
+from .closed_loop import ControlLoop, ErrorModel, NominalLoop, poles
 from .law import COMPUTED_TORQUE
-from .nominal_loop import NominalLoop, poles
 
 
 @dataclass(frozen=True)

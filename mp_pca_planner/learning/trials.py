@@ -25,8 +25,7 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import LearningError, TrajectoryError, require
-from ..files import read_text, reading, write_whole
-from ..json_content import check_form, load_json
+from ..files import check_form, load_json, read_text, reading, write_whole
 from ..motion.collision import CollisionModel
 from ..planning.motion import Motion
 from ..robot.limits import JointLimits

@@ -25,7 +25,7 @@ from scipy.linalg import solveh_banded
 
 from ..arrays import FloatArray
 from ..robot.model import Robot
-from .marker_map import MarkerPlacement
+from .markers import MarkerPlacement
 
 BoolArray = NDArray[np.bool_]
 

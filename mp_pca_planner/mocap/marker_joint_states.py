@@ -18,8 +18,7 @@ from ..recordings.joint_states import NS_PER_S, JointLayout, RawJointStates
 from ..recordings.recording_set import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import MarkerProblem, solve
-from .marker_map import MarkerMap, MarkerPlacement, read_marker_map
-from .markers import MarkerTrajectories, read_markers
+from .markers import MarkerMap, MarkerPlacement, MarkerTrajectories, read_marker_map, read_markers
 from .origin_fit import check_fits, fit_origins
 
 

@@ -21,7 +21,7 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..robot.model import Robot
 from .inverse_kinematics import BoolArray, Linearised, MarkerProblem, minimise, solve_each
-from .marker_map import MarkerMap, MarkerPlacement, OriginFit
+from .markers import MarkerMap, MarkerPlacement, OriginFit
 
 # Frames that are used, evenly spread over the recording.
 _N_FRAMES = 60
@@ -80,7 +80,7 @@ def fit_origins(
     markers :
         Markers that they move.
     fits :
-        The fitted part of each origin, see :class:`.marker_map.MarkerMap`.
+        The fitted part of each origin, see :class:`.markers.MarkerMap`.
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the base frame [m]; NaN where missing. The frames must fix all joints.
 

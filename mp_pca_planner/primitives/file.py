@@ -22,9 +22,8 @@ from numpy.lib.npyio import NpzFile
 from .. import __version__
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PlannerError, PrimitiveFileError
-from ..files import open_regular, reading, write_whole
+from ..files import check_form, load_json, open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
-from ..json_content import check_form, load_json
 from ..rows import BLOCK, row_blocks
 from .in_span import request_precision
 from .motion_sources import MotionSource, MotionSources, source_rows

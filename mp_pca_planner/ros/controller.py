@@ -22,20 +22,28 @@ from ..exceptions import GoalError
 from ..execution.parameters import Settings
 from ..execution.serving.execution import ACCEPTED, ControllerAnswer
 from ..execution.threads import TimedLock
-from ..execution.tracking.controller_state import ControllerStates, StatedCommand
+from ..execution.tracking.estimation import ControllerStates, StatedCommand
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from .controller_messages import (
-    HAS_CONTROL_MSGS,
-    FollowJointTrajectory,
-    JointTrajectoryControllerState,
-)
 from .goal_messages import read_stamp
 from .messages import to_seconds, to_text
 from .nodes import LOG_PERIOD, GuardedNode
 from .subscriptions import GroupExecutor, PolledSubscription, ThreadGroup
+
+__all__ = ["HAS_CONTROL_MSGS", "FollowJointTrajectory", "JointTrajectoryControllerState"]
+
+try:
+    from control_msgs.action import FollowJointTrajectory
+    from control_msgs.msg import JointTrajectoryControllerState
+except ImportError:
+    FollowJointTrajectory: Any = None  # type: ignore[no-redef]
+    JointTrajectoryControllerState: Any = None  # type: ignore[no-redef]
+
+HAS_CONTROL_MSGS = JointTrajectoryControllerState is not None
+"""Whether that package is installed."""
+
 
 _NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _SUCCEEDED, _CANCELED = 4, 5  # of action_msgs/GoalStatus

@@ -1,27 +1,29 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The running planner node for the page and the demo: what it publishes, goals, and its stop."""
+"""The running node for the page and the demo, and all joint states of a robot for `teach`."""
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.qos import QoSProfile
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from ..exceptions import PlannerError, WorldError
+from ..exceptions import GoalError, PlannerError, WorldError, quote_names
 from ..robot.collision import package_folders
 from ..robot.world import Obstacle, World
 from ..view.content import LiveView, NodeStatus
-from .client import report_values
+from .client import check_node_name, report_values
 from .goal_messages import GOAL_TOPICS, GoalTopic
 from .messages import to_trajectory
 from .node import NODE_NAME
@@ -160,3 +162,102 @@ class LiveNode(NodeInOwnContext):
 def _status(status: DiagnosticStatus) -> NodeStatus:
     level = int.from_bytes(status.level, "little")
     return NodeStatus(level, status.message, report_values(status), time.monotonic())
+
+
+_NAME = "teach"
+
+Record = Callable[[Sequence[tuple[int, bytes]]], None]
+
+
+def full_topic_name(topic: str, namespace: str) -> str:
+    """The name of a topic with its namespace.
+
+    Raises
+    ------
+    GoalError
+        If ROS accepts no such name.
+    """
+    check_node_name(namespace, _NAME)
+    try:
+        return expand_topic_name(topic, _NAME, f"/{namespace.strip('/')}")
+    except ValueError as error:
+        reason = str(error).splitlines()[0].rstrip(":")
+        raise GoalError(f"no topic can be called '{topic}': {reason}") from None
+
+
+class JointStateSource(NodeInOwnContext):
+    """Joint states on a topic; a context manager.
+
+    Parameters
+    ----------
+    topic : str
+        Full name of the topic.
+
+    Attributes
+    ----------
+    pause : float
+        Least time between two looks at what was recorded [s].
+    period : float
+        Time between two polls [s].
+    """
+
+    pause, period = 0.3, 0.02
+
+    def __init__(self, topic: str) -> None:
+        super().__init__(_NAME, "", _NAME)
+        self._topic, self._is_ending = topic, threading.Event()
+        self._thread: threading.Thread | None = None
+        self._error: Exception | None = None
+
+    def __exit__(self, *_: object) -> None:
+        if self._thread is not None:
+            self._is_ending.set()
+            self._thread.join()
+        super().__exit__()
+
+    def feed(self, record: Record) -> bool:
+        """Start the recording at the first call; raises what has ended it."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, args=[record], daemon=True)
+            self._thread.start()
+        if self._error is not None:
+            raise self._error
+        return True
+
+    def silence(self) -> str:
+        """Why nothing has come: nobody publishes on the topic, or a publisher is silent."""
+        if self.node.count_publishers(self._topic):
+            return f"nothing has been received on '{self._topic}' yet"
+        found = [
+            name
+            for name, types in self.node.get_topic_names_and_types()
+            if "sensor_msgs/msg/JointState" in types and self.node.count_publishers(name)
+        ]
+        return (
+            f"nobody publishes on '{self._topic}' yet; topics with joint states: "
+            f"{quote_names(sorted(found))}"
+        )
+
+    def _run(self, record: Record) -> None:
+        try:
+            states = self._subscribe()
+            is_ending = False
+            while states is not None and not is_ending:
+                is_ending = self._is_ending.wait(self.period)
+                record(
+                    [
+                        (facts["received_timestamp"] or time.time_ns(), bytes(message))
+                        for message, facts in states.poll()
+                    ]
+                )
+        except Exception as error:  # it is raised by the next call of `feed`
+            self._error = error
+
+    def _subscribe(self) -> PolledSubscription | None:
+        """Subscribe once there is a publisher, to whose reliability that of the topic is fitted."""
+        while not self.node.count_publishers(self._topic):
+            if self._is_ending.wait(self.period):
+                return None
+        # As reliable as the publishers; ten seconds of states at 1 kHz may wait.
+        every = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
+        return PolledSubscription(self.node, JointState, self._topic, every, raw=True)

@@ -19,20 +19,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..exceptions import SimulationError
 from ..recordings.joint_states import NS_PER_S
-from ..simulation.controller import (
-    CANCELED,
-    SUCCEEDED,
-    ControllerState,
-    GoalResult,
-    TrajectoryMessage,
-    TrajectoryPoint,
-)
+from ..simulation.controller import CANCELED, SUCCEEDED, ControllerState, GoalResult
+from ..simulation.messages import TrajectoryMessage, TrajectoryPoint
 from ..simulation.robot import CYCLE_NS, SimulatedRobot
-from .controller_messages import (
-    HAS_CONTROL_MSGS,
-    FollowJointTrajectory,
-    JointTrajectoryControllerState,
-)
+from .controller import HAS_CONTROL_MSGS, FollowJointTrajectory, JointTrajectoryControllerState
 from .subscriptions import LATCHED
 
 NODE_NAME = "simulated_robot"

@@ -21,14 +21,8 @@ from ..exceptions import SimulationError, shown, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
-from .controller import (
-    ControllerOptions,
-    ControllerState,
-    GoalResult,
-    TrajectoryController,
-    TrajectoryMessage,
-    to_message,
-)
+from .controller import ControllerOptions, ControllerState, GoalResult, TrajectoryController
+from .messages import TrajectoryMessage, to_message
 from .plant import PERIOD, MujocoPlant, PinocchioPlant
 
 

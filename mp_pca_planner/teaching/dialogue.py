@@ -16,7 +16,6 @@ from ..recordings.joint_states import slice_joint_states
 from .session import TeachingSession
 from .words import SessionWords
 
-
 KEYS = "d discards the last motion, b builds the primitive, q quits; the recording is kept"
 
 

@@ -26,7 +26,7 @@ from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.segments_file import read_segments
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import READY
-from mp_pca_planner.ros.joint_state_source import JointStateSource
+from mp_pca_planner.ros.live_node import JointStateSource
 
 URDF_FILE = str(config_file("human_arm.urdf"))
 

@@ -16,8 +16,7 @@ from ...motion.goal import JointState
 from ..options import FollowingOptions
 from ..parameters import Settings
 from ..threads import TimedLock
-from .controller_state import ControllerStates, StatedCommand
-from .estimation import Progress, ServoModel, locate
+from .estimation import ControllerStates, Progress, ServoModel, StatedCommand, locate
 from .measured import MeasuredStates
 from .published_motion import PublishedMotion, hold
 from .state_sources import MeasuredSamples

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...exceptions import PlannerError, PrimitiveError, PrimitiveFileError
-from ...files import open_regular, reading, write_whole
-from ...json_content import check_form, load_json
+from ...files import check_form, load_json, open_regular, reading, write_whole
 from ..file import load_primitive
 from ..primitive import MovementPrimitive
 from ..primitive_values import require_same_joints

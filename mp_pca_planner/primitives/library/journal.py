@@ -15,8 +15,7 @@ from typing import Any
 
 from ... import __version__
 from ...exceptions import PlannerError, PrimitiveError, require, shown, unknown_name
-from ...files import reading
-from ...json_content import check_form, load_json
+from ...files import check_form, load_json, reading
 from ..primitive import MovementPrimitive
 
 ADD, RETIRE, ROLLBACK = "add", "retire", "rollback"

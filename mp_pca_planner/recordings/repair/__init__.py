@@ -28,7 +28,7 @@ from .messages import (
     left_out_notes,
     take_joints,
 )
-from .motion import GAPS, JUMPS, WRAPS, averaged, long_pieces, velocity_notes
+from .motion import GAPS, JUMPS, UNITS, WRAPS, averaged, long_pieces, velocity_notes
 from .recording import (
     CleanRecording,
     Piece,
@@ -38,7 +38,6 @@ from .recording import (
     findings_on_refusal,
     motion_findings,
 )
-from .units import UNITS
 
 __all__ = ["REPAIRS", "CleanRecording", "Piece", "RepairOptions", "repair"]
 

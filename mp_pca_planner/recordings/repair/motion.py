@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repair of recorded motions: gaps, jumps, wrapped angles, and wrong velocities."""
+"""Repair of recorded motions: gaps, jumps, wrapped angles, wrong velocities and units."""
 
 from __future__ import annotations
 
@@ -15,6 +15,32 @@ from ...exceptions import RecordingError, quote_names
 from ..joint_states import NS_PER_S, IntArray, JointLayout, RawJointStates
 from .messages import choose_clock
 from .recording import Defect, Piece, RepairOptions, Samples, count, noise_deviation, taken
+
+
+def refuse_degrees(
+    pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str]
+) -> Sequence[Piece]:
+    """Reject positions of which two joints, and half of all, are beyond any angle in radians.
+
+    Raises
+    ------
+    RecordingError
+        If they are.
+    """
+    reach = np.max([np.abs(piece.positions).max(axis=0) for piece in pieces], axis=0)
+    n_far = count(reach > options.largest_angle)
+    # A single joint may turn on and on.
+    if n_far < 2 or 2 * n_far < reach.size:
+        return pieces
+    raise RecordingError(
+        f"{n_far} of its {reach.size} joints are beyond {options.largest_angle:g} rad, one at "
+        f"{reach.max():.3g}: positions must be in radians (or m), not in degrees (or mm); if these "
+        "are degrees, convert them with --degrees (degrees=True in Python), else choose the joints "
+        "of the arm"
+    )
+
+
+UNITS = Defect({}, refuse_degrees)
 
 
 def cut_at_gaps(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> list[Piece]:

@@ -15,7 +15,7 @@ from mp_pca_planner.mocap.inverse_kinematics import (
     solve,
     solve_each,
 )
-from mp_pca_planner.mocap.marker_map import MarkerPlacement
+from mp_pca_planner.mocap.markers import MarkerPlacement
 from mp_pca_planner.robot.model import Robot
 
 PERIOD = 0.01

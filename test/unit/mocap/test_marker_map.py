@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.mocap.marker_map import read_marker_map
+from mp_pca_planner.mocap.markers import read_marker_map
 from mp_pca_planner.resources import config_file
 
 WRIST = "wrist: {link: hand, position: [0, 0, 0.1]}"

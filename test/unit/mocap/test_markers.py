@@ -20,8 +20,7 @@ from marker_bags import (
 from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.mocap.marker_map import MarkerPlacement
-from mp_pca_planner.mocap.markers import read_markers
+from mp_pca_planner.mocap.markers import MarkerPlacement, read_markers
 
 STEP = S // 100
 N = 20

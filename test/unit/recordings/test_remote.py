@@ -291,7 +291,7 @@ def endless() -> Iterator[str]:
 @pytest.mark.parametrize(
     ("name", "changed", "reason"),
     [
-        ("x.mcap", {"unknown_bytes": 8 << 20}, "states no size, and it has more than 8 MiB"),
+        ("x.mcap", {"_UNKNOWN_BYTES": 8 << 20}, "states no size, and it has more than 8 MiB"),
         ("x.mcap", {"_DISK_RESERVE": 1 << 60}, "set TMPDIR to a folder with more space"),
         ("slow.mcap", {"_PATIENCE": 0.1, "_SLOWEST": 1e12}, "arrives at .* bytes per second"),
     ],

@@ -12,13 +12,8 @@ from numpy.polynomial import Polynomial
 
 from mp_pca_planner.exceptions import SimulationError
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.simulation.controller import (
-    ControllerOptions,
-    TrajectoryController,
-    TrajectoryMessage,
-    TrajectoryPoint,
-    to_message,
-)
+from mp_pca_planner.simulation.controller import ControllerOptions, TrajectoryController
+from mp_pca_planner.simulation.messages import TrajectoryMessage, TrajectoryPoint, to_message
 
 NAMES = ("shoulder", "elbow")
 NOW, MS = 1_000_000_000_000, 1_000_000

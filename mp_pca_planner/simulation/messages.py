@@ -1,9 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Polynomials through the points of a message, of the degree that the points determine.
+"""Messages of trajectories, and the polynomials through their points.
 
-The code shares nothing with :mod:`mp_pca_planner.motion.interpolation`, so that the simulation
-reveals errors there.
+The points determine the degree of the polynomials. The code shares nothing with
+:mod:`mp_pca_planner.motion.interpolation`, so that the simulation reveals errors there.
 """
 
 from __future__ import annotations
@@ -17,8 +17,77 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..motion.trajectory import Trajectory
+from ..recordings.joint_states import NS_PER_S
 
 BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TrajectoryPoint:
+    """One point of a message; every sequence holds one number per joint, or is empty.
+
+    Attributes
+    ----------
+    time_from_start_ns : int
+        Time since the start of the trajectory [ns].
+    positions, velocities, accelerations, effort : sequence of float
+        Joint positions [rad or m], their derivatives [/s, /s²], torques [N·m] or forces [N].
+    """
+
+    time_from_start_ns: int
+    positions: Sequence[float] = ()
+    velocities: Sequence[float] = ()
+    accelerations: Sequence[float] = ()
+    effort: Sequence[float] = ()
+
+
+@dataclass(frozen=True)
+class TrajectoryMessage:
+    """A message as it is received, without any check.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Joints in the order of the numbers of every point.
+    points : tuple of TrajectoryPoint
+        The points.
+    stamp_ns : int
+        Time at which the trajectory starts [ns]; 0 means on arrival.
+    """
+
+    joint_names: tuple[str, ...]
+    points: tuple[TrajectoryPoint, ...]
+    stamp_ns: int = 0
+
+
+def to_message(
+    trajectory: Trajectory, stamp: float | None = None, *, last_point_only: bool = False
+) -> TrajectoryMessage:
+    """Message of a trajectory, with positions, velocities and accelerations on every point.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    stamp : float, optional
+        Time at which it starts [s]; on arrival unless given.
+    last_point_only : bool
+        Whether only the last point is sent, to which the controller interpolates by itself.
+    """
+    rows = zip(
+        (trajectory.times * NS_PER_S).round().astype(int).tolist(),
+        trajectory.positions.tolist(),
+        trajectory.velocities.tolist(),
+        trajectory.accelerations.tolist(),
+        strict=True,
+    )
+    points = tuple(TrajectoryPoint(*row) for row in rows)
+    return TrajectoryMessage(
+        trajectory.joint_names,
+        points[-1:] if last_point_only else points,
+        0 if stamp is None else round(stamp * NS_PER_S),
+    )
 
 
 def _to_coefficients(n_derivatives: int) -> FloatArray:
