@@ -27,7 +27,7 @@ ROS_COMMANDS = ["cli.demo", "cli.send_goal", "cli.simulate"]
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
-    {"exceptions", "arrays", "files", "input_limits", "json_content", "resources", "rows"},
+    {"exceptions", "arrays", "files", "input_limits", "resources", "rows"},
     {"robot"},
     {"motion"},
     {"recordings", "mocap", "primitives"},
