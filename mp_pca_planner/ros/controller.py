@@ -30,6 +30,7 @@ from ..motion.trajectory import Trajectory
 from .goal_messages import read_stamp
 from .messages import to_seconds, to_text
 from .nodes import LOG_PERIOD, GuardedNode
+from .serialised import read_message
 from .subscriptions import GroupExecutor, PolledSubscription, ThreadGroup
 
 __all__ = ["HAS_CONTROL_MSGS", "FollowJointTrajectory", "JointTrajectoryControllerState"]
@@ -68,7 +69,7 @@ def to_command(content: bytes, joint_names: Sequence[str]) -> StatedCommand:
         If it is malformed, lacks one of the joints, or a number is not finite.
     """
     with reading("the state of the controller", GoalError):
-        message = deserialize_message(content, JointTrajectoryControllerState)
+        message = read_message(content, JointTrajectoryControllerState)
     names, reference = list(message.joint_names), message.reference
     rows = [reference.positions, reference.velocities, reference.accelerations]
     if len(reference.accelerations) == 0:

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -29,7 +28,7 @@ from ..planning.requests.resolve import in_order
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
 from .messages import check_finite, joint_state, to_seconds
-from .serialised import CdrReader
+from .serialised import CdrReader, read_message
 
 MakeGoal = Callable[[JointState], Goal]
 """Returns a goal for a motion from a start state."""
@@ -126,7 +125,7 @@ def read_goal(content: bytes, message_type: type[Any]) -> Any:
                 for _ in range(n_names):
                     reader.text()
                 _check_count("has", reader.count(24), "points")
-        return deserialize_message(content, message_type)
+        return read_message(content, message_type)
 
 
 def _check_count(verb: str, n: int, things: str) -> None:

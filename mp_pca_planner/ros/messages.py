@@ -11,7 +11,6 @@ from contextlib import suppress
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
@@ -28,13 +27,14 @@ from ..planning.plan import Plan
 from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.joint_states import NS_PER_S
+from .serialised import read_message
 
 
 def read_states(content: bytes) -> JointStateMessage:
     """Deserialise joint states; a message that is malformed or far too large has no joints."""
     if len(content) <= INPUT_LIMITS.state_bytes:
         with suppress(GoalError), reading("a state", GoalError):
-            return deserialize_message(content, JointStateMessage)
+            return read_message(content, JointStateMessage)
     return JointStateMessage()
 
 

@@ -18,7 +18,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..exceptions import PlannerError, printable
 from ..execution.parameters import ParameterError
+from ..files import reading
 from .messages import to_text
+from .serialised import read_message
 
 LOG_PERIOD = 1.0
 """Least time between log messages of the same place [s]."""
@@ -77,11 +79,26 @@ class GuardedNode(Node):
         return self.explain(error)
 
     def create_subscription(
-        self, msg_type: Any, topic: str, callback: Any, *arguments: Any, **options: Any
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Any,
+        *arguments: Any,
+        raw: bool = False,
+        **options: Any,
     ) -> Any:
-        """Guarded version of the method of `Node`."""
-        guarded = self.guarded(callback)
-        return super().create_subscription(msg_type, topic, guarded, *arguments, **options)
+        """Guarded version of the method of `Node`, which checks messages before it reads them."""
+
+        @wraps(callback)
+        def receive(content: bytes) -> None:
+            with reading(f"a message on '{topic}'", PlannerError):
+                message = content if raw else read_message(content, msg_type)
+            callback(message)
+
+        guarded = self.guarded(receive)
+        return super().create_subscription(
+            msg_type, topic, guarded, *arguments, raw=True, **options
+        )
 
     def create_timer(
         self, timer_period_sec: float, callback: Any, *arguments: Any, **options: Any

@@ -24,7 +24,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
+from ..exceptions import PlannerError
+from ..files import reading
 from .nodes import LOG_PERIOD
+from .serialised import read_message
 
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
@@ -71,27 +74,34 @@ class PolledSubscription:
     qos : QoSProfile or int
         Quality of service; its depth is the most messages that wait.
     raw : bool
-        Whether messages stay serialised.
+        Whether messages stay serialised; otherwise those that are malformed are ignored.
     """
 
     def __init__(
         self, node: Node, message_type: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False
     ) -> None:
-        self._node = node
+        self._node, self._raw = node, raw
         self._subscription = node.create_subscription(
-            message_type, topic, lambda _: None, qos, callback_group=ThreadGroup(), raw=raw
+            message_type, topic, lambda _: None, qos, callback_group=ThreadGroup(), raw=True
         )
 
     def poll(self) -> list[tuple[Any, dict[str, int]]]:
         """Return the messages that have arrived, the newest last, and facts about each."""
-        subscription, polled = self._subscription, []
+        subscription: Any = self._subscription
+        polled = []
         with subscription.handle:
             for _ in range(subscription.qos_profile.depth):
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is None:
                     break
                 polled.append(taken)
-        return polled
+        if self._raw:
+            return polled
+        messages = []
+        for content, facts in polled:
+            with suppress(PlannerError), reading("a message", PlannerError):
+                messages.append((read_message(content, subscription.msg_type), facts))
+        return messages
 
     def destroy(self) -> None:
         """End the subscription."""

@@ -20,13 +20,15 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import FloatArray, set_frozen
 from ...exceptions import GoalError
 from ...motion.collision import Collision
 from ...motion.goal import JointState
+from ...motion.interpolation import interpolate, quintics
 from ...motion.trajectory import Trajectory
-from ...motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start
+from ...motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits, nearest_start
 from ...planning.search.stop_and_go import brakes
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
@@ -40,6 +42,8 @@ from .surroundings import Surroundings
 
 # Durations of stops [s]: 0.05 to 88 s; the shortest that the limits allow is used.
 _STOPPING_TIMES: FloatArray = 0.05 * 1.2 ** np.arange(42.0)
+# Phases of a motion to a single point that are checked first.
+_SAMPLES: FloatArray = np.linspace(0.0, 1.0, 15)
 
 
 @dataclass(frozen=True)
@@ -333,14 +337,16 @@ def stops_at_points(
     stops : list of Trajectory
         The quintic to an end from each state; the shortest durations first.
     """
-    for time, end in zip(_STOPPING_TIMES, ends, strict=True):
-        if not all(_may_stop(state, end, time, limits) for state in states):
+    may_stop = [_may_stop(state, np.array(ends), robot, limits) for state in states]
+    for k in np.flatnonzero(np.all(may_stop, axis=0)).tolist():
+        time, end = float(_STOPPING_TIMES[k]), ends[k]
+        if not _is_within_at_samples(states, end, time, robot, limits):
             continue
-        stops = [_interpolated(state, end, time) for state in states]
-        every = (motion for pair in stops for motion in pair)
-        if all(not check_limits(motion, robot, limits).violations for motion in every):
+        motions = [_motions_to(state, end, time) for state in states]
+        every = (motion for pair in motions for motion in pair)
+        if not any(check_limits(_refined(one), robot, limits).violations for one in every):
             # The cubics differ little from these.
-            yield [quintic for quintic, _ in stops]
+            yield [quintic for quintic, _ in motions]
 
 
 def braking_ends(state: JointState) -> list[FloatArray]:
@@ -384,7 +390,7 @@ def _rest_of(motion: PublishedMotion, place: float) -> Trajectory:
     return motion.rest(place)
 
 
-def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Trajectory]:
+def _motions_to(state: JointState, end: FloatArray, time: float) -> list[Trajectory]:
     """The controller's motion to a single point: a quintic, or a cubic without accelerations."""
     q, v, a = state.positions, state.velocities, state.accelerations
     zero = np.zeros_like(q)
@@ -394,20 +400,66 @@ def _interpolated(state: JointState, end: FloatArray, time: float) -> list[Traje
     ]
 
 
-def _may_stop(state: JointState, end: FloatArray, time: float, limits: JointLimits) -> bool:
-    """Whether a cubic from a state to rest has accelerations and a jerk within limits."""
-    a = _cubic(state, end, time)
-    jerk = np.abs(a[1] - a[0]) / time
-    slack = 1.0 + LIMIT_TOLERANCE
-    return bool(
-        np.all(np.abs(a) <= slack * limits.acceleration) and np.all(jerk <= slack * limits.jerk)
+def _is_within_at_samples(
+    states: Sequence[JointState], end: FloatArray, time: float, robot: Robot, limits: JointLimits
+) -> bool:
+    """Whether these motions from all states are within the limits at some samples.
+
+    A check of all instants of all durations would take seconds.
+    """
+    zero = np.zeros_like(end)
+    bounds = [
+        (state.positions, time * state.velocities, time**2 * first, end, zero, time**2 * last)
+        for state in states
+        for first, last in ((state.accelerations, zero), _cubic(state, end, time))
+    ]
+    columns = np.array(bounds).swapaxes(0, 1).reshape(6, -1)
+    samples = quintics(_SAMPLES, columns, 2).reshape(3, -1, len(end))
+    q, v, a = samples / time ** np.arange(3.0)[:, None, None]
+    tau = robot.inverse_dynamics(q, v, a)
+    compared = (v, limits.velocity), (a, limits.acceleration), (tau, limits.effort)
+    exceeds = any(np.any(np.abs(x) > (1.0 + LIMIT_TOLERANCE) * most) for x, most in compared)
+    is_inside = (q >= limits.lower - START_TOLERANCE) & (q <= limits.upper + START_TOLERANCE)
+    return bool(not exceeds and is_inside.all())
+
+
+def _refined(motion: Trajectory) -> Trajectory:
+    """The same motion with more points: between them, few instants are near a limit."""
+    few = interpolate(motion, motion.duration / len(_SAMPLES))
+    return Trajectory(motion.joint_names, few.times, few.q, few.v, few.a)
+
+
+def _may_stop(
+    state: JointState, ends: FloatArray, robot: Robot, limits: JointLimits
+) -> NDArray[np.bool_]:
+    """Whether the cubic of each duration, from a state to rest, is within limits at both ends."""
+    slack, v = 1.0 + LIMIT_TOLERANCE, state.velocities
+    with np.errstate(over="ignore", invalid="ignore"):
+        start, end = _cubic(state, ends, _STOPPING_TIMES[:, None])
+        jerk = (end - start) / _STOPPING_TIMES[:, None]
+    compared = [(v + 0.0 * ends, limits.velocity), (jerk, limits.jerk)]
+    compared += [(start, limits.acceleration), (end, limits.acceleration)]
+    within = np.all([np.abs(values) <= slack * most for values, most in compared], axis=(0, 2))
+    within &= np.isfinite([start, end]).all(axis=(0, 2))
+    n = int(np.count_nonzero(within))
+    here, moving = np.tile(state.positions, (n, 1)), np.tile(v, (n, 1))
+    tau = robot.inverse_dynamics(
+        np.concatenate([here, ends[within]]),
+        np.concatenate([moving, 0.0 * moving]),
+        np.concatenate([start[within], end[within]]),
     )
+    # Efforts may be NaN where they are not limited.
+    exceeds = np.any(np.abs(tau) > slack * limits.effort, axis=1).reshape(2, n)
+    within[within] = ~exceeds.any(axis=0)
+    return np.asarray(within)
 
 
-def _cubic(state: JointState, end: FloatArray, time: float) -> list[FloatArray]:
+def _cubic(
+    state: JointState, end: FloatArray, time: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
     """Accelerations at both ends of the cubic from a state to rest."""
     mean, v = (end - state.positions) / time, state.velocities
-    return [(6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time]
+    return (6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time
 
 
 def _holding(

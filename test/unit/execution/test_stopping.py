@@ -157,3 +157,31 @@ def test_resting_robot_stays_where_it_is():
     one = hold(JOINTS, START)
     assert (one.n_steps, one.positions[0].tolist()) == (1, START.tolist())
     assert not one.velocities.any() and not one.accelerations.any()
+
+
+class CountingRobot:
+    """A robot that counts the states whose efforts it computes."""
+
+    def __init__(self):
+        self.n_states = 0
+
+    def __getattr__(self, name):
+        return getattr(ROBOT, name)
+
+    def inverse_dynamics(self, q, v, a):
+        self.n_states += len(q)
+        return ROBOT.inverse_dynamics(q, v, a)
+
+
+@pytest.mark.parametrize(
+    "limit", [{"max_effort": 0.5}, {"max_effort": 15.0}, {"max_velocity": 1.0}, {}]
+)
+@pytest.mark.parametrize("speed", [0.3, 3.0, 1e5])
+def test_search_for_a_stop_is_short_whatever_the_limits_and_the_state(limit, speed):
+    """The thread that stops the robot waits for it: a check of all durations took 3 s."""
+    limits, robot = ROBOT.limits({name: limit for name in JOINTS}), CountingRobot()
+    states = [JointState(JOINTS, START, speed * np.array([1.0, -0.5, 0.2, 0.0]))] * 6
+    stop = stop_at_point(states, braking_ends(states[0]), robot, limits)
+    assert robot.n_states < 30_000
+    if stop is not None:
+        assert_is_allowed_from(states[:1], stop, limits)
