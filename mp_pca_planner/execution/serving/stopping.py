@@ -212,10 +212,12 @@ class StopPlanner:
             raise error
         motion = seen.motion
         latest = max(self._follower.motion_time - motion.began, seen.place)
-        places = np.linspace(seen.place, latest, 6)
-        moving = [motion.state(place) for place in places]
-        resting = [JointState(state.joint_names, state.positions) for state in moving]
-        ends = ends_on_path(motion, float(places[-1]))
+        # After its end, the robot is at one place.
+        places = np.unique(np.minimum(np.linspace(seen.place, latest, 6), motion.duration))
+        states = [motion.state(place) for place in places]
+        moving = [state for state in states if np.any([state.velocities, state.accelerations])]
+        resting = [JointState(state.joint_names, state.positions) for state in states]
+        ends = ends_on_path(motion, latest)
         found = self._stop_at_point([*moving, *resting], [ends], model)
         said = f"{found.description}; it is not known whether the robot stops: {error}"
         return replace(found, description=said)

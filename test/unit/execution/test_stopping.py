@@ -179,7 +179,7 @@ class CountingRobot:
 @pytest.mark.parametrize("speed", [0.3, 3.0, 1e5])
 def test_search_for_a_stop_is_short_whatever_the_limits_and_the_state(limit, speed):
     """The thread that stops the robot waits for it: a check of all durations took 3 s."""
-    limits, robot = ROBOT.limits({name: limit for name in JOINTS}), CountingRobot()
+    limits, robot = ROBOT.limits(dict.fromkeys(JOINTS, limit)), CountingRobot()
     states = [JointState(JOINTS, START, speed * np.array([1.0, -0.5, 0.2, 0.0]))] * 6
     stop = stop_at_point(states, braking_ends(states[0]), robot, limits)
     assert robot.n_states < 30_000
