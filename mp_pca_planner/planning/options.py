@@ -57,6 +57,8 @@ class SolverOptions(Checked):
     ----------
     tolerance : float
         Stop when a step is predicted to lower the objective by less than this share of it.
+    feasible : float
+        Sum of constraint violations that counts as rounding, in shares of the limits and SI units.
     max_iterations : int
         Largest number of evaluations of the program.
     should_stop : callable
@@ -79,6 +81,7 @@ class SolverOptions(Checked):
     """
 
     tolerance: float = within(3e-5, 0.0, 1.0)
+    feasible: float = within(1e-6, 0.0, 1.0)
     max_iterations: int = within(60, 1, 1_000_000, is_whole=True)
     should_stop: Callable[[], bool] = bool  # never
     first_radius: float = within(30.0, 1e-6, 1e6)
@@ -229,6 +232,8 @@ class DetourOptions(Checked):
         executed. The rest is for checks and for other paths.
     tolerance : float
         Tolerance of the solver: most of the cost depends on the path that was found.
+    feasible : float
+        Sum of constraint violations that counts as rounding: less than the margins of constraints.
     radius : float
         First radius of the trust region: clearances are curved.
     """
@@ -239,6 +244,7 @@ class DetourOptions(Checked):
     min_naturalness: float = within(0.005, 1e-12, 1e6)
     shares_of_solving: tuple[float, ...] = within((0.2, 0.8), 0.0, 1.0)
     tolerance: float = within(1e-3, 0.0, 1.0)
+    feasible: float = within(1e-4, 0.0, 1.0)
     radius: float = within(1.0, 1e-6, 1e6)
 
 

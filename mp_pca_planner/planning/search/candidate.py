@@ -30,7 +30,6 @@ from ..program.motion_program import MotionProgram
 from ..program.segment import GOAL_POSITION
 from ..program.setting import Setting, lasting
 from ..request import Request
-from ..solver.program import FEASIBLE
 from ..solver.sqp import Solution, SolverMemory, solve
 from .budget import Budget
 
@@ -258,18 +257,19 @@ def _attempt(context: Context, request: Request, setting: Setting, budget: Budge
     """An attempt with any free duration."""
     refined = program = compile_program(context, request, setting)
     n_starts, passes, touched = context.options.n_starts, 0, False
+    feasible = setting.solver.feasible
     starts: Sequence[_Start] = list(zip(program.starts[:n_starts], repeat(None)))
     for _ in range(context.options.search.max_refinements):
         solutions = list[Solution]()
         for x, memory in starts:
             # Among clearance constraints, the first solution that meets them is enough.
-            is_clear = program.has_clearances and solutions and _is_feasible(solutions[-1])
+            is_clear = program.has_clearances and solutions and solutions[-1].infeasibility <= feasible
             if is_clear or (solutions and budget.is_over()):
                 break
             solutions.append(solve(program, x, setting.solver, memory, budget.deadline))
         best = solutions[0]
         if len(solutions) > 1:
-            best = min(solutions, key=lambda one: (not _is_feasible(one), rank_of(one.cost)))
+            best = min(solutions, key=lambda one: (not one.infeasibility <= feasible, rank_of(one.cost)))
         solved_at = time.perf_counter()
         passes += sum([one.iterations for one in solutions])
         motions = motions_at(context, request, setting, program, best.unknowns)
@@ -327,10 +327,6 @@ def motions_at(
     ):
         motions.append(Motion(here, there, ended - began, basis.tables.basis, own))
     return tuple(motions)
-
-
-def _is_feasible(solution: Solution) -> bool:
-    return solution.infeasibility <= FEASIBLE
 
 
 def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:

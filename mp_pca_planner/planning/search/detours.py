@@ -88,7 +88,10 @@ def _setting(context: Context, request: Request, basis: MotionBasis, duration: f
     """The first setting near a path."""
     options = context.options
     solver = replace(
-        options.solver, tolerance=options.detours.tolerance, first_radius=options.detours.radius
+        options.solver,
+        tolerance=options.detours.tolerance,
+        feasible=options.detours.feasible,
+        first_radius=options.detours.radius,
     )
     if request.duration_is_free and request.timing == SHORTEST:
         return replace(first_setting(context, request, basis, shortest=True), solver=solver)

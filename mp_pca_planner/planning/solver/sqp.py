@@ -423,7 +423,7 @@ class _Search:
         self.violated = infeasibility(program, self.here)
         self.start_cost, self.pull = self.here.cost, self.here.gradient
         self.weight, self.iterations = 0.0, 1
-        self.feasible = (self.x, self.here) if self.violated <= FEASIBLE else None
+        self.feasible = (self.x, self.here) if self.violated <= options.feasible else None
         if memory is None:
             curved = bool(self.here.equalities.size)
             radius = options.first_radius_to_equalities if curved else options.first_radius
@@ -438,7 +438,8 @@ class _Search:
             enough = options.tolerance * self.here.cost
             try:
                 subproblem = Subproblem(self._program, self.here, hessian, self.radius, self.sides)
-                converged = self.violated <= FEASIBLE and subproblem.largest_decrease() <= enough
+                is_feasible = self.violated <= options.feasible
+                converged = is_feasible and subproblem.largest_decrease() <= enough
                 if converged:
                     self.pull = subproblem.pull
                     break
@@ -452,8 +453,8 @@ class _Search:
             self.weight = max(least, 0.5 * (self.weight + least))
             predicted = step.decrease + self.weight * (self.violated - step.infeasibility)
             negligible = predicted <= enough
-            converged = negligible and self.violated <= FEASIBLE
-            restores = self.violated - step.infeasibility > FEASIBLE
+            converged = negligible and is_feasible
+            restores = self.violated - step.infeasibility > options.feasible
             stuck = (negligible and not restores) or self.radius < options.min_radius
             if converged or stuck or self._is_late() or options.should_stop():
                 break
@@ -474,11 +475,11 @@ class _Search:
             self.radius = 0.25 * length
         elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * self.radius):
             self.radius = 2.0 * max(length, self.radius)
-        if step.infeasibility <= FEASIBLE:  # otherwise, multipliers may be penalties
+        if step.infeasibility <= self._options.feasible:  # otherwise, multipliers may be penalties
             self.curvature = self._learned(step, there)
         if decrease > 0.0:
             self.x, self.here, self.violated = self.x + step.change, there, violated
-            if violated <= FEASIBLE:
+            if violated <= self._options.feasible:
                 self.feasible = self.x, there
 
     def _restored(self, step: Step, subproblem: Subproblem) -> Step:
@@ -520,7 +521,7 @@ class _Search:
         return _updated(self.curvature, step.change, turned, known_changes, self._options)
 
     def _solution(self, converged: bool) -> Solution:
-        if self.violated > FEASIBLE and self.feasible is not None:
+        if self.violated > self._options.feasible and self.feasible is not None:
             # An early end between two points within the constraints.
             self.x, self.here = self.feasible
             self.violated = infeasibility(self._program, self.here)
