@@ -36,8 +36,9 @@ from .search.stop_and_go import brakes
 if TYPE_CHECKING:
     from .planner import Planner
 
-# Points of a motion at which clearances are computed, and the largest that is reported [m].
-_N_CHECKED, _NEAR = 50, 0.05
+# Points of a motion at which clearances are computed, and the largest that is reported [m]: those
+# below the first one are searched first.
+_N_CHECKED, _NEAREST, _NEAR = 50, 0.01, 0.05
 # Time before and after a collision in which it may begin or end, where it is known roughly [s].
 _AROUND = 0.05
 # Share of the planning time up to which there is time for the precise search.
@@ -441,8 +442,11 @@ def _clearance(collision: CollisionModel, trajectory: Trajectory) -> str:
     """Text on the bodies that come nearest to each other in a motion."""
     positions = trajectory.positions
     chosen = np.linspace(0, len(positions) - 1, min(_N_CHECKED, len(positions))).astype(int)
-    near = collision.near(positions[chosen], _NEAR)
-    if not near.distances.size:
+    for reach in (_NEAREST, _NEAR):
+        near = collision.near(positions[chosen], reach)
+        if near.distances.size:
+            break
+    else:
         return SENTENCES["far"].format(near=1e3 * _NEAR)
     k = int(near.distances.argmin())
     one, other = collision.pairs[near.pairs[k]]

@@ -94,9 +94,8 @@ class Tables:
         """
         phases, highest = limit_phases(), int(orders.max())
         if highest not in self._on_grid:
-            self._on_grid[highest] = self.basis.tables(phases, highest)
-        shapes = _peaks(self._on_grid[highest][orders, :, joints], phases)
-        return _hermite_peaks(phases.tobytes())[orders], shapes
+            self._on_grid[highest] = _peaks(self.basis.tables(phases, highest), phases)
+        return _hermite_peaks(phases.tobytes())[orders], self._on_grid[highest][orders, :, joints]
 
     def from_nodes(self) -> FloatArray:
         """Matrix from values at the nodes to the same bounds, shape (n_points, n_nodes)."""
