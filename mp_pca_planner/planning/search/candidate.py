@@ -257,19 +257,22 @@ def _attempt(context: Context, request: Request, setting: Setting, budget: Budge
     """An attempt with any free duration."""
     refined = program = compile_program(context, request, setting)
     n_starts, passes, touched = context.options.n_starts, 0, False
-    feasible = setting.solver.feasible
+
+    def is_feasible(solution: Solution) -> bool:
+        return solution.infeasibility <= setting.solver.feasible
+
     starts: Sequence[_Start] = list(zip(program.starts[:n_starts], repeat(None)))
     for _ in range(context.options.search.max_refinements):
         solutions = list[Solution]()
         for x, memory in starts:
             # Among clearance constraints, the first solution that meets them is enough.
-            is_clear = program.has_clearances and solutions and solutions[-1].infeasibility <= feasible
+            is_clear = program.has_clearances and solutions and is_feasible(solutions[-1])
             if is_clear or (solutions and budget.is_over()):
                 break
             solutions.append(solve(program, x, setting.solver, memory, budget.deadline))
         best = solutions[0]
         if len(solutions) > 1:
-            best = min(solutions, key=lambda one: (not one.infeasibility <= feasible, rank_of(one.cost)))
+            best = min(solutions, key=lambda one: (not is_feasible(one), rank_of(one.cost)))
         solved_at = time.perf_counter()
         passes += sum([one.iterations for one in solutions])
         motions = motions_at(context, request, setting, program, best.unknowns)
