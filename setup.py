@@ -106,6 +106,7 @@ setup(
         "ompl": ["ompl>=2.0; python_version < '3.14'"],
         # Has no wheels: pip builds it with a compiler, CMake, Eigen and Git.
         "vamp": ["vamp-planner>=0.6.1"],
+        "roboplan": ["roboplan>=0.7"],
         # Another physics engine for the simulated robot.
         "sim": ["mujoco>=3.3"],
         # Datasets of LeRobot as demonstrations: their Parquet files are read.

@@ -1,22 +1,29 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Planners of others on the same problems: Crocoddyl, and among obstacles OMPL and VAMP."""
+"""Planners of others on the same problems: Crocoddyl; among obstacles OMPL, VAMP, RoboPlan."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from importlib import import_module
+from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import yaml
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, require
+from ..files import read_text
 from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
 from ..planning.search.sampling import SamplingOptions, sampled_path
+from ..robot.collision import package_folders
+from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World
 from .methods import Method, PeerResult, minimum_jerk
@@ -373,3 +380,105 @@ def _vamp_shape(obstacle: Obstacle, shape: Shape, boxes: bool) -> tuple[str, tup
     if isinstance(shape, Cylinder):
         return "Cylinder", (*pose, shape.radius, shape.height)
     raise PlannerError(f"VAMP has no meshes, as of obstacle '{obstacle.name}'")
+
+
+def roboplan_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
+    """RRT-Connect, shortcuts and TOPP-RA of RoboPlan, within velocities and accelerations.
+
+    Raises
+    ------
+    MissingDependencyError
+        If RoboPlan is not installed.
+    """
+    core = require("roboplan.core", "roboplan", "the peer 'roboplan'")
+    rrt, toppra = import_module("roboplan.rrt"), import_module("roboplan.toppra")
+    names, group = list(scene.robot.joint_names), "arm"
+    folders = [str(path) for path in package_folders([scene.urdf.parent], scene.urdf)]
+    description = core.loadUrdfSceneDescription(str(scene.urdf), folders)
+    srdf, rates = scene.urdf.with_suffix(".srdf"), _rates(scene.limits)
+
+    def surroundings() -> Any:
+        """The robot, its limits and the obstacles."""
+        found = core.Scene("problem", description)
+        if srdf.is_file():
+            found.importSrdf(read_text(srdf))
+        else:
+            found.allowAdjacentLinkCollisions()
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "limits.yaml"
+            path.write_text(yaml.safe_dump(rates), encoding="utf-8")
+            found.importJointLimitsFromConfig(core.loadJointLimitsConfig(path))
+        found.addGroup(group, names)
+        own = [
+            _add_shape(core, found, f"{one.name} {i}", one, shape)
+            for one in collision.world
+            for i, shape in enumerate(one.shapes)
+        ]
+        found.setCollisions(list(combinations(own, 2)), False)
+        return found
+
+    def solve(problem: Problem) -> PeerResult:
+        """Find a path, and the shortest motion along it."""
+        among = surroundings()
+        ends = [core.JointConfiguration(names, q) for q in (problem.start, problem.goal)]
+        began = time.perf_counter()
+        options = rrt.RRTOptions(
+            group_name=group, rrt_connect=True, max_planning_time=max_time, max_nodes=1_000_000
+        )
+        try:
+            path = rrt.RRT(among, options).plan(*ends)
+            shortcuts = core.PathShortcuttingOptions(group_name=group)
+            path = core.PathShortcutter(among, shortcuts).shortcut(path)
+            searched = time.perf_counter() - began
+            timing = toppra.TOPPRAOptions(mode=toppra.SplineFittingMode.Adaptive)
+            motion = toppra.PathParameterizerTOPPRA(among, group).generate(path, timing)
+        except RuntimeError as error:
+            return PeerResult(None, time.perf_counter() - began, status=str(error))
+        took = time.perf_counter() - began
+        states = map(np.array, (motion.positions, motion.velocities, motion.accelerations))
+        return PeerResult(Trajectory(names, motion.times, *states), took, path_time=searched)
+
+    about = (
+        "RRT-Connect and shortcuts of RoboPlan, then its TOPP-RA (adaptive splines) within the "
+        "limits of velocities and accelerations"
+    )
+    return Method("roboplan", about, solve)
+
+
+def _rates(limits: JointLimits) -> dict[str, Any]:
+    """Limits of velocities and accelerations in RoboPlan's form."""
+    kinds = {"max_velocity": limits.velocity, "max_acceleration": limits.acceleration}
+    return {
+        "joint_limits": {
+            name: {kind: [float(x[j])] for kind, x in kinds.items() if np.isfinite(x[j])}
+            for j, name in enumerate(limits.joint_names)
+        }
+    }
+
+
+def _add_shape(core: Any, among: Any, name: str, obstacle: Obstacle, shape: Shape) -> str:
+    """Add a shape to a scene of RoboPlan; returns its name.
+
+    Raises
+    ------
+    PlannerError
+        If it moves with a link, or is neither a box, a sphere nor a cylinder.
+    """
+    if obstacle.frame:
+        raise PlannerError(f"RoboPlan gets no obstacles on links, as '{obstacle.name}'")
+    place = np.eye(4)
+    place[:3, :3] = pin.Quaternion(np.array(shape.orientation)).matrix()
+    place[:3, 3] = shape.position
+    at = name, "universe"
+    pose = np.asfortranarray(place), np.ones(4)
+    if isinstance(shape, Box):
+        among.addBoxGeometry(*at, core.Box(*shape.size), *pose)
+    elif isinstance(shape, Sphere):
+        among.addSphereGeometry(*at, core.Sphere(shape.radius), *pose)
+    elif isinstance(shape, Cylinder) and not isinstance(shape, Capsule):
+        among.addCylinderGeometry(*at, core.Cylinder(shape.radius, shape.height), *pose)
+    else:
+        raise PlannerError(
+            f"RoboPlan gets boxes, spheres and cylinders, but '{obstacle.name}' is another shape"
+        )
+    return name

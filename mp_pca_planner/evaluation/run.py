@@ -27,7 +27,7 @@ from .methods import (
     planner_methods,
     promp_method,
 )
-from .peers import crocoddyl_method, ompl_method, vamp_method
+from .peers import crocoddyl_method, ompl_method, roboplan_method, vamp_method
 from .problems import Problem, Scene, SceneProblem
 from .referee import RigidArm, SceneReferee, judge
 
@@ -43,6 +43,7 @@ OWN, REFERENCE = "pca", "ompl_toppra"
 SCENE_PEERS: dict[str, Callable[[Scene, float, CollisionModel], Method]] = {
     REFERENCE: ompl_method,
     "vamp_toppra": vamp_method,
+    "roboplan": roboplan_method,
 }
 """Those among obstacles: set up with the collision model, too."""
 _FACTS = (

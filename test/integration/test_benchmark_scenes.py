@@ -63,6 +63,37 @@ def test_table_names_methods_and_missing_peers(capsys, scenes):
     assert "solved [%]" in printed
     assert "ompl_toppra" in printed  # in the table, or absent with a reason
     assert "vamp_toppra is absent: " in printed  # missing, or without this robot
+    assert "roboplan" in printed
+    assert "pca_default: " in printed and "timing 'auto' (default), within 0.1 s" in printed
+    assert "pca_shortest: " in printed and "timing 'shortest', within 0.1 s" in printed
+
+
+def test_roboplan_reaches_the_goals(capsys, scenes):
+    pytest.importorskip("roboplan.core", reason="the extra 'roboplan' is not installed")
+    options = ["--scenes", str(scenes), "--primitives", str(scenes / "arm.npz")]
+    facts = benchmark(capsys, *options, "--peers", "roboplan")
+    for problem in facts["problems"]:
+        found = problem["roboplan"]
+        assert found["status"] == "solved" and found["end_error"] < 1e-3
+        assert 0.0 < found["path_time_s"] < found["solve_time_s"]
+
+
+def test_ratios_to_ompl_are_those_of_problems_that_both_solve(capsys, scenes):
+    for module, extra in (("ompl", "ompl"), ("toppra", "peers")):
+        pytest.importorskip(module, reason=f"the extra '{extra}' is not installed")
+    options = ["--scenes", str(scenes), "--primitives", str(scenes / "arm.npz")]
+    facts = benchmark(capsys, *options, "--peers", "ompl_toppra")
+    summary = facts["summary"]["posts"]
+    both = [
+        (found["pca_default"], found["ompl_toppra"])
+        for found in facts["problems"]
+        if found["pca_default"].get("solved") and found["ompl_toppra"].get("solved")
+    ]
+    assert both
+    for fact in ("effort_cost", "duration"):
+        expected = np.median([one[fact] / other[fact] for one, other in both])
+        assert summary["pca_default"][f"{fact}_over_ompl_toppra"] == pytest.approx(expected)
+        assert summary["ompl_toppra"][f"{fact}_over_ompl_toppra"] == 1.0
 
 
 def test_unknown_peer_is_refused(capsys, scenes):
