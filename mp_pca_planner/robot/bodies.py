@@ -105,7 +105,8 @@ def _hull_of(piece: Piece) -> Any:
     points, faces = _Points(), coal.StdVec_Triangle()
     for corner in piece.corners:
         points.append(corner)
-    for face in piece.faces.tolist():
+    # No list of each face: so many start a search for garbage, which stops all threads.
+    for face in zip(*piece.faces.T.tolist(), strict=True):
         faces.append(coal.Triangle(*face))
     return coal.Convex(points, faces)
 
