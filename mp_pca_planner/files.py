@@ -370,14 +370,21 @@ _WORDS = {
 
 
 def load_json(text: str | bytes) -> Any:
-    """Parse JSON with bounded integers.
+    """Parse JSON with bounded integers and a bounded nesting depth.
 
     Raises
     ------
     ValueError, RecursionError
         If the text is malformed or exceeds a bound: call it within :func:`.files.reading`.
     """
-    return json.loads(text, parse_int=_bounded_integer)
+    content = json.loads(text, parse_int=_bounded_integer)
+    level = [content] if isinstance(content, dict | list) else []
+    for _ in range(INPUT_LIMITS.json_depth):
+        parts = (one.values() if isinstance(one, dict) else one for one in level)
+        level = [part for many in parts for part in many if isinstance(part, dict | list)]
+        if not level:
+            return content
+    raise ValueError(f"it is nested more than {INPUT_LIMITS.json_depth} levels deep")
 
 
 def check_form(value: Any, form: Any, name: str) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..files import write_whole
+from ..files import read_text, write_whole
 from ..robot.model import Robot
 from ..ros.nodes import spin_until, start_ros
 from ..ros.simulated_robot import SimulatedRobotNode
@@ -55,7 +55,7 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
     start_ros(arguments.ros_arguments)
     node = SimulatedRobotNode(
         simulated,
-        arguments.robot.read_text(encoding="utf-8"),
+        read_text(arguments.robot),
         arguments.controller_topic,
         keep_record=arguments.record is not None,
     )

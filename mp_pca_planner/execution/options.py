@@ -198,8 +198,9 @@ class ServingOptions:
     near, near_at_rest : float
         Change of the goal up to which a motion is displaced without planning, while it runs and
         at its end.
-    stop_latency : float
-        Longest time to find a stop, from whose end on it begins [s].
+    stop_latency, longest_stop_latency : float
+        Time to find a stop, from whose end on it begins [s]. Where that takes longer, the next one
+        begins twice as long from now, and at most so long.
     max_stops, clearance_time : int, float
         Number of stops that are checked for collisions at most, ≥ 1, and time after which no
         further one is [s].
@@ -234,6 +235,7 @@ class ServingOptions:
     near: float = 0.15
     near_at_rest: float = 0.03
     stop_latency: float = 0.02
+    longest_stop_latency: float = 0.1
     max_stops: int = 8
     clearance_time: float = 0.01
     acceleration_share: float = 0.7

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
+from ..files import read_text
 from ..input_limits import INPUT_LIMITS
 from ..recordings.joint_states import NS_PER_S, JointLayout, RawJointStates
 from ..recordings.recording_set import MarkerResidual
@@ -83,7 +84,7 @@ def marker_source(
     """
     robot = Robot.from_file(urdf, joints)
     chosen = read_marker_map(marker_map)
-    text = Path(urdf).read_text(encoding="utf-8")
+    text = read_text(urdf)
     check_fits(text, chosen)
     on_base, moved = _split(robot, chosen)
     _refuse_loose_base(chosen, on_base)

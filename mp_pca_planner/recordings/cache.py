@@ -22,6 +22,7 @@ from typing import Any
 
 from .. import __version__
 from ..exceptions import RecordingError
+from ..files import read_bytes
 from . import bags
 from .bags.discovery import METADATA, bag_files
 from .repair import CleanRecording
@@ -131,10 +132,10 @@ class ReadingCache:
         """
         if self.folder is None:
             return read()
-        names = [file.name for file in bag_files(path)]
-        with suppress(OSError):
-            names.append((path / METADATA).read_text(encoding="utf-8"))
-        key = key_of(self.checksum(path), options, names)
+        names, metadata = [file.name for file in bag_files(path)], b""
+        with suppress(OSError, ValueError):
+            metadata = read_bytes(path / METADATA)
+        key = key_of(self.checksum(path), options, names, metadata)
         found = self.value(key)
         if not isinstance(found, CleanRecording):
             found = read()

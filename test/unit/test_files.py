@@ -17,6 +17,7 @@ import pytest
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.files import (
     check_writable,
+    load_json,
     load_yaml,
     read_bytes,
     read_text,
@@ -77,6 +78,16 @@ BOMB = "a: &a [x, x]\n" + "".join(
 def test_hostile_yaml_is_refused(text, words):
     with pytest.raises(PlannerError, match=words), reading("it", PlannerError):
         load_yaml(text)
+
+
+@pytest.mark.parametrize("depth", [INPUT_LIMITS.json_depth + 1, 300, 900])
+def test_json_that_is_nested_too_deep_is_refused(depth):
+    """What is accepted can be copied, compared and written by recursion."""
+    with pytest.raises(ValueError, match="nested more than 50 levels deep"):
+        load_json("[" * depth + "]" * depth)
+    allowed = INPUT_LIMITS.json_depth
+    assert load_json('{"a": ' * allowed + "1" + "}" * allowed)
+    assert load_json("1") == 1
 
 
 def test_dates_of_yaml_are_text_and_numbers_are_numbers():

@@ -107,14 +107,18 @@ class StopPlanner:
         GoalError
             If neither a measured nor a commanded state is known.
         """
+        latency = self._options.stop_latency
         for _ in range(self._options.max_attempts):
             began = self._clock()
-            found = self._find(model)
-            if self._clock() - began <= self._options.stop_latency:
+            found = self._find(model, latency)
+            took = self._clock() - began
+            if took <= latency:
                 break
+            latency = min(2.0 * took, self._options.longest_stop_latency)
         return found
 
-    def _find(self, model: Model) -> FoundStop:
+    def _find(self, model: Model, latency: float) -> FoundStop:
+        """A stop that begins this time from now at the earliest [s]."""
         follower = self._follower
         try:
             measured = follower.measured.newest(model.settings.state_timeout)
@@ -124,7 +128,7 @@ class StopPlanner:
         now = follower.motion_time
         if following is not None and following.is_running:
             with suppress(UnconfirmedError, TooLateError):
-                return self._stop_on_path(model)
+                return self._stop_on_path(model, latency)
         with suppress(TooLateError):
             return self._stop_command(measured, model)
         v = follower.measured.velocities(measured)
@@ -187,9 +191,8 @@ class StopPlanner:
         model = replace(model, limits=self._reduced(model.limits))
         return self._stop_at_point([here, *reported, *moved], [braking_ends(moved[0])], model)
 
-    def _stop_on_path(self, model: Model) -> FoundStop:
+    def _stop_on_path(self, model: Model, latency: float) -> FoundStop:
         settings, follower = model.settings, self._follower
-        latency = self._options.stop_latency
         start = choose_start(follower, settings, latency, at_once=True)
         if start.following is None or not start.is_in_motion:
             raise TooLateError("the robot has just come to rest")

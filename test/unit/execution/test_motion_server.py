@@ -612,8 +612,8 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     node.run(0.6)
     find, found = node.monitor._stops._find, []
 
-    def interrupted(model):
-        found.append(find(model))
+    def interrupted(model, latency):
+        found.append(find(model, latency))
         if len(found) <= n_interruptions:
             node.advance(0.15)
         return found[-1]

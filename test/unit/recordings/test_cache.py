@@ -99,6 +99,12 @@ def test_damaged_files_and_folders_that_cannot_be_written_do_no_harm(tmp_path, c
     assert_same(load_recordings(path, cache=ReadingCache(path / "no folder")), plain)
 
 
+def test_metadata_that_is_no_text_is_refused_as_without_a_cache(tmp_path, cache):
+    path = write(tmp_path / "folder", 0, "mcap")
+    (path / "metadata.yaml").write_bytes(b"\xff\xfe")
+    assert load_recordings(path, cache=cache).refused == load_recordings(path).refused
+
+
 def test_what_was_used_first_is_deleted_when_the_cache_is_full(tmp_path, cache):
     paths = [write(tmp_path / f"{i}.mcap", i, "mcap") for i in range(3)]
     load_recordings(paths, cache=cache)
