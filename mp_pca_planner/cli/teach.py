@@ -70,7 +70,7 @@ def _dialogue(
     """Whether to build the primitive; Ctrl-C quits."""
     _say_now(KEYS)
     with suppress(KeyboardInterrupt):
-        return hold_dialogue(session, source, keys, words, _say_now)
+        return hold_dialogue(session, source, keys.pressed, words, _say_now)
     return False
 
 

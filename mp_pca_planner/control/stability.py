@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -42,40 +42,23 @@ from ..robot.model import Robot
 from .closed_loop import ControlLoop, ErrorModel, NominalLoop, poles
 from .law import COMPUTED_TORQUE
 
-
-@dataclass(frozen=True)
-class AnalysisOptions:
-    """Resolution and safety of the error bound.
-
-    Attributes
-    ----------
-    n_intervals : int
-        Intervals of the motion with bounds of their own; the time grows with their square.
-    n_corners : int
-        Random corners of the box of errors at which the nonlinear remainder is evaluated.
-    safety : float
-        Factor on the estimated parts of the bound, ≥ 1.
-    gain_period : int
-        Samples between two evaluations of the gains, which change slowly along a motion.
-    n_pole_times : int
-        Instants at which poles are computed.
-    max_rounds, excess : int, float
-        Iterations towards bounds that map into themselves, and their relative excess at each.
-    forgotten : float
-        Relative size below which a response counts as decayed.
-    max_bound : float
-        Largest meaningful bound; above it, no bound is reported [SI].
-    """
-
-    n_intervals: int = 40
-    n_corners: int = 32
-    safety: float = 1.5
-    gain_period: int = 5
-    n_pole_times: int = 25
-    max_rounds: int = 1000
-    excess: float = 1e-3
-    forgotten: float = 1e-8
-    max_bound: float = 1e4
+# Intervals of the motion with bounds of their own; the time grows with their square.
+_N_INTERVALS = 40
+# Random corners of the box of errors at which the nonlinear remainder is evaluated.
+_N_CORNERS = 32
+# Factor on the estimated parts of the bound, ≥ 1.
+_SAFETY = 1.5
+# Samples between two evaluations of the gains, which change slowly along a motion.
+_GAIN_PERIOD = 5
+# Instants at which poles are computed.
+_N_POLE_TIMES = 25
+# Iterations towards bounds that map into themselves, and their relative excess at each.
+_MAX_ROUNDS = 1000
+_EXCESS = 1e-3
+# Relative size below which a response counts as decayed.
+_FORGOTTEN = 1e-8
+# Largest meaningful bound; above it, no bound is reported [SI].
+_MAX_BOUND = 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +116,7 @@ class Stability:
         }
 
 
-def analyse(
-    control: ControlLoop, errors: ErrorModel, options: AnalysisOptions = AnalysisOptions()
-) -> Stability:
+def analyse(control: ControlLoop, errors: ErrorModel) -> Stability:
     """Analyse the stability of a law along a motion.
 
     Parameters
@@ -144,8 +125,6 @@ def analyse(
         The law and the motion.
     errors : ErrorModel
         Assumed errors of the model and of the start.
-    options : AnalysisOptions
-        Resolution and safety.
 
     Raises
     ------
@@ -154,20 +133,20 @@ def analyse(
     """
     model, limits = control.model, control.effort_limits
     model.require_inertias("statements on stability")
-    loop = NominalLoop(control, options.n_intervals)
+    loop = NominalLoop(control, _N_INTERVALS)
     directions = _directions(model, errors)
-    known = _known_responses(loop, directions, errors, options.safety)
-    gains = _peak_gains(loop, options)
+    known = _known_responses(loop, directions, errors)
+    gains = norm_gains, row_gains = _peak_gains(loop)
     changes = _parameter_changes(loop, directions, errors)
-    loop_gain = float((gains.norms.sum(axis=1) @ changes.max(axis=0)).max())
-    remainder = _Remainder(loop, control, errors, options)
-    rest = _rest(remainder, known, gains, changes, _friction(loop, errors), options)
-    slowest, damping, radius = poles(loop, options.n_pole_times)
+    loop_gain = float((norm_gains.sum(axis=1) @ changes.max(axis=0)).max())
+    remainder = _Remainder(loop, control, errors)
+    rest = _rest(loop, remainder, known, gains, changes, _friction(loop, errors))
+    slowest, damping, radius = poles(loop, _N_POLE_TIMES)
     bound = effort_bound = None
     reserve = _reserve(np.abs(loop.feedforward), limits)
     if rest is not None:
         n = model.n_joints
-        z = known.values + np.einsum("ljc,j->lc", gains.rows, rest)[loop.interval]
+        z = known[0] + np.einsum("ljc,j->lc", row_gains, rest)[loop.interval]
         bound = z[:, :n]
         feedback = np.einsum("kij,kj->ki", np.abs(loop.feedback), z[:, : 2 * n])
         effort_bound = np.abs(loop.feedforward) + feedback
@@ -179,22 +158,18 @@ def _reserve(efforts: FloatArray, limits: FloatArray) -> float:
     return float((1.0 - efforts / limits).min())
 
 
-class _Known(NamedTuple):
+def _known_responses(
+    loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel
+) -> tuple[FloatArray, FloatArray]:
     """Bounds on the responses to the disturbances that are known except for their factors.
 
-    values: of |e|, |ė| and |ë| of each joint, shape (n_samples, 3 n);
-    norms: peaks of ‖e‖, ‖ė‖ and ‖ë‖ in each interval, shape (n_intervals, 3);
-    peaks: those of the values, shape (n_intervals, 3 n).
+    Returns
+    -------
+    values : array, shape (n_samples, 3 n)
+        Of |e|, |ė| and |ë| of each joint.
+    norms : array, shape (n_intervals, 3)
+        Peaks of ‖e‖, ‖ė‖ and ‖ë‖ in each interval.
     """
-
-    values: FloatArray
-    norms: FloatArray
-    peaks: FloatArray
-
-
-def _known_responses(
-    loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel, safety: float
-) -> _Known:
     n, pushes = loop.n, []
     for robot, magnitude, _ in directions:
         difference = robot.inverse_dynamics(*loop.middle) - loop.middle_efforts
@@ -218,34 +193,24 @@ def _known_responses(
     # The effort in the middle of a step represents the whole step. The error of this approximation
     # is computed for the nominal loop; parameter errors change it little.
     missed = np.abs(loop.errors - responses[:, :n, len(pushes) - 1])
-    values[:, :n] += safety * missed.max(axis=0)
-    return _Known(
-        values,
-        np.maximum.reduceat(np.stack(norms, axis=1), loop.edges),
-        np.maximum.reduceat(values, loop.edges),
-    )
+    values[:, :n] += _SAFETY * missed.max(axis=0)
+    return values, np.maximum.reduceat(np.stack(norms, axis=1), loop.edges)
 
 
-class _Direction(NamedTuple):
-    """A robot with one parameter changed by a unit, and the largest error of that parameter.
-
-    is_share: whether the error is relative, as of a mass or moment of inertia of a link.
-    """
-
-    robot: Robot
-    magnitude: float
-    is_share: bool
+_Direction = tuple[Robot, float, bool]
+"""A robot with one parameter changed by a unit, the largest error of that parameter, and whether
+the error is relative, as of a mass or moment of inertia of a link."""
 
 
 def _directions(model: Robot, errors: ErrorModel) -> list[_Direction]:
     shape = model.link_inertias.parts.shape[:2]
     ones = np.ones(shape)
     units = np.eye(ones.size).reshape(-1, *shape)
-    found = [_Direction(model.with_link_inertias(ones + u), errors.inertia, True) for u in units]
+    found = [(model.with_link_inertias(ones + u), errors.inertia, True) for u in units]
     if errors.payload > 0.0:
         loaded = model.with_payload(1.0, errors.frame)
-        found.append(_Direction(loaded, errors.payload, False))
-    return [direction for direction in found if direction.magnitude > 0.0]
+        found.append((loaded, errors.payload, False))
+    return [(robot, magnitude, share) for robot, magnitude, share in found if magnitude > 0.0]
 
 
 def _parameter_changes(
@@ -264,19 +229,16 @@ def _parameter_changes(
     return np.asarray(np.maximum.reduceat(change, loop.edges))
 
 
-class _Gains(NamedTuple):
+def _peak_gains(loop: NominalLoop) -> tuple[FloatArray, FloatArray]:
     """Peak gains of the nominal loop from ‖w‖ in each interval to each later one.
 
-    norms: to ‖e‖, ‖ė‖ and ‖ë‖, shape (n_intervals, n_intervals, 3), later ones first;
-    rows: to each |e|, |ė| and |ë|, shape (n_intervals, n_intervals, 3 n), earlier ones last
-    but one.
+    Returns
+    -------
+    norms : array, shape (n_intervals, n_intervals, 3)
+        To ‖e‖, ‖ė‖ and ‖ë‖, later intervals first.
+    rows : array, shape (n_intervals, n_intervals, 3 n)
+        To each |e|, |ė| and |ë|.
     """
-
-    norms: FloatArray
-    rows: FloatArray
-
-
-def _peak_gains(loop: NominalLoop, options: AnalysisOptions) -> _Gains:
     n, m = loop.n, len(loop.edges)
     # Columns: responses to unit efforts, weighted, in each step so far.
     x = np.zeros((2 * n, 0))
@@ -290,7 +252,7 @@ def _peak_gains(loop: NominalLoop, options: AnalysisOptions) -> _Gains:
         effort[:, : delayed.shape[1]] = -delayed
         effort[:, -n:] = loop.root[k]
         x = np.concatenate([x, np.zeros((2 * n, n))], axis=1)
-        if k % options.gain_period == 0 or k + 1 == len(loop.times) or loop.interval[k + 1] > later:
+        if k % _GAIN_PERIOD == 0 or k + 1 == len(loop.times) or loop.interval[k + 1] > later:
             outputs = np.concatenate([x, loop.drift[k] @ x + loop.mass_inverse[k] @ effort])
             # Shape (3, n_impulses, n, n).
             blocks = outputs.reshape(3, n, -1, n).transpose(0, 2, 1, 3)
@@ -302,10 +264,10 @@ def _peak_gains(loop: NominalLoop, options: AnalysisOptions) -> _Gains:
                 table[later, earlier] = np.maximum(table[later, earlier], sums)
         x = loop.transition[k] @ x + loop.input[k] @ effort
         if k % 100 == 99:
-            alive = _alive(x, n, options.forgotten)
+            alive = _alive(x, n)
             forgotten += alive
             x, pending = x[:, alive * n :], [part[:, alive * n :] for part in pending]
-    return _Gains(norms, rows)
+    return norms, rows
 
 
 def _norms(matrices: FloatArray) -> FloatArray:
@@ -316,32 +278,34 @@ def _norms(matrices: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.minimum(sums, squares)))
 
 
-def _alive(x: FloatArray, n: int, forgotten: float) -> int:
+def _alive(x: FloatArray, n: int) -> int:
     """Index of the first response that has not decayed."""
     size = np.abs(x).max(axis=0).reshape(-1, n).max(axis=1)
-    return int(np.argmax(size > forgotten * size.max()))
+    return int(np.argmax(size > _FORGOTTEN * size.max()))
 
 
 def _rest(
+    loop: NominalLoop,
     remainder: _Remainder,
-    known: _Known,
-    gains: _Gains,
+    known: tuple[FloatArray, FloatArray],
+    gains: tuple[FloatArray, FloatArray],
     changes: FloatArray,
     friction: FloatArray,
-    options: AnalysisOptions,
 ) -> FloatArray | None:
     """Bounds ‖w‖ of each interval that map into themselves; None if there are none."""
+    (values, known_norms), (norm_gains, row_gains) = known, gains
+    peaks = np.maximum.reduceat(values, loop.edges)
     rest = np.zeros(len(changes))
-    for _ in range(options.max_rounds):
-        z = known.peaks + np.einsum("ljc,j->lc", gains.rows, rest)
-        norms = known.norms + np.einsum("ljc,j->lc", gains.norms, rest)
-        if not z.max() < options.max_bound:
+    for _ in range(_MAX_ROUNDS):
+        z = peaks + np.einsum("ljc,j->lc", row_gains, rest)
+        norms = known_norms + np.einsum("ljc,j->lc", norm_gains, rest)
+        if not z.max() < _MAX_BOUND:
             return None
         needed = np.sum(changes * norms, axis=1) + remainder(z) + friction
         if np.all(needed <= rest):
             return rest
         # Slightly larger bounds than needed, so that the iteration ends inside of its own image.
-        rest = np.maximum(rest, (1.0 + options.excess) * needed)
+        rest = np.maximum(rest, (1.0 + _EXCESS) * needed)
     return None
 
 
@@ -355,16 +319,14 @@ def _friction(loop: NominalLoop, errors: ErrorModel) -> FloatArray:
 class _Remainder:
     """Bound on the nonlinear remainder, for a box of errors in each interval."""
 
-    def __init__(
-        self, loop: NominalLoop, control: ControlLoop, errors: ErrorModel, options: AnalysisOptions
-    ) -> None:
+    def __init__(self, loop: NominalLoop, control: ControlLoop, errors: ErrorModel) -> None:
         rows = np.minimum(loop.edges + len(loop.times) // len(loop.edges) // 2, len(loop.times) - 1)
         rng = np.random.default_rng(0)
         self._n = loop.n
-        self._signs = rng.choice([-1.0, 1.0], size=(options.n_corners, 1, 3 * loop.n))
+        self._signs = rng.choice([-1.0, 1.0], size=(_N_CORNERS, 1, 3 * loop.n))
         self._states = np.concatenate([values[rows] for values in loop.middle], axis=1)
         self._robot, self._law = control.model, control.law
-        self._factor = options.safety * (1.0 + errors.inertia)
+        self._factor = _SAFETY * (1.0 + errors.inertia)
         self._linear, self._efforts = loop.linear[rows], loop.middle_efforts[rows]
         self._inverse_root = loop.inverse_root[rows]
 

@@ -44,24 +44,8 @@ middle, and both); zeros leave it unchanged."""
 N_PARAMETERS = WARP.stop
 
 
-@dataclass(frozen=True, eq=False)
-class WarpValues:
-    """A warp at some phases, with its derivatives by phase and by parameter.
-
-    Attributes
-    ----------
-    values : array, shape (3, n_steps)
-        σ, σ' and σ''.
-    by_parameter : array, shape (3, n_steps, n_parameters)
-        Their derivatives by the parameters.
-    """
-
-    values: FloatArray
-    by_parameter: FloatArray
-
-
-def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> WarpValues:
-    """Evaluate a warp.
+def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Evaluate a warp, with its derivatives by phase and by parameter.
 
     Parameters
     ----------
@@ -69,6 +53,13 @@ def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> WarpValues:
         c; zeros are the identity.
     phases : array, shape (n_steps,)
         Phases p in [0, 1].
+
+    Returns
+    -------
+    values : array, shape (3, n_steps)
+        σ, σ' and σ''.
+    by_parameter : array, shape (3, n_steps, n_parameters)
+        Their derivatives by the parameters.
     """
     quadrature, analysis, table = _warp_tables()
     bump, bumps = table[:, 0], table[:, 1:]
@@ -87,7 +78,7 @@ def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> WarpValues:
     integrals = legendre.legint((analysis @ at_nodes).T, scl=0.5, lbnd=-1.0, axis=1)
     shares = legendre_values(np.asarray(integrals, dtype=np.float64), phases)
     tables = np.stack([shares, rates, bends])
-    return WarpValues(tables[:, :, 0], tables[:, :, 1:])
+    return tables[:, :, 0], tables[:, :, 1:]
 
 
 @cache
@@ -229,9 +220,8 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
         Phases of the refined segment.
     """
     duration = segment.duration * float(np.exp(parameters[LOG_DURATION]))
-    warp = evaluate_warp(parameters[WARP], phases)
-    s, rate, bend = warp.values
-    by_s, by_rate, by_bend = (x[:, None, :] for x in warp.by_parameter)
+    (s, rate, bend), by_parameter = evaluate_warp(parameters[WARP], phases)
+    by_s, by_rate, by_bend = (x[:, None, :] for x in by_parameter)
     s = np.clip(s, 0.0, 1.0)
     boundary = replace(segment, duration=duration).boundary
     # A boundary value of order d is proportional to Tᵈ.

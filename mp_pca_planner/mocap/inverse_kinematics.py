@@ -16,7 +16,6 @@ rotation of an upper arm while the elbow is straight.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -97,38 +96,18 @@ def minimise(
 IntArray = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class MarkerSolverOptions:
-    """Options of the inverse kinematics.
-
-    Attributes
-    ----------
-    smoothness : float
-        c [m·s²/rad]. At the default an acceleration of 100 rad/s² counts as much as 0.1 mm at one
-        marker.
-    max_gap : int
-        After this number of frames without enough markers several starts are tried again.
-    max_iterations, max_sweeps : int
-        Largest numbers of steps: of one frame, and of all frames together.
-    first_step, last_step : float
-        Steps at which the first pass and the others end [rad or m].
-    n_starts : int
-        Number of starting configurations for a frame without a solved frame before.
-    singular : float
-        Singular values below this share of the largest count as zero.
-    """
-
-    smoothness: float = 1e-6
-    max_gap: int = 10
-    max_iterations: int = 100
-    max_sweeps: int = 20
-    first_step: float = 1e-3
-    last_step: float = 1e-8
-    n_starts: int = 12
-    singular: float = 1e-6
-
-
-OPTIONS = MarkerSolverOptions()
+# After this number of frames without enough markers several starts are tried again.
+_MAX_GAP = 10
+# Largest numbers of steps: of one frame, and of all frames together.
+_MAX_ITERATIONS = 100
+_MAX_SWEEPS = 20
+# Steps at which the first pass and the others end [rad or m].
+_FIRST_STEP = 1e-3
+_LAST_STEP = 1e-8
+# Number of starting configurations for a frame without a solved frame before.
+_N_STARTS = 12
+# Singular values below this share of the largest count as zero.
+_SINGULAR = 1e-6
 
 
 class MarkerProblem:
@@ -142,8 +121,9 @@ class MarkerProblem:
         The markers on it.
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the model's base frame [m]; NaN where missing.
-    options :
-        Smoothness and tolerances.
+    smoothness :
+        c [m·s²/rad]. At the default an acceleration of 100 rad/s² counts as much as 0.1 mm at one
+        marker.
     """
 
     def __init__(
@@ -151,7 +131,7 @@ class MarkerProblem:
         robot: Robot,
         markers: Sequence[MarkerPlacement],
         targets: FloatArray,
-        options: MarkerSolverOptions = OPTIONS,
+        smoothness: float = 1e-6,
     ) -> None:
         self._points = robot.attach_points(
             [m.link for m in markers], np.array([m.position for m in markers])
@@ -160,7 +140,7 @@ class MarkerProblem:
         self._targets = np.where(self._seen[..., None], targets, 0.0)
         self._weights = np.array([m.weight for m in markers])
         self.lower, self.upper = robot.limits().lower, robot.limits().upper
-        self.options = options
+        self.smoothness = smoothness
 
     @property
     def n_frames(self) -> int:
@@ -183,14 +163,14 @@ class MarkerProblem:
         seen : array of bool, shape (n_markers,)
             Which markers are present.
         """
-        starts, singular = self.starts(), self.options.singular
+        starts = self.starts()
         _, jacobians = self._points.positions_and_jacobians(starts)
         found = set(range(self.n_joints))
         for jacobian in jacobians[:, seen].reshape(len(starts), -1, self.n_joints):
             _, values, directions = np.linalg.svd(jacobian)
-            rank = np.count_nonzero(values > singular * values.max(initial=0.0))
+            rank = np.count_nonzero(values > _SINGULAR * values.max(initial=0.0))
             null = np.abs(directions[rank:]).max(axis=0, initial=0.0)
-            found &= set(np.flatnonzero(null > singular).tolist())
+            found &= set(np.flatnonzero(null > _SINGULAR).tolist())
         return tuple(sorted(found))
 
     def determined(self) -> BoolArray:
@@ -254,7 +234,7 @@ class MarkerProblem:
         # Starts are slightly inside of the limits: at a limit, or with a straight arm, gradients
         # may vanish.
         near_zero = np.clip(0.0, low + 0.1 * (high - low), high - 0.1 * (high - low))
-        size = self.options.n_starts - 1, self.n_joints
+        size = _N_STARTS - 1, self.n_joints
         random = np.random.default_rng(0).uniform(low, high, size)
         return np.vstack([near_zero, random])
 
@@ -277,7 +257,7 @@ def solve(problem: MarkerProblem, period: float) -> FloatArray:
     q = np.full((problem.n_frames, problem.n_joints), np.nan)
     start, last_frame = np.empty(0), -np.inf
     for run in _runs(problem.determined()):
-        if run[0] - last_frame > problem.options.max_gap:
+        if run[0] - last_frame > _MAX_GAP:
             start = _best_of_starts(problem, int(run[0]))
         first_pass = _track(problem, run, start)
         start, last_frame = first_pass[-1], run[-1]
@@ -298,15 +278,14 @@ def solve_each(problem: MarkerProblem, starts: FloatArray | None = None) -> Floa
     frames = np.arange(problem.n_frames)
     if starts is None:
         starts = _track(problem, frames, _best_of_starts(problem, 0))
-    last_step = problem.options.last_step
-    return np.array([_solve_frame(problem, k, q, last_step)[0] for k, q in enumerate(starts)])
+    return np.array([_solve_frame(problem, k, q, _LAST_STEP)[0] for k, q in enumerate(starts)])
 
 
 def _best_of_starts(problem: MarkerProblem, frame: int) -> FloatArray:
     """Joint positions of one frame; of several minima the lowest, or the first of equal ones."""
     best, lowest = np.empty(0), np.inf
     for start in problem.starts():
-        q, cost = _solve_frame(problem, frame, start, problem.options.last_step)
+        q, cost = _solve_frame(problem, frame, start, _LAST_STEP)
         # A minimum is lower if a tenth of the cost, and a micrometre, are gained.
         if cost < 0.9 * lowest - 1e-12:
             best, lowest = q, cost
@@ -323,7 +302,7 @@ def _track(problem: MarkerProblem, frames: IntArray, start: FloatArray) -> Float
     """Solve one frame after the other, each from the solution of the last."""
     q = np.empty((frames.size, problem.n_joints))
     for k, frame in enumerate(frames.tolist()):
-        q[k], _ = _solve_frame(problem, frame, start, problem.options.first_step)
+        q[k], _ = _solve_frame(problem, frame, start, _FIRST_STEP)
         start = q[k]
     return q
 
@@ -336,9 +315,7 @@ def _solve_frame(
         return float(costs[0]), gradients[0], matrices[0]
 
     bounds = problem.lower, problem.upper
-    return minimise(
-        start, linearise, _dense_step, bounds, last_step, problem.options.max_iterations
-    )
+    return minimise(start, linearise, _dense_step, bounds, last_step, _MAX_ITERATIONS)
 
 
 def _dense_step(
@@ -354,8 +331,7 @@ def _improve_together(
     problem: MarkerProblem, frames: IntArray, start: FloatArray, period: float
 ) -> FloatArray:
     """Improve all frames of a run together, with the accelerations that connect them."""
-    options = problem.options
-    weight = options.smoothness / period**2
+    weight = problem.smoothness / period**2
 
     def linearise(q: FloatArray) -> Linearised:
         costs, gradients, matrices = problem.linearised(frames, q)
@@ -367,7 +343,7 @@ def _improve_together(
 
     step = partial(_banded_step, weight)
     bounds = problem.lower, problem.upper
-    return minimise(start, linearise, step, bounds, options.last_step, options.max_sweeps)[0]
+    return minimise(start, linearise, step, bounds, _LAST_STEP, _MAX_SWEEPS)[0]
 
 
 def _banded_step(

@@ -15,7 +15,7 @@ from . import bags
 from .joint_states import JointLayout, RawJointStates
 from .joint_trajectories import read_trajectories, repair_trajectories
 from .repair import CleanRecording, RepairOptions, repair
-from .tables import FORMATS, TableOptions, read_table, whole_episodes
+from .tables import FORMATS, read_table, whole_episodes
 
 
 def read_recording(
@@ -62,7 +62,7 @@ def read_recording(
     if state_field is not None:
         raise RecordingError("--field is for messages of bags: a table has columns")
     options = options or RepairOptions()
-    raw = read_table(path, table_format, TableOptions(topic, joints, options.max_gap or 0.0))
+    raw = read_table(path, table_format, topic, joints, options.max_gap or 0.0)
     clean = _repaired(raw, joints, options, listed_only=listed_only, degrees=degrees)
     if table_format == "csv":
         return clean

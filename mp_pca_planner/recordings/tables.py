@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -36,25 +36,13 @@ _INFO = "meta/info.json"
 _PAUSE = 10.0  # s between episodes, which have times of their own
 
 
-class TableOptions(NamedTuple):
-    """What is read of a table.
-
-    Attributes
-    ----------
-    column : str or None
-        Column of a LeRobot dataset.
-    joints : sequence of str or None
-        Names for the values of a dataset that names none.
-    max_gap : float
-        Longest time without samples that is no gap [s].
-    """
-
-    column: str | None = None
-    joints: Sequence[str] | None = None
-    max_gap: float = 0.0
-
-
-def read_table(path: Path, table_format: str, options: TableOptions) -> RawJointStates:
+def read_table(
+    path: Path,
+    table_format: str,
+    column: str | None = None,
+    joints: Sequence[str] | None = None,
+    max_gap: float = 0.0,
+) -> RawJointStates:
     """Read the joint states of a table.
 
     Parameters
@@ -63,8 +51,13 @@ def read_table(path: Path, table_format: str, options: TableOptions) -> RawJoint
         A CSV file, whose first line names the time [s] and the joints, or the folder of a dataset.
     table_format : str
         One of `FORMATS`.
-    options : TableOptions
-        What to read. The episodes of a dataset follow each other with a gap between them.
+    column : str, optional
+        Column of a LeRobot dataset, see :data:`STATE`.
+    joints : sequence of str, optional
+        Names for the values of a dataset that names none.
+    max_gap : float
+        Longest time without samples that is no gap [s]. The episodes of a dataset follow each other
+        with a gap between them.
 
     Raises
     ------
@@ -72,8 +65,8 @@ def read_table(path: Path, table_format: str, options: TableOptions) -> RawJoint
         If it can't be read, or is no such table.
     """
     if table_format == "lerobot":
-        return _read_dataset(path, options)
-    if options.column is not None:
+        return _read_dataset(path, column or STATE, joints, _PAUSE + 2.0 * max_gap)
+    if column is not None:
         raise RecordingError("--topic is for bags and LeRobot datasets: a CSV file has no topics")
     return _read_csv(path)
 
@@ -100,7 +93,9 @@ def _read_csv(path: Path) -> RawJointStates:
     return _joint_states(path.name, names, values[:, 0], values[:, columns])
 
 
-def _read_dataset(path: Path, options: TableOptions) -> RawJointStates:
+def _read_dataset(
+    path: Path, column: str, joints: Sequence[str] | None, pause: float
+) -> RawJointStates:
     with reading(f"'{path / _INFO}'", RecordingError):
         info = json.loads(read_text(path / _INFO))
         version, features = str(info["codebase_version"]), dict(info["features"])
@@ -108,7 +103,6 @@ def _read_dataset(path: Path, options: TableOptions) -> RawJointStates:
         raise RecordingError(
             f"'{path}' is a LeRobot dataset of version '{version}': expected v2.0, v2.1 or v3.0"
         )
-    column = options.column or STATE
     vectors = [name for name, one in features.items() if _is_vector(one)]
     if column not in vectors:
         raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
@@ -116,13 +110,13 @@ def _read_dataset(path: Path, options: TableOptions) -> RawJointStates:
     named = _names(features[column])
     notes: tuple[str, ...] = ()
     if named is None:
-        named, notes = _given_names(column, positions.shape[1], options.joints)
+        named, notes = _given_names(column, positions.shape[1], joints)
     if len(named) != positions.shape[1]:
         raise RecordingError(
             f"'{path}' names {len(named)} joints of '{column}', but it has {positions.shape[1]} "
             "values"
         )
-    times = _one_after_the_other(episodes, times, _PAUSE + 2.0 * options.max_gap)
+    times = _one_after_the_other(episodes, times, pause)
     return _joint_states(column, _without_suffix(named), times, positions, notes)
 
 

@@ -33,17 +33,10 @@ class MessageSource(Protocol):
         """Why nothing has come, as far as that is known."""
 
 
-class KeySource(Protocol):
-    """Where the keys come from."""
-
-    def pressed(self, timeout: float | None) -> str | None:
-        """The next key; '' if none is pressed in time [s], None if none can be any more."""
-
-
 def hold_dialogue(
     session: TeachingSession,
     source: MessageSource,
-    keys: KeySource,
+    pressed: Callable[[float | None], str | None],
     words: SessionWords,
     say: Callable[..., None],
     idle_ratio: float = 4.0,
@@ -57,8 +50,8 @@ def hold_dialogue(
         The session.
     source :
         Feeds it.
-    keys :
-        Keys of the person.
+    pressed :
+        Returns the next key; '' if none is pressed within a time [s], None if none can be any more.
     words :
         Describes the motions.
     say :
@@ -85,7 +78,7 @@ def hold_dialogue(
         if n_silent == max_silence and is_fed:
             say(source.silence())
         pause = max(source.pause, idle_ratio * (time.monotonic() - started))
-        key = keys.pressed(pause if is_fed else None)
+        key = pressed(pause if is_fed else None)
         if key is None or key == "q":
             return False
         if key == "b":

@@ -11,7 +11,6 @@ from scipy.optimize import least_squares
 
 from mp_pca_planner.mocap.inverse_kinematics import (
     MarkerProblem,
-    MarkerSolverOptions,
     solve,
     solve_each,
 )
@@ -19,7 +18,7 @@ from mp_pca_planner.mocap.markers import MarkerPlacement
 from mp_pca_planner.robot.model import Robot
 
 PERIOD = 0.01
-UNSMOOTHED = MarkerSolverOptions(smoothness=0.0)
+UNSMOOTHED = 0.0
 ARM = (
     MarkerPlacement("elbow", "lower_arm", (0.0, 0.0, 0.0)),
     MarkerPlacement("upper", "upper_arm", (0.05, 0.0, -0.1)),
@@ -86,8 +85,7 @@ def test_noisy_markers_give_the_least_squares_of_scipy() -> None:
 def test_smoothing_minimises_the_stated_sum() -> None:
     robot, smoothness = arm_robot(), 1e-4
     noisy = targets()[:8] + 0.01 * np.random.default_rng(0).normal(size=(8, 3, 3))
-    options = MarkerSolverOptions(smoothness=smoothness)
-    q = solve(MarkerProblem(robot, ARM, noisy, options), PERIOD)
+    q = solve(MarkerProblem(robot, ARM, noisy, smoothness), PERIOD)
 
     def stated(x: np.ndarray) -> np.ndarray:
         x = x.reshape(8, 4)

@@ -183,7 +183,9 @@ class Pressed:
 def dialogue(folder: Path, source: Silent, keys: str) -> list[str]:
     lines: list[str] = []
     with session(folder) as taught:
-        hold_dialogue(taught, source, Pressed(keys), SessionWords(), lambda *x: lines.extend(x))
+        hold_dialogue(
+            taught, source, Pressed(keys).pressed, SessionWords(), lambda *x: lines.extend(x)
+        )
     return lines
 
 
