@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,7 @@ from ..ros.live_node import LiveNode
 from ..ros.messages import to_trajectory
 from . import build_primitives
 from .common import make_folder
+from .main import load_command
 from .options import parse
 from .terminal import DONE, FAILED, say
 
@@ -155,19 +156,10 @@ def run(arguments: argparse.Namespace) -> int:
     for path in _draw(folder, bag, load_primitive(file), robot, served):
         say(f"   {path}")
     if arguments.view:
-        _view(bag, file, urdf)
+        say("", "5. Open this address in a browser")
+        shown = ["--robot", str(urdf), "--demonstrations", str(bag)]
+        load_command("view")([str(file), *shown])
     return FAILED if failures else DONE
-
-
-def _view(bag: Path, primitive_file: Path, urdf: Path) -> None:
-    """Serve a page with the demonstrations and the primitive until Ctrl-C."""
-    from ..view.content import read_content
-    from .view import serve
-
-    say("", "5. Open this address in a browser")
-    content = read_content(urdf, [load_primitive(primitive_file)])
-    recordings = load_recordings([bag], joints=JOINT_NAMES)
-    serve(replace(content, recordings=recordings), "127.0.0.1", 8080, None)
 
 
 @dataclass(frozen=True, eq=False)

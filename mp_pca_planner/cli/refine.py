@@ -11,12 +11,12 @@ from typing import Any
 
 from ..exceptions import LearningError
 from ..files import check_writable
-from ..learning.executions import measure_execution
 from ..learning.refined_motion import RefinedMotion, primitive_around
 from ..learning.refinement import AcceptedMotion, Refinement, RefinementOptions, refine
 from ..learning.trials import TrialLearner
 from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
+from ..recordings.efforts import measure_execution
 from .common import check_motion_file, check_output, report, write_motion
 from .options import parse
 from .requests import PlannedRequest, collision_line, plan_request, status_line

@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
-from ..execution.serving.execution import Outcome
+from ..execution.serving.execution import MotionOutcome
 from ..motion.goal import JointState, Pose, SequenceGoal
 from ..ros.client import READY, GoalClient, check_node_name, is_served, report_values
 from ..ros.goal_messages import to_pose_message, to_sequence_message
@@ -103,7 +103,7 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
         if execution is not None:
             values = report_values(execution)
             facts["execution"] = {"message": execution.message, **values}
-            status = DONE if values["outcome"] == Outcome.ARRIVED else FAILED
+            status = DONE if values["outcome"] == MotionOutcome.ARRIVED else FAILED
             if not arguments.json:
                 say(execution.message)
     if arguments.json:

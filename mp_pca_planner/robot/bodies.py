@@ -20,7 +20,7 @@ from ..exceptions import RobotError, WorldError, unknown_name
 from ..input_limits import INPUT_LIMITS
 from .joints import joint_of
 from .mesh_files import find_mesh, scaled
-from .mesh_pieces import Piece, whole_piece
+from .mesh_pieces import MeshPiece, whole_piece
 from .urdf import Description, StatedShape
 from .world import NO_VOLUME, Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
@@ -66,17 +66,17 @@ def solids_of(shape: Shape) -> list[Solid]:
 
 
 # Worlds with the same mesh share them: they are never changed.
-_SOLIDS: WeakKeyDictionary[Piece, Solid] = WeakKeyDictionary()
+_SOLIDS: WeakKeyDictionary[MeshPiece, Solid] = WeakKeyDictionary()
 
 
-def solid_of(piece: Piece) -> Solid:
+def solid_of(piece: MeshPiece) -> Solid:
     """A piece of a mesh for the distance library, the same one each time."""
     if piece not in _SOLIDS:
         _SOLIDS[piece] = _solid_of(piece)
     return _SOLIDS[piece]
 
 
-def _solid_of(piece: Piece) -> Solid:
+def _solid_of(piece: MeshPiece) -> Solid:
     hull = _hull_of(piece)
     return Solid(hull if piece.is_convex else _surface_of(piece), hull, piece.is_convex)
 
@@ -87,7 +87,7 @@ _SURFACES: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
 _HULLS: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
 
 
-def link_solid(piece: Piece) -> Solid:
+def link_solid(piece: MeshPiece) -> Solid:
     """The mesh of a link for the distance library, always with its triangles.
 
     Equal meshes share the same objects while one of them is used.
@@ -101,7 +101,7 @@ def link_solid(piece: Piece) -> Solid:
     return Solid(surface, hull, piece.is_convex)
 
 
-def _hull_of(piece: Piece) -> Any:
+def _hull_of(piece: MeshPiece) -> Any:
     points, faces = _Points(), coal.StdVec_Triangle()
     for corner in piece.corners:
         points.append(corner)
@@ -111,7 +111,7 @@ def _hull_of(piece: Piece) -> Any:
     return coal.Convex(points, faces)
 
 
-def _surface_of(piece: Piece) -> Any:
+def _surface_of(piece: MeshPiece) -> Any:
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(len(piece.triangles), len(piece.vertices))
     mesh.addVertices(piece.vertices)

@@ -42,7 +42,7 @@ Triangles = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class MeshPiece:
     """A part of a mesh, and its convex hull.
 
     Attributes
@@ -73,12 +73,12 @@ def is_point(vertices: FloatArray) -> bool:
     return bool(np.ptp(vertices, axis=0).max(initial=0.0) <= _SMALLEST)
 
 
-def whole_piece(vertices: FloatArray, triangles: Triangles) -> Piece:
+def whole_piece(vertices: FloatArray, triangles: Triangles) -> MeshPiece:
     """A mesh as one piece, however large."""
     return _piece(*_merged(vertices, triangles))
 
 
-def pieces_of(vertices: FloatArray, triangles: Triangles) -> tuple[Piece, ...]:
+def pieces_of(vertices: FloatArray, triangles: Triangles) -> tuple[MeshPiece, ...]:
     """The pieces of a mesh: the mesh itself unless it is large.
 
     Parameters
@@ -103,7 +103,7 @@ def _merged(vertices: FloatArray, triangles: Triangles) -> tuple[FloatArray, Tri
     return in_order[is_new], indices.reshape(-1, 3)
 
 
-def _cut(vertices: FloatArray, triangles: Triangles) -> Iterator[Piece]:
+def _cut(vertices: FloatArray, triangles: Triangles) -> Iterator[MeshPiece]:
     """The mesh as a whole, or its halves if it is too large."""
     if len(vertices) <= _MAX_VERTICES:
         piece = _piece(vertices, triangles)
@@ -117,7 +117,7 @@ def _cut(vertices: FloatArray, triangles: Triangles) -> Iterator[Piece]:
         yield from _cut(vertices[used], indices.reshape(-1, 3))
 
 
-def _piece(vertices: FloatArray, triangles: Triangles) -> Piece:
+def _piece(vertices: FloatArray, triangles: Triangles) -> MeshPiece:
     from scipy.spatial import ConvexHull, QhullError
 
     axes = _axes(vertices)
@@ -146,7 +146,7 @@ def _piece(vertices: FloatArray, triangles: Triangles) -> Piece:
             faces[inward] = faces[inward, ::-1]
             size = _area(local, triangles) * THICKNESS if is_flat[2] else _volume(local, triangles)
             is_convex = bool(size >= _CONVEX_SHARE * hull.volume)
-    return Piece(vertices, triangles, corners @ axes.T, faces, is_convex, bool(is_flat[2]))
+    return MeshPiece(vertices, triangles, corners @ axes.T, faces, is_convex, bool(is_flat[2]))
 
 
 def _axes(vertices: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from ..arrays import FloatArray, as_list, check_type, frozen_array, set_frozen, 
 from ..exceptions import WorldError, quote_names, shown, unknown_name
 from ..files import as_path
 from ..input_limits import INPUT_LIMITS
-from .mesh_pieces import THICKNESS, Piece, is_point, pieces_of
+from .mesh_pieces import THICKNESS, MeshPiece, is_point, pieces_of
 
 NO_VOLUME = f"a mesh has no volume: it is used as a surface {1e3 * THICKNESS:g} mm thick"
 """Note on a flat or needle-thin mesh."""
@@ -264,7 +264,7 @@ class Mesh(Shape):
         return cls(size * found.vertices, found.triangles, position, orientation)
 
     @cached_property
-    def pieces(self) -> tuple[Piece, ...]:
+    def pieces(self) -> tuple[MeshPiece, ...]:
         """The mesh, cut into pieces if it is large, with convex hulls; copies share them."""
         return pieces_of(self.vertices, self.triangles)
 

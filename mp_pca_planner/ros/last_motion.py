@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..arrays import FloatArray
 from ..exceptions import GoalError, RobotError
 from ..execution.parameters import ParameterError
-from ..execution.serving.execution import Outcome, Served
+from ..execution.serving.execution import MotionOutcome, Served
 from ..execution.threads import TimedLock
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
@@ -51,13 +51,13 @@ class LastMotion:
         """Record a published motion."""
         self._served, self.cost, self._is_over, self._must_erase = served, None, False, False
 
-    def end(self, outcome: Outcome) -> None:
+    def end(self, outcome: MotionOutcome) -> None:
         """Record that a motion is over; :meth:`tidy` erases its preview if it was begun.
 
         This waits for no lock.
         """
-        if outcome is not Outcome.REPLACED:
-            self._must_erase, self._is_over = outcome is not Outcome.NEVER_STARTED, True
+        if outcome is not MotionOutcome.REPLACED:
+            self._must_erase, self._is_over = outcome is not MotionOutcome.NEVER_STARTED, True
 
     def tidy(self) -> None:
         """Erase the preview of a motion that is over."""

@@ -51,7 +51,7 @@ class GoalOutcome(StrEnum):
         return member
 
 
-class Outcome(StrEnum):
+class MotionOutcome(StrEnum):
     """What became of a motion: its word in reports, and whether that was as requested.
 
     Attributes
@@ -68,7 +68,7 @@ class Outcome(StrEnum):
     NOT_FOLLOWED = "not_followed", False
     NEVER_STARTED = "never_started", False
 
-    def __new__(cls, word: str, is_good: bool) -> Outcome:
+    def __new__(cls, word: str, is_good: bool) -> MotionOutcome:
         """The member with this word."""
         member = str.__new__(cls, word)
         member._value_, member.is_good = word, is_good
@@ -103,7 +103,7 @@ class ExecutionReport:
     ----------
     goal : object
         Identifies the goal of the motion.
-    outcome : Outcome
+    outcome : MotionOutcome
         The outcome.
     message : str
         One sentence for a person.
@@ -120,7 +120,7 @@ class ExecutionReport:
     """
 
     goal: Any
-    outcome: Outcome
+    outcome: MotionOutcome
     message: str
     progress: float
     error: float
@@ -244,12 +244,14 @@ class Execution:
         A stop counts as executed then.
         """
         why = f"another motion, for {reason}" if reason else "the motion of a newer goal"
-        outcome = Outcome.STOPPED if self.is_stop else Outcome.REPLACED
+        outcome = MotionOutcome.STOPPED if self.is_stop else MotionOutcome.REPLACED
         return self._end(outcome, f"replaced by {why}")
 
     def given_up(self, reason: str) -> ExecutionReport | None:
         """The report on a motion that can't be followed any more; None if it had one."""
-        return self._end(Outcome.NOT_FOLLOWED, f"not known whether the robot arrived: {reason}")
+        return self._end(
+            MotionOutcome.NOT_FOLLOWED, f"not known whether the robot arrived: {reason}"
+        )
 
     def answer(self, answer: ControllerAnswer) -> ExecutionReport | None:
         """Record what the controller answered; the report if that ends the motion."""
@@ -257,8 +259,10 @@ class Execution:
         if answer.is_good:  # whether the robot arrived is seen, not told
             return None
         if not answer.is_accepted:
-            return self._end(Outcome.NEVER_STARTED, f"never started: the controller {answer.text}")
-        return self._end(Outcome.NOT_FOLLOWED, f"not followed: the controller {answer.text}")
+            return self._end(
+                MotionOutcome.NEVER_STARTED, f"never started: the controller {answer.text}"
+            )
+        return self._end(MotionOutcome.NOT_FOLLOWED, f"not followed: the controller {answer.text}")
 
     def update(
         self, following: Following | None, now: float, options: ServingOptions
@@ -286,7 +290,7 @@ class Execution:
             return self.given_up(silence)
         if following.motion is not self.motion:
             return self._end(
-                Outcome.NEVER_STARTED,
+                MotionOutcome.NEVER_STARTED,
                 "never started: the robot still follows the previous motion; check that the "
                 "controller is active and accepts the trajectory",
             )
@@ -308,18 +312,20 @@ class Execution:
             if self.controller == ACCEPTED and late < options.start_delay:
                 return None  # the result of the controller comes a little later
             if not self.is_stop:
-                return self._end(Outcome.ARRIVED, f"arrived: the largest error is {away}")
+                return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
             text = f"stopped: the robot is at rest {now - self.motion.time:.2f} s after the stop"
-            return self._end(Outcome.STOPPED, f"{text}; {self.reason}" if self.reason else text)
+            return self._end(
+                MotionOutcome.STOPPED, f"{text}; {self.reason}" if self.reason else text
+            )
         if self._never_started(following, now, options):
             return self._end(
-                Outcome.NEVER_STARTED,
+                MotionOutcome.NEVER_STARTED,
                 "never started: the robot rests at the start of the motion; check that the "
                 "controller is active and accepts the trajectory",
             )
         if self.how is How.OFF and duration > options.away_time:
             return self._end(
-                Outcome.NOT_FOLLOWED,
+                MotionOutcome.NOT_FOLLOWED,
                 f"not followed: the deviation from the path is {away}; the largest one was "
                 f"{self.largest_deviation:.3g}, {self.deviation_time:.2f} s after publishing",
             )
@@ -328,7 +334,7 @@ class Execution:
         is_slow = advanced > 0.5 * options.slowest_rate * duration
         if self.how is How.HELD and duration > options.max_hold and not is_slow:
             return self._end(
-                Outcome.NOT_FOLLOWED,
+                MotionOutcome.NOT_FOLLOWED,
                 f"not followed: the robot has rested at {self._share:.0%} of the motion for more "
                 f"than {options.max_hold:g} s",
             )
@@ -355,7 +361,7 @@ class Execution:
         duration = self.last.motion.duration
         return min(self.last.progress.place / duration, 1.0) if duration > 0.0 else 1.0
 
-    def _end(self, outcome: Outcome, message: str) -> ExecutionReport | None:
+    def _end(self, outcome: MotionOutcome, message: str) -> ExecutionReport | None:
         if self.is_reported:
             return None
         self.is_reported = True
