@@ -38,11 +38,11 @@ from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.cache import ReadingCache, default_folder
+from ..recordings.cutting import segments_table
 from ..recordings.load import load_recordings, position_limits
 from ..recordings.recording_set import RecordingSet
 from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
-from ..recordings.segments_file import segments_table
 from ..robot.model import Robot
 from .common import check_output, print_json, progress_bar
 from .terminal import DONE, complain, say

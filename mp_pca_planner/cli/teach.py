@@ -16,9 +16,8 @@ from types import TracebackType
 from typing import Any
 
 from ..robot.model import Robot
-from ..teaching.dialogue import KEYS, MessageSource, PlayedBag, hold_dialogue
+from ..teaching.dialogue import KEYS, MessageSource, PlayedBag, SessionWords, hold_dialogue
 from ..teaching.session import SessionFiles, TeachingSession
-from ..teaching.words import SessionWords
 from . import build_primitives
 from .common import check_frame, check_output, report_lines
 from .options import parse

@@ -27,11 +27,11 @@ from ..files import as_path
 from ..robot.model import Robot
 from . import bags, cutting
 from .cache import ReadingCache, key_of
+from .cutting import segments_by_hand
 from .fingerprint import MIN_SHARE, common_shares
 from .load_one import LoadOptions, LoadTask, load_one
 from .recording_set import GatheredSets, RecordingSet
 from .segmentation import SegmentationOptions, absurd_extent, least_extent_of_set
-from .segments_file import segments_by_hand
 from .workers import Outcome, map_in_processes, map_on_cluster
 
 _DIED = "every process that tried to read it died: it was killed, or memory ran out"

@@ -15,12 +15,12 @@ import numpy as np
 from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
 from . import bags, cutting
 from .cache import ReadingCache
+from .cutting import SegmentRow
 from .demonstration import Demonstration
 from .reading import read_recording
 from .recording_set import MarkerResidual, RecordingReport, RecordingSet, Refusal, Segment
 from .repair import CleanRecording, RepairOptions, repair
 from .segmentation import SegmentationOptions, extent
-from .segments_file import SegmentRow
 from .smoothing import SmoothingOptions
 
 SEGMENTATIONS = ("auto", "none")
@@ -46,7 +46,7 @@ class LoadOptions:
         "auto" cuts at rests and valleys of the speed, "none" takes each recording as one motion
         and only trims the stillness at both ends (a recording with gaps: one motion per piece).
     segments_csv : path or None
-        A table of motions cut by hand, see :func:`.segments_file.read_segments`; instead of
+        A table of motions cut by hand, see :func:`.cutting.read_segments`; instead of
         `segment`.
     segmentation : SegmentationOptions
         Thresholds of "auto".

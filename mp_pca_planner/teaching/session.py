@@ -30,11 +30,11 @@ from ..recordings.bags.formats import (
 )
 from ..recordings.bags.serialisation import JOINT_STATE, message_definition
 from ..recordings.bags.storage import Buffer, DamageError, mapped
+from ..recordings.cutting import read_segments, segments_table
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import joined, slice_joint_states
 from ..recordings.repair import CleanRecording
 from ..recordings.segmentation import SegmentationOptions
-from ..recordings.segments_file import read_segments, segments_table
 
 _ONE = struct.pack("<H", 1)
 """Identifier of the only schema and of the only channel."""

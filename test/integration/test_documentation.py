@@ -26,7 +26,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import _METADATA
 from mp_pca_planner.primitives.library.journal import _LINE
 from mp_pca_planner.primitives.primitive_values import ARRAY_SHAPES
-from mp_pca_planner.recordings.segments_file import COLUMNS
+from mp_pca_planner.recordings.cutting import COLUMNS
 from mp_pca_planner.simulation.robot import Record
 
 ROOT = Path(__file__).parents[2]

@@ -23,7 +23,7 @@ from nodes import GOAL, START, NodeClient, goal_message, running_node, set_domai
 from patience import HANG
 
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
-from mp_pca_planner.recordings.segments_file import read_segments
+from mp_pca_planner.recordings.cutting import read_segments
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import READY
 from mp_pca_planner.ros.live_node import JointStateSource

@@ -21,8 +21,13 @@ from mp_pca_planner.learning.refined_motion import (
     primitive_around,
     segment_states,
 )
-from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
-from mp_pca_planner.learning.refinement_terms import ClearanceConstraints, LimitConstraints
+from mp_pca_planner.learning.refinement import (
+    ClearanceConstraints,
+    LimitConstraints,
+    RefinementCost,
+    RefinementOptions,
+    refine,
+)
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits

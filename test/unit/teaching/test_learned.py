@@ -12,7 +12,7 @@ from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.primitives.cross_validation import leave_one_out
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.teaching.words import Learned, remaining_covariance
+from mp_pca_planner.teaching.dialogue import Learned, remaining_covariance
 
 
 def motion(goal: float, start: float = 0.0) -> Demonstration:

@@ -15,9 +15,8 @@ from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.synthetic import write_example_recording
-from mp_pca_planner.teaching.dialogue import KEYS, PlayedBag, hold_dialogue
+from mp_pca_planner.teaching.dialogue import KEYS, PlayedBag, SessionWords, hold_dialogue
 from mp_pca_planner.teaching.session import SessionFiles, TeachingSession
-from mp_pca_planner.teaching.words import SessionWords
 
 GOALS = (0.0, 1.0, 0.2, 0.9)
 
