@@ -190,6 +190,20 @@ def test_messages_that_are_explained_are_those_of_the_code() -> None:
     assert [message for message in explained if message not in code] == []
 
 
+def test_the_page_on_the_code_names_what_is_there() -> None:
+    package = ROOT / "mp_pca_planner"
+    modules = [path.relative_to(ROOT).as_posix() for path in package.rglob("*")]
+    code = "\n".join(path.read_text(encoding="utf-8") for path in package.rglob("*.py"))
+    words = set(re.findall(r"\w+", code))
+    text = text_of(ROOT / "doc/concepts/code.md")
+    for name in re.findall(r"`([^`]+)`", text) + re.findall(r"[\w/]+\.py", text):
+        if name.endswith(("/", ".py")):
+            path = "/" + name.strip("./")
+            assert any(x.endswith(path) for x in modules), name
+        else:
+            assert set(re.findall(r"\w+", name)) <= words, name
+
+
 def test_citation_is_complete() -> None:
     citation = yaml.safe_load(text_of(ROOT / "CITATION.cff"))
     assert {"cff-version", "message", "title", "authors", "version", "license"} <= set(citation)

@@ -16,7 +16,16 @@ from hypothesis.extra import numpy as hnp
 
 from mp_pca_planner.exceptions import RecordingError, UnusableRecordingError
 from mp_pca_planner.recordings.joint_states import JointLayout, RawJointStates
-from mp_pca_planner.recordings.repair import REPAIRS, CleanRecording, RepairOptions, repair
+from mp_pca_planner.recordings.repair import (
+    OF_PIECES,
+    OF_SAMPLES,
+    REPAIRS,
+    CleanRecording,
+    RepairOptions,
+    repair,
+)
+from mp_pca_planner.recordings.repair.messages import COUNTS
+from mp_pca_planner.recordings.repair.motion import GAPS
 
 MOTION = reaching([0.1, 1.1])
 """Two joints for 3 s at 100 Hz, never both zero."""
@@ -675,3 +684,11 @@ def test_samples_of_a_fast_recording_are_averaged() -> None:
     assert piece.times.size == 300
     np.testing.assert_allclose(piece.positions[:, 0], np.sin(piece.times), atol=1e-5)
     np.testing.assert_allclose(piece.positions[:, 1], piece.times, atol=1e-9)
+
+
+def test_each_defect_has_names_of_its_own() -> None:
+    names = [name for defect in (*OF_SAMPLES, GAPS, *OF_PIECES) for name in defect.counts]
+    names += COUNTS
+    assert len(names) == len(set(names))
+    # The others are counted where commanded motions are sampled and motions are cut.
+    assert len(REPAIRS) == len(names) + 5
