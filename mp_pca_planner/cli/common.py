@@ -27,7 +27,15 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
-REPORTED = ("status", "effort_cost", "solve_time_s", "duration", "primitive", "in_span_score")
+REPORTED = (
+    "status",
+    "effort_cost",
+    "solve_time_s",
+    "duration",
+    "least_path_duration",
+    "primitive",
+    "in_span_score",
+)
 """Values of the node's report that are printed by default."""
 INTERNAL = ("kkt_residual",)
 """Values that only ``--json`` has, because they describe the solver and not the motion."""
@@ -179,7 +187,7 @@ def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:
     if is_verbose:
         shown = [name for name in known(values) if name not in INTERNAL]
         return [f"  {name:<18} {values[name]}" for name in shown]
-    return [f"  {name:<18} {short(value)}" for name, value in known(values, REPORTED).items()]
+    return [f"  {name:<19} {short(value)}" for name, value in known(values, REPORTED).items()]
 
 
 def named_peers(text: str, known: Sequence[str]) -> list[str]:

@@ -68,7 +68,7 @@ def _plan_lines(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
         "about 1 is like the demonstrations)",
         f"prediction   {_expected_error_words(request)}",
         f"selection    {facts['selection']}",
-        f"duration     {facts['duration']:.3f} s",
+        f"duration     {facts['duration']:.3f} s{plan.could_take}",
         f"effort       {effort_words(plan.solution.effort_cost, plan.solution.start_cost)}",
         f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
         f"goal error   {facts['goal_error']:.2g} rad or m",
@@ -90,7 +90,7 @@ def _sequence_lines(request: PlannedRequest, facts: Mapping[str, Any]) -> list[s
     return [
         f"primitives   {facts['primitive']} (in-span score {facts['in_span_score']:.2f})",
         f"prediction   {_expected_error_words(request)}",
-        f"duration     {facts['duration']:.3f} s ({durations})",
+        f"duration     {facts['duration']:.3f} s ({durations}){plan.could_take}",
         f"effort       {effort_words(plan.effort_cost)}",
         f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
         f"target error {max(plan.via_error, plan.goal_error):.2g} rad or m",

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
+from ..motion.least_duration import least_path_duration
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
@@ -33,7 +35,15 @@ SOLVED = "solved"
 STOPPED_EARLY = "stopped_early"
 INFEASIBLE = "infeasible"
 
-_SHOWN = ("status", "message", "primitive", "duration", "effort_cost", "in_span_score")
+_SHOWN = (
+    "status",
+    "message",
+    "primitive",
+    "duration",
+    "least_path_duration",
+    "effort_cost",
+    "in_span_score",
+)
 """Values of a plan that notebooks show."""
 
 
@@ -183,8 +193,8 @@ class Plan:
     def __repr__(self) -> str:
         names = ", ".join(dict.fromkeys(self.primitives))
         facts = (
-            f"Plan: {self.status}, {self.duration:.2f} s by '{names}', in-span score "
-            f"{self.in_span_score:.2f}"
+            f"Plan: {self.status}, {self.duration:.2f} s{self.could_take} by '{names}', "
+            f"in-span score {self.in_span_score:.2f}"
         )
         others = [remark for remark in self.remarks if remark != self.message]
         return "; ".join([f"{facts}: {self.message}", *others])
@@ -253,6 +263,25 @@ class Plan:
         """Duration of all segments [s]."""
         return sum(motion.duration for motion in self.motions)
 
+    @cached_property
+    def least_path_duration(self) -> float:
+        """Least duration of its path within the limits [s], see :func:`.least_path_duration`.
+
+        Limits of jerk are ignored. NaN if it is unknown, also without a planner. It takes about
+        1 ms, and is computed when it is asked for.
+        """
+        if self.planner is None:
+            return _NAN
+        least = least_path_duration(self.trajectory, self.planner.robot, self.planner.limits)
+        # The motion itself shows that its path can take its duration.
+        return min(least, self.duration) if not self.limit_check.violations else least
+
+    @property
+    def could_take(self) -> str:
+        """Text on that duration, after the duration of the motion; empty if it is unknown."""
+        least = self.least_path_duration
+        return f" (could take {least:.2f} s)" if np.isfinite(least) else ""
+
     @property
     def cost(self) -> float:
         """The whole objective, naturalness included."""
@@ -281,6 +310,7 @@ class Plan:
             "selection": self.selection,
             "duration": self.duration,
             "shortest_duration": self.shortest_duration,
+            "least_path_duration": self.least_path_duration,
             "cost": self.cost,
             "objective_cost": self.solution.objective_cost,
             "effort_cost": self.solution.effort_cost,

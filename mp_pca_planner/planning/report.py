@@ -623,7 +623,8 @@ def table(plan: Plan) -> str:
     """A plan as some lines of text: what was found, how good it is, and where each joint goes."""
     trajectory, planner = plan.trajectory, plan.planner
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(plan.primitives))
-    lines = [f"Plan: {plan.status}, {plan.duration:.2f} s by {names}", f"  {plan.message}"]
+    head = f"Plan: {plan.status}, {plan.duration:.2f} s{plan.could_take} by {names}"
+    lines = [head, f"  {plan.message}"]
     lines += [f"  remark: {remark}" for remark in remarks(plan) if remark != plan.message]
     lines.append(SENTENCES["score"].format(score=plan.in_span_score))
     if np.isfinite(plan.expected_error):

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner: goals in, executable motions of little effort out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
@@ -298,6 +300,21 @@ def test_time_that_runs_out_leaves_an_honest_status():
     plan = planner(max_solve_time=1e-9, naturalness=0.3).plan(*request())
     assert plan.status == "stopped_early" and plan.is_executable
     assert plan.solution.effort_cost <= plan.solution.start_cost
+
+
+def test_a_plan_says_how_long_its_path_could_take():
+    plan = planner().plan(*request())
+    assert 0.0 < plan.least_path_duration < plan.duration
+    assert f" s (could take {plan.least_path_duration:.2f} s) by " in repr(plan)
+    assert "<th>least_path_duration</th>" in plan._repr_html_()
+    alone = replace(plan, planner=None)
+    assert np.isnan(alone.least_path_duration) and "could take" not in repr(alone)
+
+
+def test_the_shortest_motion_is_not_shorter_than_its_path_allows():
+    goal, start = request()
+    plan = planner(timing="shortest").plan(goal, start)
+    assert 0.5 * plan.duration < plan.least_path_duration <= plan.duration
 
 
 def test_the_summary_holds_the_public_keys():
