@@ -9,7 +9,7 @@ among these, and may move between them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from scipy.linalg import lapack
@@ -55,6 +55,7 @@ def configurations_at(
     pose: Pose,
     starts: Iterable[FloatArray],
     options: PoseSearchOptions = PoseSearchOptions(),
+    is_enough: Callable[[], bool] = bool,
 ) -> list[FloatArray]:
     """Different configurations within the limits that reach a pose, in the order of the starts.
 
@@ -70,6 +71,8 @@ def configurations_at(
         Configurations to search from.
     options : PoseSearchOptions
         Options.
+    is_enough : callable
+        Returns whether one configuration is enough, because time runs out; never unless given.
 
     Raises
     ------
@@ -87,6 +90,8 @@ def configurations_at(
                 nearest = min(nearest, error, key=lambda e: float(np.linalg.norm(e)))
             elif all(np.abs(q - other).max() > options.distinct for other in found):
                 found.append(q)
+            if found and is_enough():
+                break
         if found:
             return found
     turned = f" and {np.linalg.norm(nearest[3:]):.3g} rad" if nearest.size > 3 else ""

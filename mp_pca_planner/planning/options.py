@@ -136,8 +136,11 @@ class PoseSearchOptions(Checked):
         Largest error at which the steps end [m or rad].
     first_damping, max_damping : float
         Levenberg–Marquardt damping of the first step, and at which the search ends.
+    n_compared : int
+        Number of known configurations to search from for a single pose. The costs of their expected
+        motions are compared.
     n_known : int
-        Number of known configurations to search from.
+        Number of known configurations to search from for each pose of a sequence.
     n_random : int
         Number of further starts, spread over the limits, if the known ones lead to no solution.
     distinct : float
@@ -148,6 +151,7 @@ class PoseSearchOptions(Checked):
     reached: float = within(1e-8, 1e-12, 1e-6)
     first_damping: float = within(1e-3, 1e-12, 1e6)
     max_damping: float = within(1e8, 1.0, 1e12)
+    n_compared: int = within(12, 0, 1000, is_whole=True)
     n_known: int = within(4, 0, 1000, is_whole=True)
     n_random: int = within(40, 0, 10_000, is_whole=True)
     distinct: float = within(0.05, 0.0, 10.0)
@@ -322,8 +326,7 @@ class SearchOptions(Checked):
         Values to which naturalness is raised if the reduction of effort caused a limit violation.
         At the last value, effort hardly counts.
     n_configurations : int
-        Number of configurations that reach a pose to which motions are planned, the most natural
-        first.
+        Number of configurations that reach a pose to which motions are planned, until one is found.
     n_route_configurations : int
         Number of configurations that reach a pose of a sequence that are compared.
     here : float

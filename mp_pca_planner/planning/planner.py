@@ -245,6 +245,6 @@ class Planner:
         n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
         deadline = began + most - min(n_segments * each, 0.4 * most)
         budget = Budget(deadline, self.options.solver.should_stop)
-        requests = resolve(self._context, self._selector, goal, start, mode)
+        requests = resolve(self._context, self._selector, goal, start, mode, budget)
         outcome = search(self._context, requests, began, budget)
         return report(self._context, outcome, goal, began, self)

@@ -18,9 +18,9 @@ import numpy as np
 from ...motion.goal import JointState
 from ...motion.validation import LimitCheck
 from ..context import Context
-from ..motion import Motion, cost_of, node_states
+from ..motion import Motion, cost_of, node_states, rank_of
 from ..objectives import Objective, Time
-from ..options import FREE, SolverOptions
+from ..options import FREE, SHORTEST, SolverOptions
 from ..request import Request
 from ..solver.quadratic import TINY
 from ..time_scaling import least_stretch, slowdown
@@ -111,6 +111,23 @@ def first_setting(
     others = [(share * weight, objective) for weight, objective in options.objectives]
     objectives = ((1.0, Time()), *others)
     return replace(setting, naturalness=0.0, objectives=objectives, is_shortest=True)
+
+
+def expected_setting(context: Context, request: Request) -> Setting:
+    """The setting of the first attempt at a request of one segment, with its narrowest basis."""
+    shortest = request.duration_is_free and request.timing == SHORTEST
+    basis = context.bases.basis(request.segments[0], request.naturalness, shortest=shortest)
+    return first_setting(context, request, basis, shortest=shortest)
+
+
+def expected_cost(context: Context, request: Request) -> float:
+    """The objective of the expected motion of one segment, in the duration that limits allow.
+
+    Near the demonstrations, it is within some percent of the cost of the motion that is planned.
+    """
+    setting = expected_setting(context, request)
+    motion, tables = setting.initial[0], setting.bases[0].tables
+    return rank_of(cost_of(context.robot, motion, tables, setting.objectives))
 
 
 def lasting(setting: Setting, duration: float) -> Setting:

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain, pairwise
+from itertools import chain, islice, pairwise
+from operator import itemgetter
 
 import numpy as np
 
@@ -19,13 +20,16 @@ from ...arrays import FloatArray
 from ...exceptions import GoalError, quote_names, unknown_name
 from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ...motion.validation import nearest_start
+from ...primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..configurations import configurations_at, starts_near
 from ..context import Context
 from ..likeness import naturalness_for, timing_for
 from ..options import SHORTEST
+from ..program.setting import expected_cost
 from ..request import Request, RequestSegment, duration_groups, fit_durations
+from ..search.budget import Budget
 from .selection import Selector
 
 # Largest positions, velocities and accelerations where there is no limit [SI].
@@ -37,11 +41,17 @@ _SAME = 1e-6
 
 
 def resolve(
-    context: Context, selector: Selector, goal: Goal, start: JointState, mode: str
+    context: Context,
+    selector: Selector,
+    goal: Goal,
+    start: JointState,
+    mode: str,
+    budget: Budget,
 ) -> Iterable[Request]:
     """Fill in the open quantities of a goal; reject a goal that can't be served.
 
-    A pose can be reached in several configurations: several requests, the most natural first.
+    A pose can be reached in several configurations: several requests, the one expected to be
+    cheapest first.
     A configuration can be reached with several primitives, the one expected to be cheapest
     first.
 
@@ -57,6 +67,8 @@ def resolve(
         Present state.
     mode : {'optimal', 'real_time'}
         Whether to optimise a sequence, or only to join its segments.
+    budget : Budget
+        The time for planning.
 
     Raises
     ------
@@ -75,11 +87,30 @@ def resolve(
     if isinstance(goal, JointGoal):
         there = target(context, goal, here)
         return _requests(context, selector, goal, here, there)
-    first, *others = _configurations(context, selector, goal, here)
-    # The others are usually not needed. Choosing primitives for them, too, takes 4 % of the time
-    # of a plan with one primitive, more with many.
-    later = (_requests(context, selector, goal, here, there) for there in others)
-    return chain(_requests(context, selector, goal, here, first), chain.from_iterable(later))
+    return _cheapest_first(context, selector, goal, here, budget)
+
+
+def _cheapest_first(
+    context: Context, selector: Selector, goal: PoseGoal, here: JointState, budget: Budget
+) -> Iterable[Request]:
+    """Requests for the configurations that reach a pose, the least expected cost first.
+
+    Only configurations like the demonstrations are compared, while there is time: a motion to
+    another may cost less, but nobody has shown it. The others follow, the most natural first.
+    """
+    goals, scores = _configurations(context, selector, goal, here, budget)
+    n_natural = int(np.sum(scores <= max(scores[0], UNUSUAL_IN_SPAN_SCORE)))
+    natural: list[tuple[float, Request]] = []
+    for there in goals[:n_natural]:
+        (request,) = _requests(context, selector, goal, here, there)
+        natural.append((expected_cost(context, request) if n_natural > 1 else 0.0, request))
+        if budget.is_over():
+            break
+    natural.sort(key=itemgetter(0))
+    # The others are usually not needed, so their requests are made when they are.
+    others = (_requests(context, selector, goal, here, there) for there in goals[len(natural) :])
+    every = chain((request for _, request in natural), chain.from_iterable(others))
+    return islice(every, context.options.search.n_configurations)
 
 
 def _requests(
@@ -152,24 +183,25 @@ def _check_path(context: Context, what: str, state: JointState) -> None:
 
 
 def _configurations(
-    context: Context, selector: Selector, goal: PoseGoal, here: JointState
-) -> list[JointState]:
+    context: Context, selector: Selector, goal: PoseGoal, here: JointState, budget: Budget
+) -> tuple[list[JointState], FloatArray]:
     """Configurations that reach a pose, from ends of demonstrations and the start.
 
-    If there are several, the most natural ones.
+    The most natural first, with their in-span scores. When time runs out, the search ends with the
+    first that is found.
     """
     robot, poses = context.robot, context.options.poses
     known = selector.primitives.ends[:, 1]
-    starts = [*starts_near(robot, goal.pose, known, poses.n_known), here.positions]
-    found = configurations_at(robot, context.limits, goal.pose, starts, poses)
+    starts = [*starts_near(robot, goal.pose, known, poses.n_compared), here.positions]
+    found = configurations_at(robot, context.limits, goal.pose, starts, poses, budget.is_over)
     goals = [JointState(here.joint_names, unwrapped(q, here, robot)) for q in found]
-    if len(goals) > 1:
-        scores = [
-            selector.least_score(here.positions, there.positions, goal.duration) for there in goals
-        ]
-        order = np.argsort(scores, kind="stable")[: context.options.search.n_configurations]
-        goals = [goals[i] for i in order]
-    return goals
+    if len(goals) == 1:
+        return goals, np.zeros(1)
+    scores = np.array(
+        [selector.least_score(here.positions, there.positions, goal.duration) for there in goals]
+    )
+    order = np.argsort(scores, kind="stable")
+    return [goals[i] for i in order], scores[order]
 
 
 def _sequence(

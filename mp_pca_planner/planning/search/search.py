@@ -18,10 +18,17 @@ import numpy as np
 from ..context import Context
 from ..motion import cost_of, rank_of
 from ..objectives import Effort
-from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME, SHORTEST
+from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME
 from ..plan import NOT_SOLVED
 from ..program.bases import MotionBasis
-from ..program.setting import Setting, first_setting, joined_motion, sequence_setting, stretched
+from ..program.setting import (
+    Setting,
+    expected_setting,
+    first_setting,
+    joined_motion,
+    sequence_setting,
+    stretched,
+)
 from ..request import Request
 from .budget import Budget
 from .candidate import Candidate, attempt, checked, collides
@@ -79,9 +86,7 @@ def first_case(context: Context, request: Request, budget: Budget) -> Case:
         expected = _joined(context, request, bases, budget)
         first = sequence_setting(context, request, bases, expected.motions)
         return Case(context, request, first, expected)
-    shortest = request.duration_is_free and request.timing == SHORTEST
-    basis = context.bases.basis(request.segments[0], request.naturalness, shortest=shortest)
-    return Case(context, request, first_setting(context, request, basis, shortest=shortest), None)
+    return Case(context, request, expected_setting(context, request), None)
 
 
 def _joined(

@@ -79,13 +79,29 @@ def test_a_free_elbow_is_placed_for_less_cost_than_inverse_kinematics_alone_give
         plan = subject.plan(PoseGoal(pose, duration=0.9), start)
         ends, robot = arm_primitive().boundary_states[:, 3], arm_robot()
         poses = subject.options.poses
-        begins = [*starts_near(robot, pose, ends, poses.n_known), start.positions]  # as the planner
+        begins = [*starts_near(robot, pose, ends, poses.n_compared), start.positions]
         found = configurations_at(robot, robot.limits(), pose, begins, poses)
         scores = [score(start.positions, q, 0.9).in_span_score for q in found]
         natural = found[int(np.argmin(scores))]
         fixed = subject.plan(JointGoal(JointState(JOINTS, natural), 0.9), start)
         gains.append(plan.solution.cost / fixed.solution.cost)
     assert max(gains) < 0.999
+
+
+def test_of_the_configurations_like_the_demonstrations_a_pose_takes_the_cheapest():
+    subject, robot = planner(naturalness=1.0), arm_robot()
+    ends, ratios = arm_primitive().boundary_states[:, 3], []
+    for i in range(4):
+        goal, start = request(i)
+        pose = pose_at(goal.state.positions, full=False)
+        plan = subject.plan(PoseGoal(pose), start)
+        begins = [*starts_near(robot, pose, ends, 12), start.positions]
+        found = configurations_at(robot, robot.limits(), pose, begins)
+        fixed = [subject.plan(JointGoal(JointState(JOINTS, q)), start) for q in found]
+        natural = [one.cost for one in fixed if one.in_span_score <= 3.0 and one.is_executable]
+        assert len(natural) > 1 and plan.in_span_score <= 3.0
+        ratios.append(plan.cost / min(natural))
+    assert max(ratios) < 1.02
 
 
 def test_a_pose_out_of_reach_is_refused_with_how_near_it_comes():

@@ -24,6 +24,7 @@ from mp_pca_planner.planning.program.compile import compile_program
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.program.setting import joined_motion, sequence_setting
 from mp_pca_planner.planning.requests.resolve import resolve
+from mp_pca_planner.planning.search.budget import Budget
 from mp_pca_planner.planning.solver.sqp import solve
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
@@ -117,7 +118,7 @@ def chain(posed: bool, *, with_limits: bool) -> MotionProgram:
     goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
     context = tight._context
-    (resolved,) = resolve(context, tight._selector, goal, start, OPTIMAL)
+    (resolved,) = resolve(context, tight._selector, goal, start, OPTIMAL, Budget(np.inf))
     bases = tuple(
         context.bases.basis(one, resolved.naturalness, is_paced=False) for one in resolved.segments
     )
