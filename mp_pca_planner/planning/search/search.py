@@ -285,6 +285,9 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
             first = replace(budget, deadline=began + share * (budget.deadline - began))
         case = first_case(context, request, first)
         for stage in ORDER:
+            # Once time has run out, no further motion is optimised; joining takes hardly any.
+            if case.found and case.joined is None and first.is_over():
+                break
             if stage.applies(case):
                 candidate = stage.search(case, first)
                 case = replace(case, tried=(*case.tried, stage.name))

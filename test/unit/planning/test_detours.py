@@ -23,6 +23,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.options import PathOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.search import search
 from mp_pca_planner.planning.search.budget import Budget
 from mp_pca_planner.planning.search.detours import paths
 from mp_pca_planner.planning.search.sampling import SamplingOptions, sampled_path
@@ -117,6 +118,22 @@ def test_detour_avoids_what_descent_does_not(post):
     assert found.collision == ""
     assert_keeps(spline(plan.trajectory), planner.limits)
     np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, goal], atol=1e-12)
+
+
+def test_no_other_motion_is_optimised_when_time_is_over(post, monkeypatch):
+    def never(*_):
+        raise AssertionError("a stage began after the time")
+
+    stages = (
+        search.SearchStage("descent", bool, search.descent),
+        search.SearchStage("path", bool, never),
+    )
+    monkeypatch.setattr(search, "ORDER", stages)
+    _, planner, start, goal = post
+    options, model = PlannerOptions(max_solve_time=1e-6), planner.collision
+    hasty = Planner(planner.robot, planner.primitives, None, options, model)
+    plan = hasty.plan(goal, start)
+    assert plan.status != "solved"
 
 
 def test_without_the_library_descent_goes_on_where_a_path_would_be_searched(post, monkeypatch):
