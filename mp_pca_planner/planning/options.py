@@ -358,7 +358,7 @@ class SearchOptions(Checked):
     effort_weight: float = within(8.0, 0.0, 1e6)
     max_refinements: int = within(8, 1, 1000, is_whole=True)
     share_of_fixed: float = within(0.6, 0.0, 1.0)
-    time_for_checks: float = within(0.015, 0.0, 1e6)
+    time_for_checks: float = within(0.025, 0.0, 1e6)
     share_in_shortest: float = within(1e-3, 0.0, 1.0)
     scaling_margin: float = within(1.02, 1.0, 10.0)
     share_of_descent: float = within(0.15, 0.0, 1.0)
