@@ -80,12 +80,12 @@ def _print(
         "refused": [asdict(refusal) for refusal in recordings.refused],
         "libraries": [_facts(folder, content) for folder, content in places.items()],
     }
-    lines = [f"recordings  {facts['n_recordings']} read, {len(recordings.refused)} refused"]
+    lines = [f"recordings  {facts['n_recordings']} read, {len(recordings.refused)} rejected"]
     for library, content in zip(facts["libraries"], places.values(), strict=True):
         lines += ["", *_text(library, content)]
     report(arguments, facts, *lines)
     for refusal in recordings.refused:
-        complain(f"refused {refusal.recording}: {refusal.reason}")
+        complain(f"rejected {refusal.recording}: {refusal.reason}")
 
 
 def _facts(folder: Path, content: LibraryContent) -> dict[str, Any]:

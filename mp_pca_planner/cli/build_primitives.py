@@ -221,7 +221,7 @@ def _print(
     else:
         say(*_text(recordings, primitive, kinds, output))
     for refusal in recordings.refused:
-        complain(f"refused {refusal.recording}: {refusal.reason}")
+        complain(f"rejected {refusal.recording}: {refusal.reason}")
     for one in foreign:
         complain(
             f"warning: {one.recording}: {one.reason}; look at it, and leave it out if it is wrong"
@@ -302,7 +302,7 @@ def _text(
     fit_residual = unit.number(np.sqrt(np.mean(primitive.fit_residual**2)))
     return [
         *_slowest_line(recordings),
-        f"recordings  {len(recordings.reports)} used, {len(recordings.refused)} refused",
+        f"recordings  {len(recordings.reports)} used, {len(recordings.refused)} rejected",
         f"repairs     {', '.join(repaired) or 'none'}",
         *_note_lines(recordings),
         f"motions     {len(durations)} of {primitive.n_joints} joints, "

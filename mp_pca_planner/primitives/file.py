@@ -152,7 +152,7 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
         with reading("its metadata", PrimitiveFileError):
             return _primitive(arrays, load_json(text))
     except PrimitiveFileError as error:
-        raise PrimitiveFileError(f"primitive file '{path}' is refused: {error}") from None
+        raise PrimitiveFileError(f"primitive file '{path}' is rejected: {error}") from None
 
 
 def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> MovementPrimitive:

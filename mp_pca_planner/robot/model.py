@@ -110,7 +110,7 @@ class Robot:
         try:
             full = pin.buildModelFromXML(found.xml)
         except (ValueError, RuntimeError) as error:
-            raise RobotError(f"{source} is refused by Pinocchio: {error}") from None
+            raise RobotError(f"{source} is rejected by Pinocchio: {error}") from None
         self.movable_joints = tuple(name for name in full.names if name in found.types)
         driven = [name for name in self.movable_joints if name not in found.mimics]
         names = driven if joint_names is None else joint_names

@@ -211,7 +211,7 @@ class GoalTopics:
 
     def _reject(self, reason: str, stamp: Time, plan: AnyPlan | None = None) -> None:
         self._node.get_logger().warning(
-            f"goal refused: {to_text(reason)}", throttle_duration_sec=LOG_PERIOD
+            f"goal rejected: {to_text(reason)}", throttle_duration_sec=LOG_PERIOD
         )
         self._finish(GoalOutcome.REFUSED, reason, stamp, plan)
         self._node.guarded(self._last_motion.erase_preview)()

@@ -249,7 +249,7 @@ def test_inspect_shows_what_it_can_and_refuses_the_rest(primitive, tmp_path):
     broken.write_bytes(primitive.read_bytes()[:-100])
     done = run("inspect", broken, primitive)
     assert done.returncode == 2
-    assert "broken.npz' is refused" in done.stderr
+    assert "broken.npz' is rejected" in done.stderr
     assert "arm_arm_4" in done.stdout
 
 

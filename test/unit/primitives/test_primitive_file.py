@@ -159,7 +159,7 @@ def test_an_existing_file_is_not_overwritten(path):
 )
 def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, message):
     rewrite(path, change)
-    with pytest.raises(PrimitiveFileError, match=rf"primitive\.npz' is refused: .*{message}"):
+    with pytest.raises(PrimitiveFileError, match=rf"primitive\.npz' is rejected: .*{message}"):
         load_primitive(path)
 
 
