@@ -169,18 +169,18 @@ def _least_effort(
     rng, spreads = np.random.default_rng(1), PAPER_OPTIONS.spreads
     segment = SegmentProgram(robot, Tables(basis), unknowns, np.zeros(basis.n_weights))
     problem = MotionProgram([segment], [[]], [[]], [None], None, [])
-    starts, found = list[tuple[float, float]](), []
+    starts, best = list[tuple[float, float]](), None
     with one_blas_thread():
         for k in range(n_starts * PAPER_OPTIONS.max_rounds):
             x = spreads[k % len(spreads)] * rng.normal(size=unknowns.scales.size) * (k > 0)
-            found.append(solve(problem, x))
+            found = solve(problem, x)
             # The first start includes the time to set up the program.
             ended = time.perf_counter()
-            starts.append((found[-1].cost, ended - began))
-            began = ended
+            starts.append((found.cost, ended - began))
+            began, best = ended, found if best is None or found.cost < best.cost else best
             if (k + 1) % n_starts == 0 and n_agreeing(np.array(starts)) > 1:
                 break
-    best = min(found, key=lambda solution: solution.cost)
+    assert best is not None
     ends, _ = unknowns.boundary_at(best.unknowns)
     shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
     positions = hermite_functions(FINE_PHASES) @ ends + shape
