@@ -210,8 +210,8 @@ class Hostile:
         there, n = "mp_pca_planner", 100_000
         many = JointState(name=["joint"] * n, position=[0.0] * n)
         yield "goals of 100,000 names", f"{there}/goal", many
-        some = JointState(name=["joint"] * 12_000, position=[0.0] * 12_000)
-        yield "joint states of 12,000 names", "joint_states", some
+        some = JointState(name=["joint"] * 3_000, position=[0.0] * 3_000)
+        yield "joint states of 3,000 names", "joint_states", some
         point = JointTrajectoryPoint(positions=[0.0] * len(JOINT_NAMES))
         sequence = JointTrajectory(joint_names=JOINT_NAMES, points=[point] * n)
         yield "sequences of 100,000 points", f"{there}/goal_sequence", sequence

@@ -42,7 +42,8 @@ class InputLimits:
     goal_items : int
         Joints, and points, of a goal of the node.
     state_bytes : int
-        Message of joint states to the node: a thousand joints have a quarter of that.
+        Message of joint states to the node, in which a thousand joints fit: the thread that stops
+        the robot reads it.
     primitive_bytes : int
         Content of a primitive file; thousands of demonstrations have a few MB.
     primitive_value, primitive_precision : float
@@ -96,7 +97,7 @@ class InputLimits:
     state_rate: float = 5000.0
     commanded_duration: float = 1000.0
     goal_items: int = 1000
-    state_bytes: int = 2**18
+    state_bytes: int = 2**16
     primitive_bytes: int = 1 << 28
     primitive_value: float = 1e6
     primitive_precision: float = 1e15
