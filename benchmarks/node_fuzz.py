@@ -56,6 +56,7 @@ from mp_pca_planner.ros.client import is_served, this_machine_only
 
 _PATIENCE, _ACKNOWLEDGED = 120.0, 5.0  # [s]
 _PERIOD = 2e-3
+_DEFECT, _N_BEFORE = "internal error", 50  # the lines of the log before such a line are printed
 _MOTION = generate_motions(1, seed=2)[0]
 _START, _END = _MOTION.positions[0], _MOTION.positions[-1]
 _STATE = JointState(name=JOINT_NAMES, position=_START.tolist(), velocity=[0.0] * len(_START))
@@ -127,7 +128,8 @@ def main() -> int:
             node.terminate()
             status = node.wait(timeout=60.0)
         log.seek(0)
-        defects = {line[line.index("internal") :] for line in log if "internal error" in line}
+        lines = log.read().splitlines()
+    found = {line[line.index("internal") :]: k for k, line in enumerate(lines) if _DEFECT in line}
     print(
         f"{fuzzer.n_steps} steps with {fuzzer.n_sent} messages and values, {fuzzer.n_served} good "
         "goals served in between"
@@ -138,9 +140,10 @@ def main() -> int:
         f"~/stop: {len(times)} answers, median {1e3 * np.median(times):.1f} ms, longest "
         f"{1e3 * times.max():.1f} ms, {n_late} late"
     )
-    print(f"the node ended with status {status} and logged {len(defects)} kinds of internal errors")
-    print(*sorted(defects), sep="", end="")
-    return int(status != 0 or bool(defects) or n_late > 0)
+    print(f"the node ended with status {status} and logged {len(found)} kinds of internal errors")
+    for text, k in found.items():
+        print(f"{text}, after:", *lines[max(k - _N_BEFORE, 0) : k], sep="\n")
+    return int(status != 0 or bool(found) or n_late > 0)
 
 
 class Fuzzer:
