@@ -13,6 +13,7 @@ from mp_pca_planner.primitives.kinds.find import KindOptions, find_kinds
 from mp_pca_planner.primitives.library.build import library_content
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
+from mp_pca_planner.primitives.pace import reversed_paces
 from mp_pca_planner.primitives.prediction import ConditionalModel, left_out_squares
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import bell
@@ -68,7 +69,8 @@ def test_left_out_squares_of_others_are_those_of_the_model(n_labels):
     made = statistics(generate_kinds(24, 3, 0))
     requests, shapes = made.requests(), made.both_shapes()
     used, labels = np.arange(1, 24, 2), [f"{i % n_labels}" for i in range(12)]
-    straight, paces = np.zeros(shapes.shape[2]), made.paces[used]
+    straight = np.zeros(shapes.shape[2])
+    paces = np.array([made.paces[used], reversed_paces(made.paces[used])])
     precision = request_precision(requests[used])
     given = requests[used], shapes[:, used], straight, paces, labels, precision
     model, n = ConditionalModel.fit(*given), requests.shape[1] // 2
