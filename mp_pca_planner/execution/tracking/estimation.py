@@ -122,7 +122,10 @@ def _fit(
             best = cost, Progress(motion, prior.time, place, rate, change, distance)
         slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise
         gradient = slopes @ error.ravel() + precision * (known - x)
-        step = np.linalg.solve(slopes @ slopes.T + np.diag(precision), gradient)
+        try:
+            step = np.linalg.solve(slopes @ slopes.T + np.diag(precision), gradient)
+        except np.linalg.LinAlgError:  # times far from now: they outweigh the prior
+            break
         # A longer step than 0.2 s leaves the range in which the motion is nearly linear.
         x = x + step * min(1.0, 0.2 / max(abs(step[0]), 1e-9))
         x[:2] = np.clip(x[:2], 0.0, [np.inf, options.max_rate])

@@ -94,6 +94,18 @@ def test_what_was_known_counts_where_the_motion_does_not_move(place):
     assert (found.place, found.rate) == (pytest.approx(place, abs=1e-6), pytest.approx(0, abs=1e-6))
 
 
+@pytest.mark.parametrize("age", [1e3, 1e6, 1e9, 1e20])
+@pytest.mark.parametrize("n_new", [0, 1, 3])
+def test_states_of_other_times_locate_a_robot_that_is_held_anyhow(age, n_new):
+    """Clocks may jump; nothing may raise in the thread that stops the robot."""
+    for seed in range(20):
+        times = np.full(20, NOW - age * np.random.default_rng(seed).uniform(0.5, 1.0))
+        times[len(times) - n_new :] = NOW
+        positions = np.tile(PATH(1.0), (len(times), 1))
+        found = located(times, positions, Progress(MOTION, NOW, 1.0, 0.0))
+        assert np.isfinite([found.place, found.rate, found.error]).all()
+
+
 def test_error_is_the_distance_from_the_path_less_the_noise():
     times = NOW - np.arange(0.3, -1e-9, -0.008)
     normal = np.array([0.7, 1.0, 0.0]) / np.sqrt(1.49)  # to the path, a straight line
