@@ -6,26 +6,34 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
 
+import rclpy
 from arm import JOINTS
 from conftest import with_folder
 from nodes import GOAL, ros_node, set_domain
 from nodes import START as REST
 from patience import HANG
-from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
 from test_node_with_robot import benched
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.resources import config_file
+from mp_pca_planner.ros import controller
 from mp_pca_planner.ros.client import report_values
+from mp_pca_planner.ros.nodes import GuardedNode
 
 START = (0.1, 0.2, 0.0, 0.8)
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
@@ -182,3 +190,83 @@ def test_motion_is_executed_once_by_a_controller_that_listens_to_the_topic_too(
         assert "SUCCESSFUL" in report["controller"]
         assert len(bench.client.trajectories) == n_copies
     assert "1 trajectories received, 0 rejected" in (tmp_path / "robot.txt").read_text()
+
+
+@pytest.mark.parametrize("is_silent", [False, True])
+def test_goal_before_a_stop_that_is_rejected_or_not_answered_is_cancelled(monkeypatch, is_silent):
+    from control_msgs.action import FollowJointTrajectory
+
+    # Where the module was imported before there were the interfaces, it has none.
+    monkeypatch.setattr(controller, "FollowJointTrajectory", FollowJointTrajectory)
+    cancelled, answers, heard = threading.Event(), threading.Event(), []
+
+    def on_goal(request):
+        if request.trajectory.points[-1].time_from_start.sec:  # the motion
+            return GoalResponse.ACCEPT
+        if is_silent:
+            answers.wait(HANG)
+        return GoalResponse.REJECT
+
+    def execute(handle):
+        deadline = time.monotonic() + HANG
+        while not handle.is_cancel_requested and time.monotonic() < deadline:
+            time.sleep(0.01)
+        handle.canceled()
+        cancelled.set()
+        return FollowJointTrajectory.Result()
+
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    robot, node = rclpy.create_node("robot", context=context), GuardedNode("user", context=context)
+    server = ActionServer(
+        robot,
+        FollowJointTrajectory,
+        "follow",
+        execute,
+        goal_callback=on_goal,
+        cancel_callback=lambda _: CancelResponse.ACCEPT,
+        callback_group=ReentrantCallbackGroup(),
+    )
+    executor = MultiThreadedExecutor(4, context=context)
+    executor.add_node(robot)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    moving, stop = object(), object()
+
+    def hear(sent, answer):
+        heard.append((sent, answer.text))
+        return sent is stop
+
+    action = controller.ControllerAction(node, hear)
+    try:
+        action.use(SimpleNamespace(controller_action="follow"))
+        wait_until(lambda: action.state == "ready")
+        assert action.send(moving, serialize_message(motion(START, duration=20.0)))
+        wait_until(lambda: (moving, "accepted the goal") in heard)
+        action.watch()
+        assert not cancelled.is_set()
+        sent_at = time.monotonic()
+        assert action.send(stop, serialize_message(motion(START, duration=0.2)))
+        while not cancelled.wait(0.02):
+            action.watch()
+            assert time.monotonic() < sent_at + HANG
+        if is_silent:
+            assert time.monotonic() >= sent_at + action.answer_time
+        else:
+            assert (stop, "rejected the goal") in heard
+    finally:
+        answers.set()
+        action.close()
+        executor.shutdown()
+        thread.join(HANG)
+        server.destroy()
+        node.destroy_node()
+        robot.destroy_node()
+        rclpy.try_shutdown(context=context)
+
+
+def wait_until(is_done):
+    deadline = time.monotonic() + HANG
+    while not is_done():
+        assert time.monotonic() < deadline, "in vain"
+        time.sleep(0.02)
