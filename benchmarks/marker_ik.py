@@ -21,14 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.arrays import FloatArray, text_table
 from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
     marker_source,
     solve_trajectories,
 )
 from mp_pca_planner.mocap.markers import MarkerTrajectories, read_markers
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.recordings.bags import (
     choose_topic,
     find_recordings,
@@ -59,7 +58,7 @@ def main() -> None:
             theirs = _recorded(arguments.joint_states / name, source.joint_names)
         rows.append([name, *_measured(path, source, theirs, arguments.noise, arguments.drop)])
     header = ["recording", "frames", "solved", "frames/s", "median [mm]", "95 % [mm]"]
-    print(table(rows, header=[*header, *(f"{name} [deg]" for name in source.joint_names)]))
+    print(text_table(rows, header=[*header, *(f"{name} [deg]" for name in source.joint_names)]))
 
 
 def _measured(

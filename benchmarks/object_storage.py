@@ -24,7 +24,7 @@ from pathlib import Path
 import boto3
 from moto.server import ThreadedMotoServer
 
-from mp_pca_planner.plotting.text import table
+from mp_pca_planner.arrays import text_table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
@@ -71,7 +71,7 @@ def main() -> None:
             rows.append([name, f"{time.perf_counter() - began:.2f}"])
     server.stop()
     print(f"{n} recordings of {size / n / 1000:.0f} kB, {jobs} processes")
-    print(table(rows, header=["from", "time [s]"]))
+    print(text_table(rows, header=["from", "time [s]"]))
     print(f"the network was cut: {proxy.is_cut}; different primitives: {len(contents)}")
     sys.exit(len(contents) != 1 or not proxy.is_cut)
 

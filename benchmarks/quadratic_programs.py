@@ -19,13 +19,13 @@ from collections.abc import Callable
 import numpy as np
 from scenes import scene_of
 
+from mp_pca_planner.arrays import text_table
 from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.solver import sqp
 from mp_pca_planner.planning.solver.quadratic import cholesky, solve_quadratic
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
@@ -67,7 +67,7 @@ def main() -> None:
             ]
         )
     header = ["solver", "time [µs]", "99 %", "error", "solved to 1e-6"]
-    print(table(rows, header=header))
+    print(text_table(rows, header=header))
 
 
 def occurring_programs(n_programs: int) -> list[Program]:

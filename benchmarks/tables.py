@@ -8,7 +8,7 @@ import argparse
 import json
 from collections.abc import Mapping, Sequence
 
-from mp_pca_planner.plotting.text import table
+from mp_pca_planner.arrays import text_table
 
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 """A header and rows of text."""
@@ -28,4 +28,4 @@ def show(tables: Mapping[str, Table], *, as_json: bool) -> None:
         print(json.dumps({"tables": named}, ensure_ascii=False))
         return
     for title, (header, rows) in tables.items():
-        print(f"{title}\n{table(rows, header=header)}\n")
+        print(f"{title}\n{text_table(rows, header=header)}\n")

@@ -18,8 +18,8 @@ from dataclasses import replace
 import numpy as np
 from view_browser import SIZE, arrow_of, chromium, on_screen
 
+from mp_pca_planner.arrays import text_table
 from mp_pca_planner.evaluation.problems import robot_file
-from mp_pca_planner.plotting.text import table
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.reaches import random_reaches
 from mp_pca_planner.recordings.synthetic import generate_motions
@@ -73,7 +73,7 @@ def main() -> None:
         "planned: median [ms]",
         "90 %",
     ]
-    print(table(rows, header=header))
+    print(text_table(rows, header=header))
 
 
 def content_of(name: str) -> PageContent:

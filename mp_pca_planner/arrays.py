@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .exceptions import PlannerError, quote_names, shown
+from .exceptions import PlannerError, printable, quote_names, shown
 from .rows import file_of, row_blocks
 
 FloatArray = NDArray[np.float64]
@@ -237,6 +237,19 @@ def by_name(names: Sequence[str], values: FloatArray) -> dict[str, float]:
 def name_values(values: Mapping[str, float]) -> str:
     """Format values as ``a=0.1, b=-1.2``, the form that commands accept."""
     return ", ".join(f"{name}={value:.6g}" for name, value in values.items())
+
+
+def text_table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
+    """Lines of columns, the first aligned left, the others right; unprintable text is escaped."""
+    lines = [[printable(cell) for cell in row] for row in (header, *rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if i == 0 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in lines
+    )
 
 
 def html_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -378,10 +378,11 @@ def load_json(text: str | bytes) -> Any:
         If the text is malformed or exceeds a bound: call it within :func:`.files.reading`.
     """
     content = json.loads(text, parse_int=_bounded_integer)
-    level = [content] if isinstance(content, dict | list) else []
+    nested = {dict, list}
+    level = [content] if type(content) in nested else []
     for _ in range(INPUT_LIMITS.json_depth):
-        parts = (one.values() if isinstance(one, dict) else one for one in level)
-        level = [part for many in parts for part in many if isinstance(part, dict | list)]
+        parts = (one.values() if type(one) is dict else one for one in level)
+        level = [part for many in parts for part in many if type(part) in nested]
         if not level:
             return content
     raise ValueError(f"it is nested more than {INPUT_LIMITS.json_depth} levels deep")

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..arrays import text_table
 from ..evaluation.methods import Method
 from ..evaluation.problems import (
     DEMONSTRATIONS_SEED,
@@ -41,7 +42,7 @@ from ..exceptions import PlannerError, quote_names
 from ..motion.collision import CollisionModel
 from ..plotting.comparison import comparison_figure
 from ..plotting.page import picture
-from ..plotting.text import Table, cells, table
+from ..plotting.text import Table, cells
 from ..primitives.library.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..resources import config_file
@@ -88,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     facts["tables"] = {title: one._asdict() for title, one in tables.items()}
     lines = []
     for title, (header, rows) in tables.items():
-        lines += [title, "", *table(rows, header=header).splitlines(), ""]
+        lines += [title, "", *text_table(rows, header=header).splitlines(), ""]
     lines += [*notes, "", *(f"{name}: {about}" for name, about in facts["methods"].items())]
     lines += [f"{name} is absent: {reason}" for name, reason in facts["absent"].items()]
     report(arguments, facts, *lines, *written_lines([arguments.plot]))

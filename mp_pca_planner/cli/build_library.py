@@ -11,10 +11,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ..arrays import text_table
 from ..exceptions import PrimitiveError, RecordingError, listed
 from ..files import write_whole
 from ..plotting.report import library_page
-from ..plotting.text import kinds_words, table, unit_of
+from ..plotting.text import kinds_words, unit_of
 from ..primitives.kinds.find import KindOptions
 from ..primitives.library.build import ExistingLibraries, LibraryContent, build_library
 from ..primitives.library.journal import require_locks
@@ -136,7 +137,7 @@ def _text(facts: dict[str, Any], content: LibraryContent) -> list[str]:
     return [
         f"motions     {facts['n_motions']} of {len(facts['joint_names'])} joints, of "
         f"{len(rows)} {'kind' if len(rows) == 1 else 'kinds'}",
-        *table(rows, header=header).splitlines(),
+        *text_table(rows, header=header).splitlines(),
         *([] if judged is None else [f"left out    {kinds_words(judged, unit)}"]),
         *_listed("outliers", [_place(d) for d in facts["outliers"]]),
         *_listed("several", [f"{_place(d)} ({', '.join(d['kinds'])})" for d in facts["ambiguous"]]),

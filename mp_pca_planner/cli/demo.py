@@ -21,7 +21,7 @@ import yaml
 from scipy.ndimage import find_objects, label
 from sensor_msgs.msg import JointState as JointStateMessage
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, text_table
 from ..exceptions import PlannerError
 from ..files import write_whole
 from ..motion.goal import JointState
@@ -32,7 +32,7 @@ from ..plotting.motion import MotionContext, motion_figure, nearest_curves
 from ..plotting.page import picture
 from ..plotting.primitive import primitive_figure
 from ..plotting.style import require_matplotlib
-from ..plotting.text import cells, table
+from ..plotting.text import cells
 from ..primitives.differences import PHASES
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
@@ -240,7 +240,7 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
         values = {name: None if text is None else float(text) for name, text in reported.items()}
         values |= {"latency": goal.answer.latency, "arrival_error": goal.arrival_error}
         rows.append([str(i), *cells(values, _COLUMNS), verdict])
-    say(*table(rows, header=["goal", *_COLUMNS, "checked on receipt"]).splitlines())
+    say(*text_table(rows, header=["goal", *_COLUMNS, "checked on receipt"]).splitlines())
     return failures
 
 

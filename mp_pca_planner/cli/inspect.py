@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import text_table
 from ..control.law import control_statement
 from ..exceptions import PlannerError, listed
 from ..plotting.text import (
     components_words,
     prediction_words,
     prismatic_joints,
-    table,
     unit_of,
     variance_report,
 )
@@ -121,7 +121,7 @@ def _primitive_text(name: str, primitive: MovementPrimitive, most: int = 10) -> 
         "",
         *variance_report(primitive),
         "",
-        *table(rows[:most], header=header).splitlines(),
+        *text_table(rows[:most], header=header).splitlines(),
         *([f"… and {len(rows) - most} more demonstrations: --json lists all"] * (len(rows) > most)),
     ]
 
@@ -134,4 +134,4 @@ def _range_lines(primitive: MovementPrimitive) -> list[str]:
         unit = unit_of([joint], prismatic)
         ends = [[unit.number(x) for x in facts[end][joint]] for end in ("starts", "goals")]
         rows.append([f"{joint} [{unit.name}]", *(f"{low} to {high}" for low, high in ends)])
-    return table(rows, header=["joint", "starts", "goals"]).splitlines()
+    return text_table(rows, header=["joint", "starts", "goals"]).splitlines()

@@ -8,8 +8,8 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from ..arrays import text_table
 from ..exceptions import PrimitiveError
-from ..plotting.text import table
 from ..primitives.file import load_primitive
 from ..primitives.library.journal import Change
 from ..primitives.library.versioned import VersionedLibrary
@@ -55,4 +55,4 @@ def _text(changes: Sequence[Change]) -> str:
         [c.name, "-" if c.version is None else str(c.version), c.action, c.time, c.author, c.note]
         for c in changes
     ]
-    return table(rows, header=header)
+    return text_table(rows, header=header)

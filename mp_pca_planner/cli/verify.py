@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, text_table
 from ..control.closed_loop import ControlLoop, ErrorModel, Sampling, Verification, verify
 from ..control.identification import Identification, identify
 from ..control.law import (
@@ -26,7 +26,6 @@ from ..control.law import (
 from ..control.stability import Stability, analyse
 from ..exceptions import ControlError
 from ..files import check_writable, write_whole
-from ..plotting.text import table
 from ..primitives.file import save_primitive
 from ..recordings.bags import find_recordings, local_copy
 from ..recordings.efforts import MeasuredMotion, measured_motions
@@ -121,7 +120,7 @@ def _identified_lines(found: Identification) -> list[str]:
         if name not in found.rejected
     ]
     rejected = [f"joint '{name}' not identified: {why}" for name, why in found.rejected.items()]
-    return ["", *table(rows, header=header).splitlines(), *rejected, ""]
+    return ["", *text_table(rows, header=header).splitlines(), *rejected, ""]
 
 
 def _choose_law(arguments: argparse.Namespace, request: PlannedRequest, robot: Robot) -> ControlLaw:
@@ -191,7 +190,7 @@ def _text(
         else f"bound         none: {_remedy(stability)}",
         f"not included  {without}",
         "",
-        *table(rows, header=header).splitlines(),
+        *text_table(rows, header=header).splitlines(),
     ]
 
 

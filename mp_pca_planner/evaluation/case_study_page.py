@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, text_table
 from ..plotting.arm import arm_figure
 from ..plotting.comparison import comparison_figure
 from ..plotting.page import image_address, picture, render
 from ..plotting.primitive import angle_components_figure
-from ..plotting.text import TABLE_2, Table, percent, percents, table, variance_table
+from ..plotting.text import TABLE_2, Table, percent, percents, variance_table
 from ..primitives.differences import MEASURES
 from ..robot.model import Robot
 from .case_study import (
@@ -215,7 +215,7 @@ def naturalness(comparison: Comparison) -> Table:
 def summary(study: CaseStudy) -> str:
     """The text output of the command."""
     found = tables(study)
-    texts = [f"{_TITLES[n]}\n{table(found[n].rows, header=found[n].header)}" for n in _PRINTED]
+    texts = [f"{_TITLES[n]}\n{text_table(found[n].rows, header=found[n].header)}" for n in _PRINTED]
     return "\n\n".join([*texts, verdict(study)])
 
 

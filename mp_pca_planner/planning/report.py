@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..arrays import text_table
 from ..exceptions import quote_names
 from ..motion.collision import NOT_CHECKED, CollisionModel
 from ..motion.goal import Goal, JointState
@@ -636,18 +637,13 @@ def table(plan: Plan) -> str:
     lines.append(f"  limits: {kept}")
     if planner is not None:
         lines.append(f"  collisions: {collision_words(planner.collision, trajectory)}")
-    rows = [("joint", "start", "goal", "fastest")]
     fastest = np.abs(trajectory.velocities).max(axis=0)
-    ends = zip(trajectory.joint_names, *trajectory.positions[[0, -1]], fastest, strict=True)
-    for joint, *values in ends:
-        rows.append(
-            (joint, *(f"{x:.3f}" for x in np.round(values, 3) + 0.0))
-        )  # no minus before zero
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for name, *numbers in rows:
-        cells = (x.rjust(width) for x, width in zip(numbers, widths[1:], strict=True))
-        lines.append("  ".join(["", name.ljust(widths[0]), *cells]))
-    lines[-len(rows)] += "  [rad or m, /s]"
+    # A number that is rounded to zero has no sign.
+    columns = np.round([*trajectory.positions[[0, -1]], fastest], 3) + 0.0
+    numbers = [[f"{x:.3f}" for x in row] for row in columns.T]
+    rows = [[name, *row] for name, row in zip(trajectory.joint_names, numbers, strict=True)]
+    head, *others = text_table(rows, header=["joint", "start", "goal", "fastest"]).splitlines()
+    lines += [f"  {head}  [rad or m, /s]", *(f"  {line}" for line in others)]
     return "\n".join(lines)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..exceptions import printable
+from ..arrays import text_table
 from ..primitives.primitive import MovementPrimitive
 
 if TYPE_CHECKING:
@@ -91,19 +91,6 @@ class Table(NamedTuple):
     rows: list[list[str]]
 
 
-def table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
-    """Lines of columns, the first aligned left, the others right; unprintable text is escaped."""
-    lines = [[printable(cell) for cell in row] for row in (header, *rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if i == 0 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
-    )
-
-
 def percent(share: float) -> str:
     """A share as a percentage with two decimals, as in [P] Table 2."""
     return f"{100.0 * share:.2f}"
@@ -145,7 +132,7 @@ def variance_report(primitive: MovementPrimitive) -> list[str]:
     shares = primitive.explained_variance_ratio
     header, rows = variance_table(shares)
     lines = ["Variance of the shapes (motions minus minimum-jerk motions) [%], which is learned"]
-    lines += table(rows, header=header).splitlines()
+    lines += text_table(rows, header=header).splitlines()
     for name, values in shares.items():
         if values and sum(values) < 0.99:
             lines.append(
@@ -160,7 +147,7 @@ def variance_report(primitive: MovementPrimitive) -> list[str]:
         "",
         "Variance of the joint angles themselves [%]",
     ]
-    return [*lines, *table(rows, header=header).splitlines()]
+    return [*lines, *text_table(rows, header=header).splitlines()]
 
 
 def components_words(primitive: MovementPrimitive) -> str:

@@ -96,7 +96,7 @@ def _cheapest_first(
     """Requests for the configurations that reach a pose, the least expected cost first.
 
     Only configurations like the demonstrations are compared, while there is time: a motion to
-    another may cost less, but nobody has shown it. The others follow, the most natural first.
+    another may cost less, but none like it was shown. The others follow, the most natural first.
     """
     goals, scores = _configurations(context, selector, goal, here, budget)
     n_natural = int(np.sum(scores <= max(scores[0], UNUSUAL_IN_SPAN_SCORE)))
