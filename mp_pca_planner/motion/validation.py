@@ -130,7 +130,7 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     times: list[FloatArray] = []
     if near.any():
         dense, span = interpolate(trajectory, segments=near), _span(limits)
-        lower, upper = _reached_bounds(dense.q, limits, start - inside)
+        lower, upper = reached_bounds(dense.q, limits, start - inside)
         compared += [
             ("position", dense.q, limits.lower, (lower - dense.q) / span),
             ("position", dense.q, limits.upper, (dense.q - upper) / span),
@@ -169,12 +169,21 @@ def nearest_start(positions: FloatArray, limits: JointLimits) -> FloatArray:
     return np.where(np.abs(positions - inside) <= START_TOLERANCE, inside, positions)
 
 
-def _reached_bounds(
+def reached_bounds(
     q: FloatArray, limits: JointLimits, outside: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Bounds of positions that follow one another, for joints that start this far outside.
 
     A joint outside may stay where it is or move inwards; then its bound moves with it.
+
+    Parameters
+    ----------
+    q : array, shape (n_samples, ..., n_joints)
+        Positions [rad or m].
+    limits : JointLimits
+        Limits of the joints.
+    outside : array, shape (..., n_joints)
+        How far each starts above its bounds; negative below them [rad or m].
     """
     if not outside.any():
         return limits.lower, limits.upper

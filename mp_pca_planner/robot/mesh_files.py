@@ -29,7 +29,8 @@ from ..files import read_bytes, reading
 from ..input_limits import INPUT_LIMITS
 from .mesh_formats import PARSERS, MeshContent, parse_mesh
 
-_CODE = "from mp_pca_planner.robot.mesh_files import serve; serve()"
+# What stops the robot goes before.
+_CODE = "import os; os.nice(5); from mp_pca_planner.robot.mesh_files import serve; serve()"
 _NO_MEMORY = 12  # status of a process that ends without memory
 _LONGEST_LINE = 4096  # bytes of the header of a request or an answer
 

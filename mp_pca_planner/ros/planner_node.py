@@ -126,9 +126,8 @@ def _load_slow_modules() -> None:
     import scipy.optimize
     import scipy.spatial.transform  # noqa: F401
 
-    # What lives as long as the node is searched for garbage no more: that stops all threads, for
-    # 50 ms each time.
-    gc.collect()
+    # What lives as long as the node is searched for garbage no more, not even now: that stops all
+    # threads for 50 ms each time.
     gc.freeze()
 
 

@@ -26,9 +26,9 @@ from ...arrays import FloatArray, set_frozen
 from ...exceptions import GoalError
 from ...motion.collision import Collision
 from ...motion.goal import JointState
-from ...motion.interpolation import interpolate, quintics
+from ...motion.interpolation import quintics
 from ...motion.trajectory import Trajectory
-from ...motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits, nearest_start
+from ...motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start, reached_bounds
 from ...planning.search.stop_and_go import brakes
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
@@ -42,8 +42,10 @@ from .surroundings import Surroundings
 
 # Durations of stops [s]: 0.05 to 88 s; the shortest that the limits allow is used.
 _STOPPING_TIMES: FloatArray = 0.05 * 1.2 ** np.arange(42.0)
-# Phases of a motion to a single point that are checked first.
-_SAMPLES: FloatArray = np.linspace(0.0, 1.0, 15)
+# Phases at which a motion to a single point is checked; its efforts at every fifth of them.
+_SAMPLES: FloatArray = np.linspace(0.0, 1.0, 201)
+_EFFORT_STEP = 5
+_ROUNDING = 1e-9  # of positions [rad or m]
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ class StopPlanner:
             began = self._clock()
             found = self._find(model, latency)
             took = self._clock() - began
-            if took <= latency:
+            if took <= latency or found.motion.duration == 0.0:  # at rest, it does not move on
                 break
             latency = min(2.0 * took, self._options.longest_stop_latency)
         return found
@@ -122,7 +124,7 @@ class StopPlanner:
         follower = self._follower
         try:
             measured = follower.measured.newest(model.settings.state_timeout)
-            following = follower.follow(model.settings)
+            following = follower.follow(model.settings, measured)
         except GoalError as error:
             return self._stop_silent(model, error)
         now = follower.motion_time
@@ -153,7 +155,7 @@ class StopPlanner:
             If it is not known, or no stop from it is within the limits.
         """
         follower, settings = self._follower, model.settings
-        command, now = follower.stated_command(settings), follower.motion_time
+        command, now = follower.stated_command(measured, settings), follower.motion_time
         if command is None:
             raise TooLateError("the command is not known")
         if command.at_rest:
@@ -342,16 +344,23 @@ def stops_at_points(
     stops : list of Trajectory
         The quintic to an end from each state; the shortest durations first.
     """
-    may_stop = [_may_stop(state, np.array(ends), robot, limits) for state in states]
-    for k in np.flatnonzero(np.all(may_stop, axis=0)).tolist():
+    q, v, a = (
+        np.array(rows)
+        for rows in zip(
+            *((s.positions, s.velocities, s.accelerations) for s in states), strict=True
+        )
+    )
+    for k in np.flatnonzero(_may_stop(q, v, np.array(ends), limits)).tolist():
         time, end = float(_STOPPING_TIMES[k]), ends[k]
-        if not _is_within_at_samples(states, end, time, robot, limits):
-            continue
-        motions = [_motions_to(state, end, time) for state in states]
-        every = (motion for pair in motions for motion in pair)
-        if not any(check_limits(_refined(one), robot, limits).violations for one in every):
+        if _is_within(q, v, a, end, time, robot, limits):
+            zero = np.zeros_like(end)
             # The cubics differ little from these.
-            yield [quintic for quintic, _ in motions]
+            yield [
+                Trajectory(
+                    limits.joint_names, [0.0, time], [here, end], [speed, zero], [change, zero]
+                )
+                for here, speed, change in zip(q, v, a, strict=True)
+            ]
 
 
 def braking_ends(state: JointState) -> list[FloatArray]:
@@ -395,75 +404,68 @@ def _rest_of(motion: PublishedMotion, place: float) -> Trajectory:
     return motion.rest(place)
 
 
-def _motions_to(state: JointState, end: FloatArray, time: float) -> list[Trajectory]:
-    """The controller's motion to a single point: a quintic, or a cubic without accelerations."""
-    q, v, a = state.positions, state.velocities, state.accelerations
-    zero = np.zeros_like(q)
-    return [
-        Trajectory(state.joint_names, [0.0, time], [q, end], [v, zero], accelerations)
-        for accelerations in ([a, zero], _cubic(state, end, time))
-    ]
-
-
-def _is_within_at_samples(
-    states: Sequence[JointState], end: FloatArray, time: float, robot: Robot, limits: JointLimits
-) -> bool:
-    """Whether these motions from all states are within the limits at some samples.
-
-    A check of all instants of all durations would take seconds.
-    """
-    zero = np.zeros_like(end)
-    bounds = [
-        (state.positions, time * state.velocities, time**2 * first, end, zero, time**2 * last)
-        for state in states
-        for first, last in ((state.accelerations, zero), _cubic(state, end, time))
-    ]
-    columns = np.array(bounds).swapaxes(0, 1).reshape(6, -1)
-    samples = quintics(_SAMPLES, columns, 2).reshape(3, -1, len(end))
-    q, v, a = samples / time ** np.arange(3.0)[:, None, None]
-    tau = robot.inverse_dynamics(q, v, a)
-    compared = (v, limits.velocity), (a, limits.acceleration), (tau, limits.effort)
-    exceeds = any(np.any(np.abs(x) > (1.0 + LIMIT_TOLERANCE) * most) for x, most in compared)
-    is_inside = (q >= limits.lower - START_TOLERANCE) & (q <= limits.upper + START_TOLERANCE)
-    return bool(not exceeds and is_inside.all())
-
-
-def _refined(motion: Trajectory) -> Trajectory:
-    """The same motion with more points: between them, few instants are near a limit."""
-    few = interpolate(motion, motion.duration / len(_SAMPLES))
-    return Trajectory(motion.joint_names, few.times, few.q, few.v, few.a)
-
-
 def _may_stop(
-    state: JointState, ends: FloatArray, robot: Robot, limits: JointLimits
+    q: FloatArray, v: FloatArray, ends: FloatArray, limits: JointLimits
 ) -> NDArray[np.bool_]:
-    """Whether the cubic of each duration, from a state to rest, is within limits at both ends."""
-    slack, v = 1.0 + LIMIT_TOLERANCE, state.velocities
+    """Whether the cubics of each duration are within the kinematic limits at both ends."""
+    times = _STOPPING_TIMES[:, None, None]
     with np.errstate(over="ignore", invalid="ignore"):
-        start, end = _cubic(state, ends, _STOPPING_TIMES[:, None])
-        jerk = (end - start) / _STOPPING_TIMES[:, None]
-    compared = [(v + 0.0 * ends, limits.velocity), (jerk, limits.jerk)]
+        start, end = _cubics(q, v, ends[:, None], times)
+        jerk = (end - start) / times
+    compared = [(v + 0.0 * jerk, limits.velocity), (jerk, limits.jerk)]
     compared += [(start, limits.acceleration), (end, limits.acceleration)]
-    within = np.all([np.abs(values) <= slack * most for values, most in compared], axis=(0, 2))
-    within &= np.isfinite([start, end]).all(axis=(0, 2))
-    n = int(np.count_nonzero(within))
-    here, moving = np.tile(state.positions, (n, 1)), np.tile(v, (n, 1))
-    tau = robot.inverse_dynamics(
-        np.concatenate([here, ends[within]]),
-        np.concatenate([moving, 0.0 * moving]),
-        np.concatenate([start[within], end[within]]),
+    within = [np.abs(x) <= (1.0 + LIMIT_TOLERANCE) * most for x, most in compared]
+    return np.asarray(np.all([*within, np.isfinite(jerk)], axis=(0, 2, 3)))
+
+
+def _is_within(
+    q: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    end: FloatArray,
+    time: float,
+    robot: Robot,
+    limits: JointLimits,
+) -> bool:
+    """Whether the controller's motions from all states to an end are within the limits.
+
+    They are quintics, or cubics without accelerations. All are sampled together, in a millisecond:
+    between samples, they are at most 0.01 % beyond a limit, and their efforts 0.2 %. The states are
+    known far less precisely.
+    """
+    zero, (first, last) = np.zeros_like(q), _cubics(q, v, end, time)
+    columns = np.concatenate(
+        [
+            [q, time * v, time**2 * begin, zero + end, zero, time**2 * final]
+            for begin, final in ((a, zero), (first, last))
+        ],
+        axis=1,
     )
-    # Efforts may be NaN where they are not limited.
-    exceeds = np.any(np.abs(tau) > slack * limits.effort, axis=1).reshape(2, n)
-    within[within] = ~exceeds.any(axis=0)
-    return np.asarray(within)
+    samples = quintics(_SAMPLES, columns.reshape(6, -1), 3)
+    samples = samples.reshape(4, len(_SAMPLES), -1, len(end))
+    path, *rates = samples / time ** np.arange(4.0)[:, None, None, None]
+    slack = 1.0 + LIMIT_TOLERANCE
+    for rate, most in zip(rates, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
+        if not np.all(np.abs(rate) <= slack * most):
+            return False
+    lower, upper = reached_bounds(path, limits, path[0] - nearest_start(path[0], limits))
+    if not np.all((path >= lower - _ROUNDING) & (path <= upper + _ROUNDING)):
+        return False
+    limited = np.isfinite(limits.effort)
+    for step in (len(_SAMPLES) - 1, _EFFORT_STEP) if limited.any() else ():
+        # Both ends first: most motions that exceed a limit do so there.
+        some = [x[::step].reshape(-1, len(end)) for x in (path, *rates[:2])]
+        tau = robot.inverse_dynamics(*some)
+        if not np.all(np.abs(tau[:, limited]) <= slack * limits.effort[limited]):
+            return False
+    return True
 
 
-def _cubic(
-    state: JointState, end: FloatArray, time: FloatArray | float
+def _cubics(
+    q: FloatArray, v: FloatArray, end: FloatArray, time: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Accelerations at both ends of the cubic from a state to rest."""
-    mean, v = (end - state.positions) / time, state.velocities
+    """Accelerations at both ends of the cubics from some states to rest."""
+    mean = (end - q) / time
     return (6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time
 
 

@@ -382,26 +382,20 @@ class MotionFollower:
             previous = None if self.published is None else self.published.previous
             return [] if previous is None else [previous.state(self.motion_time)]
 
-    def stated_command(self, settings: Settings) -> StatedCommand | None:
-        """The command that the controller states; None if it is not known.
+    def stated_command(self, measured: JointState, settings: Settings) -> StatedCommand | None:
+        """The command that the controller states near a measured state; None if unknown."""
+        names, distance = measured.joint_names, settings.commanded_tolerance
+        return self.controller.newest(names, measured.positions, distance)
 
-        Raises
-        ------
-        GoalError
-            If there is no usable measured state.
-        """
-        state = self.measured.newest(settings.state_timeout)
-        return self.controller.newest(
-            state.joint_names, state.positions, settings.commanded_tolerance
-        )
-
-    def follow(self, settings: Settings) -> Following | None:
+    def follow(self, settings: Settings, measured: JointState | None = None) -> Following | None:
         """How the robot follows the motion that was published last; None if there is none.
 
         Parameters
         ----------
         settings : Settings
             With `state_timeout` and `commanded_tolerance`.
+        measured : JointState, optional
+            The newest measured state, if the caller has it.
 
         Raises
         ------
@@ -412,7 +406,8 @@ class MotionFollower:
             execution = self.execution
             self.measured.clock.settle(is_idle=execution is None or execution.is_reported)
             seen_last = self.commanded
-            measured = self.measured.newest(settings.state_timeout)
+            if measured is None:
+                measured = self.measured.newest(settings.state_timeout)
             published = self.published
             if seen_last is None or published is None:
                 return None
@@ -420,14 +415,13 @@ class MotionFollower:
             at_rest = not self.measured.velocities(measured).any()
             seen = Observation(measured, at_rest, self.measured.history())
             on_time = Progress(motion, now, now - motion.began)
-            names, distance = measured.joint_names, settings.commanded_tolerance
-            command = self.controller.newest(names, measured.positions, distance)
+            command = self.stated_command(measured, settings)
             if command is None or not published.motion.is_path_known:
                 following = self._follow(published, on_time, seen)
             else:
                 following = self._follow_command(published, command, on_time, seen)
             if following is None:
-                return self.follow(settings)
+                return self.follow(settings, measured)
             is_near = following.distance <= settings.commanded_tolerance
             return following if is_near else replace(following, how=How.OFF)
 

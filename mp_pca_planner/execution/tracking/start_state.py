@@ -96,9 +96,9 @@ def choose_start(
         If the place of the robot on its motion is not known yet.
     """
     with follower.lock:
-        following = follower.follow(settings)
-        now = follower.motion_time
         measured = follower.measured.newest(settings.state_timeout)
+        following = follower.follow(settings, measured)
+        now = follower.motion_time
         start_from = AUTO if at_once else settings.start_from
         if following is not None and following.is_running:
             if start_from == MEASURED:
@@ -148,7 +148,7 @@ def _choose_at_rest(
         if following.at_rest:
             follower.servo.rest(measured.positions - here)
     elif start_from != MEASURED:
-        here = _held(follower, measured.positions, settings)
+        here = _held(follower, measured, settings)
     state = JointState(measured.joint_names, here)
     held = following if holds else None
     return MotionStart(state, held, _last_motion(follower), place, now, measured)
@@ -178,7 +178,8 @@ def join(
         If the measured state is too old by now.
     """
     with follower.lock:
-        following, old = follower.follow(settings), start.following
+        measured = follower.measured.newest(settings.state_timeout)
+        following, old = follower.follow(settings, measured), start.following
         now = follower.motion_time
         if _last_motion(follower) is not start.last:
             raise TooLateError(
@@ -186,7 +187,7 @@ def join(
             )
         may_stamp = settings.stamp_trajectories and follower.measured.clock.is_usable
         if old is None or following is None:
-            _check_rest(follower, start.measured, follower.measured.newest(settings.state_timeout))
+            _check_rest(follower, start.measured, measured)
         if old is None or following is None or (following.is_over and old.is_over):
             begin = PublishedMotion.after_wait if may_stamp else PublishedMotion.on_receipt
             return begin(rest, now)
@@ -243,22 +244,22 @@ def _last_motion(follower: MotionFollower) -> PublishedMotion | None:
     return None if follower.published is None else follower.published.current.motion
 
 
-def _held(follower: MotionFollower, measured: FloatArray, settings: Settings) -> FloatArray:
+def _held(follower: MotionFollower, measured: JointState, settings: Settings) -> FloatArray:
     """Commanded positions of a robot that rests away from the end of its motion."""
-    command = follower.stated_command(settings)
+    command, q = follower.stated_command(measured, settings), measured.positions
     if command is not None and command.at_rest:
         held = command.state.positions
         # No plausible load pulls a robot farther away from what it is commanded to hold.
-        if np.abs(measured - held).max() <= follower.options.missed_distance:
-            follower.servo.rest(measured - held)
+        if np.abs(q - held).max() <= follower.options.missed_distance:
+            follower.servo.rest(q - held)
             return held
     for before in follower.alternatives:
-        away = np.abs(measured - before.positions).max()
+        away = np.abs(q - before.positions).max()
         if away <= follower.options.start_tolerance and not before.velocities.any():
             # The controller has not accepted the last motion, so its held positions are known.
-            follower.servo.rest(measured - before.positions)
+            follower.servo.rest(q - before.positions)
             return before.positions
-    return measured - follower.servo.load
+    return q - follower.servo.load
 
 
 def _check_place(follower: MotionFollower, following: Following, now: float) -> None:

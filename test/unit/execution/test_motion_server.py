@@ -625,6 +625,31 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     assert node.sent[-1][1] is found[-1].motion.sent
 
 
+@pytest.mark.parametrize(("moves", "most"), [(False, 1), (True, 3)])
+def test_stop_polls_the_joint_states_seldom(node, monkeypatch, moves, most):
+    """Each poll takes a millisecond of the answer: there were up to seven."""
+    if moves:
+        node.ask(GOAL)
+        node.run(0.4)
+    polled = []
+    monkeypatch.setattr(node.monitor.follower.measured, "_fetch", lambda: polled.append(1))
+    node.stop()
+    assert len(polled) <= most
+
+
+def test_stop_at_rest_is_found_once_however_long_that_takes(node, monkeypatch):
+    find, found = node.monitor._stops._find, []
+
+    def interrupted(model, latency):
+        node.advance(0.15)
+        found.append(find(model, latency))
+        return found[-1]
+
+    monkeypatch.setattr(node.monitor._stops, "_find", interrupted)
+    assert "at rest" in node.stop()
+    assert len(found) == 1
+
+
 def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):
     node.robot.faults.silent = True
     node.restart()
