@@ -22,6 +22,7 @@ from ..arrays import FloatArray, repeated_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
 
+_PART = 1 << 16  # characters of XML that are parsed at once
 _SHAPES = ("box", "sphere", "cylinder", "mesh")
 # Numbers in attributes: how many.
 _NUMBERS = {
@@ -227,8 +228,12 @@ def parse_xml(text: str, source: str) -> ET.Element:
     """
     if len(text) > INPUT_LIMITS.text_bytes:
         raise RobotError(f"{source} has more than {INPUT_LIMITS.text_bytes:,} characters")
+    parser = ET.XMLParser()
     try:
-        root = ET.fromstring(text)
+        # In parts, because each keeps the lock of the interpreter, and the robot may have to stop.
+        for begin in range(0, len(text), _PART):
+            parser.feed(text[begin : begin + _PART])
+        root = parser.close()
     except ET.ParseError as error:
         raise RobotError(f"{source} is not XML: {error}") from None
     except ValueError as error:  # for example an encoding declaration that text can't have
@@ -314,13 +319,15 @@ def _check_tree(root: ET.Element, source: str) -> None:
                 f"{source}: every {kind} needs a name of its own, but "
                 + (f"several are called {quote_names(twice)}" if twice else "one has none")
             )
+    known = set(links)
     for joint in joints:
         for which in ("parent", "child"):
-            if _end(joint, which) not in links:
+            if _end(joint, which) not in known:
                 unknown = unknown_name("link", _end(joint, which), links)
                 raise RobotError(f"{source}: {which} of joint '{joint.get('name')}': {unknown}")
     children = [_end(joint, "child") for joint in joints]
-    roots = [name for name in links if name not in children]
+    below = set(children)
+    roots = [name for name in links if name not in below]
     if len(roots) != 1 or repeated_names(children):
         raise RobotError(
             f"{source}: the links must form one tree, each but one the child of one joint; "
