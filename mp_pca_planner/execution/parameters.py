@@ -198,8 +198,8 @@ class Settings:
     fixed_frames: tuple[str, ...] = _declared(
         ("",),
         """Poses of frames that are not of the robot, such as 'map: 0 0 -0.8' or with a quaternion
-        (FRAME: X Y Z QX QY QZ QW), in the base frame of the robot [m]; for obstacles. Further
-        frames are taken from tf2, if it is installed; empty texts are ignored.""",
+        (FRAME: X Y Z QX QY QZ QW), in the base frame of the robot [m]; for obstacles and pose
+        goals. Further frames are taken from tf2, if it is installed; empty texts are ignored.""",
     )
     unplaced_obstacles: str = _declared(
         REFUSE,

@@ -18,6 +18,7 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from ..arrays import FloatArray
 from ..exceptions import GoalError, unknown_name
 from ..execution.serving.assembly import Model
 from ..execution.serving.goal_planner import GoalRequest
@@ -32,6 +33,9 @@ from .serialised import CdrReader, read_message
 
 MakeGoal = Callable[[JointState], Goal]
 """Returns a goal for a motion from a start state."""
+
+PoseOf = Callable[[str], FloatArray | None]
+"""Returns the pose of a frame in the base frame, shape (7,), or None if it is unknown."""
 
 Stated = tuple[Goal, MakeGoal | None, tuple[str, ...]]
 """A goal, how it depends on the start if it does, and the joints that the primitives don't move."""
@@ -72,19 +76,20 @@ class GoalTopic:
     message_type : type
         Type of its messages.
     read : callable
-        Returns the goal of a message for a model; raises a `PlannerError` if it is malformed.
+        Returns the goal of a message for a model, given the poses of frames that are not links;
+        raises a `PlannerError` if it is malformed.
     text : callable
         Describes a message in one line.
     """
 
     name: str
     message_type: type[Any]
-    read: Callable[[Any, Model], Stated]
+    read: Callable[[Any, Model, PoseOf], Stated]
     text: Callable[[Any], str]
 
-    def goal(self, message: Any, model: Model) -> ReceivedGoal:
+    def goal(self, message: Any, model: Model, pose_of: PoseOf) -> ReceivedGoal:
         """The goal of a message for a model, or a `PlannerError` if it is malformed."""
-        goal, make_goal, ignored = self.read(message, model)
+        goal, make_goal, ignored = self.read(message, model, pose_of)
         return ReceivedGoal(
             goal,
             model,
@@ -134,17 +139,17 @@ def _check_count(verb: str, n: int, things: str) -> None:
         raise GoalError(f"the goal {verb} {n} {things}, at most {most} are accepted")
 
 
-def _read_configuration(message: JointStateMessage, model: Model) -> Stated:
+def _read_configuration(message: JointStateMessage, model: Model, _: PoseOf) -> Stated:
     goal, ignored = _without_unmoved(to_goal(message, model.settings.duration), model.robot)
     return goal, None, ignored
 
 
-def _read_pose(message: PoseStamped, model: Model) -> Stated:
+def _read_pose(message: PoseStamped, model: Model, pose_of: PoseOf) -> Stated:
     goal = to_pose_goal(message, model.end_effector, model.settings.duration)
-    return goal, stated_in(goal, message.header.frame_id, model.planning_robot), ()
+    return goal, stated_in(goal, message.header.frame_id, model.planning_robot, pose_of), ()
 
 
-def _read_sequence(message: JointTrajectory, model: Model) -> Stated:
+def _read_sequence(message: JointTrajectory, model: Model, _: PoseOf) -> Stated:
     goal, ignored = _without_unmoved(to_sequence_goal(message), model.robot)
     return goal, None, ignored
 
@@ -265,7 +270,9 @@ def _check_point(k: int, point: JointTrajectoryPoint, joint_names: Sequence[str]
             )
 
 
-def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointState], PoseGoal]:
+def stated_in(
+    goal: PoseGoal, reference: str, robot: Robot, pose_of: PoseOf
+) -> Callable[[JointState], PoseGoal]:
     """Return the conversion of a goal from a reference frame to the frame of the base.
 
     Parameters
@@ -273,15 +280,17 @@ def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointSt
     goal : PoseGoal
         Its pose is relative to the reference frame.
     reference : str
-        A link of the robot; empty: its base. For a moving link, its pose at the start of the
-        motion counts: "10 cm forward" in the frame of a tool.
+        A link of the robot, or another frame; empty: the base. For a moving link, its pose at the
+        start of the motion counts: "10 cm forward" in the frame of a tool.
     robot : Robot
         The robot with the links.
+    pose_of : callable
+        Returns the poses of other frames.
 
     Raises
     ------
     GoalError
-        If there is no such link.
+        If the pose of the frame is not known.
 
     Returns
     -------
@@ -291,26 +300,36 @@ def stated_in(goal: PoseGoal, reference: str, robot: Robot) -> Callable[[JointSt
     if not reference:
         return lambda _: goal
     if reference not in robot.frame_names:
-        reason = unknown_name("link of the robot", reference, robot.frame_names)
-        raise GoalError(
-            f"the goal is stated in the frame '{reference}', but {reason}; an empty frame_id "
-            "means the base"
-        )
+        foreign = pose_of(reference)
+        if foreign is None:
+            reason = unknown_name("link of the robot", reference, robot.frame_names)
+            raise GoalError(
+                f"the goal is stated in the frame '{reference}', but {reason}; an empty frame_id "
+                "means the base. For other frames, set the parameter 'fixed_frames' (FRAME: X Y "
+                "Z), or publish their transforms to tf2"
+            )
+        moved = _moved(goal, foreign)
+        return lambda _: moved
 
     def make_goal(start: JointState) -> PoseGoal:
-        # Imported late for a fast start of the node.
-        from scipy.spatial.transform import Rotation
-
         q = in_order(start, robot.joint_names).positions
         (place,) = robot.attached_poses(q[None], [reference], np.zeros((1, 6)))[0]
-        turned, pose = Rotation.from_quat(place[3:]), goal.pose
-        orientation = pose.orientation
-        if orientation is not None:
-            orientation = (turned * Rotation.from_quat(orientation)).as_quat()
-        position = place[:3] + turned.as_matrix() @ pose.position
-        return replace(goal, pose=Pose(pose.frame, position, orientation))
+        return _moved(goal, place)
 
     return make_goal
+
+
+def _moved(goal: PoseGoal, place: FloatArray) -> PoseGoal:
+    """A goal that is stated in a frame at a place (x, y, z and a quaternion)."""
+    # Imported late for a fast start of the node.
+    from scipy.spatial.transform import Rotation
+
+    turned, pose = Rotation.from_quat(place[3:]), goal.pose
+    orientation = pose.orientation
+    if orientation is not None:
+        orientation = (turned * Rotation.from_quat(orientation)).as_quat()
+    position = place[:3] + turned.as_matrix() @ pose.position
+    return replace(goal, pose=Pose(pose.frame, position, orientation))
 
 
 def _without_unmoved(

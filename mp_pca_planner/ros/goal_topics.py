@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -17,6 +18,7 @@ from ..execution.serving.execution import GoalOutcome, Served
 from ..execution.serving.goal_planner import AnyPlan, UnexecutablePlanError
 from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.threads import CancelledError, IsCancelled, PreemptiveWorker
+from .frames import ForeignFrames
 from .goal_messages import GOAL_TOPICS, GoalTopic, ReceivedGoal, read_goal, read_stamp
 from .last_motion import LastMotion
 from .messages import to_goal_report, to_plan_report, to_text
@@ -27,6 +29,8 @@ from .subscriptions import EVERY, GOALS, GroupExecutor, ThreadGroup
 # Longest wait for a model of the present positions of other joints [s], and how many models a goal
 # is planned with at most.
 _LONGEST_WAIT, _MAX_MODELS = 1.0, 5
+# Longest wait for the transform of a frame [s]; a further goal waits, too.
+_TRANSFORM_WAIT = 0.5
 
 
 class _Reaction:
@@ -46,6 +50,8 @@ class GoalTopics:
         Plans and publishes motions.
     statistics : GoalStatistics
         Counts goals.
+    frames : ForeignFrames
+        Looks up the frames of poses that are not links.
     last_motion : LastMotion
         Records each published motion before its report, and previews it when no goals have come for
         a moment; a rejected goal erases the preview.
@@ -57,10 +63,11 @@ class GoalTopics:
         setup: PlanningSetup,
         server: MotionServer,
         statistics: GoalStatistics,
+        frames: ForeignFrames,
         last_motion: LastMotion,
     ) -> None:
         self._node, self._setup, self._server = node, setup, server
-        self._statistics, self._last_motion = statistics, last_motion
+        self._statistics, self._frames, self._last_motion = statistics, frames, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._worker: PreemptiveWorker[ReceivedGoal | _Reaction] = PreemptiveWorker(
             self._serve, self._on_preempted, last_motion.show_preview, self._on_failure
@@ -107,7 +114,7 @@ class GoalTopics:
     def _receive(self, topic: GoalTopic, content: bytes) -> None:
         try:
             context = self._setup.ready()
-            request = topic.goal(read_goal(content, topic.message_type), context)
+            request = self._goal(topic, read_goal(content, topic.message_type), context)
             # An invalid goal must not preempt a running one. If none is running, planning reports
             # the error.
             if not self._worker.is_idle:
@@ -188,7 +195,13 @@ class GoalTopics:
                 break
             time.sleep(0.01)
         context = self._setup.ready()
-        return request if context is request.model else request.topic.goal(request.message, context)
+        if context is request.model:
+            return request
+        return self._goal(request.topic, request.message, context)
+
+    def _goal(self, topic: GoalTopic, message: Any, model: Model) -> ReceivedGoal:
+        pose_of = partial(self._frames.pose, model=model, wait=_TRANSFORM_WAIT)
+        return topic.goal(message, model, pose_of)
 
     def _is_relocked(self, model: Model) -> bool:
         """Whether the present model differs in positions of locked joints alone."""

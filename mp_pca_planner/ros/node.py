@@ -30,6 +30,7 @@ from ..execution.tracking.published_motion import PublishedMotion
 from ..robot.limits import moveit_factors_note
 from ..robot.world import World
 from .controller import ControllerAction, ControllerTopic
+from .frames import ForeignFrames
 from .goal_topics import GoalTopics
 from .last_motion import LastMotion
 from .messages import to_execution_report, to_status, to_text
@@ -88,10 +89,11 @@ class PlannerNode(GuardedNode):
         self._connect()
         self._action = ControllerAction(self, self._monitor.hear)
         self._use_controller()
-        self._obstacles = ObstacleTopic(self, self._setup, self._monitor.surroundings)
+        frames = ForeignFrames(self)
+        self._obstacles = ObstacleTopic(self, self._setup, self._monitor.surroundings, frames)
         self._monitor.surroundings.settle = self._obstacles.settle
         self._goals = GoalTopics(
-            self, self._setup, self._server, self._statistics, self._last_motion
+            self, self._setup, self._server, self._statistics, frames, self._last_motion
         )
         self._safety = SafetyThread(
             self, self._joint_states, self._setup, self._monitor, self._goals, self._action

@@ -7,59 +7,19 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Any
 
-import numpy as np
-from rclpy.node import Node
-from rclpy.time import Time
-
-from ..arrays import FloatArray
 from ..exceptions import GoalError, PlannerError, WorldError
-from ..execution.parameters import fixed_frames
 from ..execution.serving.surroundings import Poses, Surroundings, foreign_poses, is_same, placed
 from ..execution.threads import CancelledError, IsCancelled
 from ..robot.collision import package_folders
 from ..robot.world import Obstacle, World
+from .frames import ForeignFrames
 from .messages import to_text
 from .nodes import LOG_PERIOD, GuardedNode
 from .obstacle_markers import MarkerMessages
 from .planning_setup import PlanningSetup
 from .serialised import read_markers
 from .subscriptions import MarkerMessage, MarkerSubscription
-
-
-class FrameTransforms:
-    """Looks up frames in tf2; it listens to transforms from the first look on.
-
-    tf2_ros is part of ROS 2, but there is no package of it for pip. Without it, no pose is known.
-
-    Parameters
-    ----------
-    node : Node
-        The node.
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._buffer: Any = None
-        self._is_installed = find_spec("tf2_ros") is not None
-
-    def pose(self, frame: str, base: str) -> FloatArray | None:
-        """The newest pose of a frame in another one, shape (7,); None if it is unknown."""
-        if not self._is_installed:
-            return None
-        tf2_ros = import_module("tf2_ros")
-        if self._buffer is None:
-            self._buffer = tf2_ros.Buffer(node=self._node)
-            self._listener = tf2_ros.TransformListener(self._buffer, self._node)
-        with suppress(tf2_ros.TransformException):
-            found = self._buffer.lookup_transform(base, frame, Time()).transform
-            p, o = found.translation, found.rotation
-            return np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w])
-        return None
 
 
 class ObstacleTopic:
@@ -75,6 +35,8 @@ class ObstacleTopic:
         Has the robot whose links markers may be attached to.
     surroundings : Surroundings
         Keeps the obstacles.
+    frames : ForeignFrames
+        Looks up the frames of obstacles that are not links.
     """
 
     period = 0.01
@@ -89,13 +51,19 @@ class ObstacleTopic:
     mesh_timeout = 5.0
     """Longest time that a goal waits for meshes [s]."""
 
-    def __init__(self, node: GuardedNode, setup: PlanningSetup, surroundings: Surroundings) -> None:
+    def __init__(
+        self,
+        node: GuardedNode,
+        setup: PlanningSetup,
+        surroundings: Surroundings,
+        frames: ForeignFrames,
+    ) -> None:
         self._node, self._setup, self._surroundings = node, setup, surroundings
+        self._frames = frames
         self._markers = MarkerMessages()
         self._subscription = MarkerSubscription(node, "~/obstacles")
         # Notes on the present obstacles, each of which is logged once.
         self._notes: frozenset[str] = frozenset()
-        self._transforms = FrameTransforms(node)
         # The obstacles as they are stated, and the poses that their frames had.
         self._stated: Sequence[Obstacle] = ()
         self._used: Poses = {}
@@ -211,14 +179,11 @@ class ObstacleTopic:
         context = self._setup.context
         if context is None:
             return {}
-        links, fixed = context.robot.frame_names, fixed_frames(context.settings.fixed_frames)
-
-        def pose_of(frame: str) -> FloatArray | None:
-            if frame in fixed:
-                return np.array(fixed[frame])
-            return self._transforms.pose(frame, links[0])
-
-        return foreign_poses(obstacles, links, pose_of)
+        return foreign_poses(
+            obstacles,
+            context.robot.frame_names,
+            lambda frame: self._frames.pose(frame, context),
+        )
 
     def _place(self, stated: Sequence[Obstacle], poses: Poses, problems: list[str]) -> None:
         """Use obstacles with poses of their frames; log problems."""

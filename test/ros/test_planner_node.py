@@ -372,7 +372,7 @@ def test_wrong_parameters_are_refused_with_a_reason(
 def test_pose_goal_that_cannot_be_read_is_refused_with_a_reason(client: NodeClient) -> None:
     pose = PoseStamped()
     pose.header.frame_id = "world"
-    assert_refused(client.send(pose), "'world'", "upper_arm", "empty frame_id")
+    assert_refused(client.send(pose), "'world'", "upper_arm", "empty frame_id", "fixed_frames")
     pose.header.frame_id = ""
     pose.pose.orientation.w = 0.0
     assert_refused(client.send(pose), "length 1")
@@ -393,8 +393,19 @@ def test_pose_goal_is_reached_in_whichever_frame_it_is_stated(
     p.x, p.y, p.z = wanted.tolist()
     turn = Rotation.from_matrix((corners[1:] - corners[0]).T)
     o.x, o.y, o.z, o.w = turn.as_quat().tolist()
-    for frame in ("", "chest"):
+    # A camera above the base that is turned by 90° about z.
+    half = 0.5**0.5
+    (result,) = client.set_parameters(
+        Parameter("fixed_frames", value=[f"camera: 0.5 0 1 0 0 {half} {half}"]).to_parameter_msg()
+    )
+    assert result.successful, result.reason
+    for frame in ("", "chest", "camera"):
         pose.header.frame_id = frame
+        if frame == "camera":
+            x, y, z = wanted - [0.5, 0.0, 1.0]
+            p.x, p.y, p.z = y, -x, z
+            seen = Rotation.from_euler("z", -90, degrees=True) * turn
+            o.x, o.y, o.z, o.w = seen.as_quat().tolist()
         answer = rest_at(client, primitives).send(pose)
         assert answer.trajectory is not None, answer.report.message
         end = np.array([answer.trajectory.points[-1].positions])
