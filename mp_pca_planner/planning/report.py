@@ -16,6 +16,7 @@ from ..arrays import text_table
 from ..exceptions import quote_names
 from ..motion.collision import NOT_CHECKED, CollisionModel
 from ..motion.goal import Goal, JointState
+from ..motion.interpolation import interpolate
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
@@ -37,9 +38,9 @@ from .search.stop_and_go import brakes
 if TYPE_CHECKING:
     from .planner import Planner
 
-# Points of a motion at which clearances are computed, and the largest that is reported [m]: those
-# below the first one are searched first.
-_N_CHECKED, _NEAREST, _NEAR = 50, 0.01, 0.05
+# Moments at which clearances are computed at most, the time between them [s], and the largest
+# clearance that is reported [m]: those below the first one are searched first.
+_N_CHECKED, _PERIOD, _NEAREST, _NEAR = 1000, 4e-3, 0.01, 0.05
 # Time before and after a collision in which it may begin or end, where it is known roughly [s].
 _AROUND = 0.05
 # Share of the planning time up to which there is time for the precise search.
@@ -60,6 +61,8 @@ SENTENCES = {
     "between": (
         "motion between the prediction and least {what} found (naturalness {rho:.3g}){effort}"
     ),
+    "found": "motion found",
+    "its_effort": ": effort {effort:.4g} N²m²s",
     "effort": ": effort {effort:.4g} N²m²s, {share:.2g} % {side} that of the predicted motion",
     "same_effort": ": effort {effort:.4g} N²m²s, that of the predicted motion",
     "shortest": "shortest motion within the limits found",
@@ -122,8 +125,10 @@ SENTENCES = {
     "no_collision": "none; {n} pairs of {kind} were checked",
     "more_collide": ", and {n} more pairs collide",
     "far": "; the clearance is at least {near:g} mm",
-    "near": "; the least clearance is {near:.1f} mm, of '{one}' and '{other}'",
+    "near": "; the least clearance is {near:.1f} mm{margin}, of '{one}' and '{other}'",
+    "margin": " (margin {margin:.3g} mm)",
     "unlike": "; nothing like this motion was demonstrated, so {what}",
+    "around_unlike": "; the way around was not demonstrated, so {what}",
     "cost_counts": "cost counts more than likeness",
     "free": "its duration is free",
     "cleared": "; bodies that would collide otherwise are kept apart",
@@ -239,10 +244,13 @@ def _optimal(context: Context, best: Candidate) -> str:
     """What an optimal motion is: near the prediction, or of least effort, by its naturalness."""
     objectives, rho = context.options.objectives, best.naturalness
     is_effort = [type(objective) for _, objective in objectives] == [Effort]
+    effort, predicted = best.solution.effort_cost, best.solution.start_cost
+    if best.bases[0].is_detour:
+        known = np.isfinite(effort)
+        return SENTENCES["found"] + SENTENCES["its_effort"].format(effort=effort) * known
     name = "least"
     if rho > 0.0 and any(basis.n_components for basis in best.bases):
         name = "close" if rho >= _CLOSE else "between"
-    effort, predicted = best.solution.effort_cost, best.solution.start_cost
     beside = ""
     if predicted > 0.0 and np.isfinite(effort):
         share = effort / predicted - 1.0
@@ -436,22 +444,30 @@ def _preferences(context: Context, best: Candidate) -> str:
         chosen.append(SENTENCES["cost_counts"])
     if options.timing == AUTO and request.timing == FREE and request.duration_is_free:
         chosen.append(SENTENCES["free"])
-    return SENTENCES["unlike"].format(what=" and ".join(chosen)) if chosen else ""
+    sentence = SENTENCES["around_unlike" if best.bases[0].is_detour else "unlike"]
+    return sentence.format(what=" and ".join(chosen)) if chosen else ""
 
 
 def _clearance(collision: CollisionModel, trajectory: Trajectory) -> str:
     """Text on the bodies that come nearest to each other in a motion."""
-    positions = trajectory.positions
-    chosen = np.linspace(0, len(positions) - 1, min(_N_CHECKED, len(positions))).astype(int)
+    q, margins = interpolate(trajectory, _PERIOD).q, collision.margins
+    q = q[:: -(-len(q) // _N_CHECKED)]
     for reach in (_NEAREST, _NEAR):
-        near = collision.near(positions[chosen], reach)
+        near = collision.near(q, reach)
         if near.distances.size:
             break
     else:
         return SENTENCES["far"].format(near=1e3 * _NEAR)
-    k = int(near.distances.argmin())
-    one, other = collision.pairs[near.pairs[k]]
-    return SENTENCES["near"].format(near=1e3 * near.distances[k], one=one, other=other)
+    # Distances count from the margins, and pairs without one may be nearer than all others.
+    if np.ptp(margins):
+        near = collision.near(q, float((near.distances + margins[near.pairs]).min()))
+    distances = near.distances + margins[near.pairs]
+    k = int(distances.argmin())
+    pair = near.pairs[k]
+    one, other = collision.pairs[pair]
+    kept = SENTENCES["margin"].format(margin=1e3 * margins[pair]) if margins[pair] else ""
+    nearest = np.floor(1e4 * distances[k]) / 10.0
+    return SENTENCES["near"].format(near=nearest, margin=kept, one=one, other=other)
 
 
 def collision_words(collision: CollisionModel | None, trajectory: Trajectory) -> str:
