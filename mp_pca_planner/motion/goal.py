@@ -376,13 +376,15 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
         return value
     if _is_several(value):
         _check_count(len(value))
-        targets = [_as_target(v, joint_names, f"target {i}") for i, v in enumerate(value, 1)]
+        targets = [
+            one if isinstance(one, Pose) else as_state(one, joint_names, f"target {i}")
+            for i, one in enumerate(value, 1)
+        ]
         times = (*(None for _ in targets[1:]), duration)
         return SequenceGoal(tuple(targets), times)
-    target = _as_target(cast(TargetLike, value), joint_names, "the goal")
-    if isinstance(target, Pose):
-        return PoseGoal(target, duration)
-    return JointGoal(target, duration)
+    if isinstance(value, Pose):
+        return PoseGoal(value, duration)
+    return JointGoal(as_state(cast(StateLike, value), joint_names, "the goal"), duration)
 
 
 def _check_count(n_targets: int) -> None:
@@ -402,10 +404,6 @@ def _is_several(value: object) -> TypeGuard[Sequence[TargetLike]]:
     # A range is a sequence of any length.
     is_list = isinstance(value, Sequence) and not isinstance(value, range)
     return is_list and any(isinstance(one, kinds) for one in cast(Sequence[Any], value))
-
-
-def _as_target(value: TargetLike, joint_names: Sequence[str], what: str) -> JointState | Pose:
-    return value if isinstance(value, Pose) else as_state(value, joint_names, what)
 
 
 def _named(value: Any, what: str, *kinds: type) -> Any:

@@ -152,7 +152,8 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
                 found.append(Violation(quantity, name, *map(float, at)))
     found.sort(key=lambda violation: -violation.excess)
     efforts = None if np.isnan(at_points).any() else at_points
-    return LimitCheck(tuple(found), efforts, _start_remark(start, inside, limits))
+    remark = "" if np.array_equal(start, inside) else _start_remark(start, inside, limits)
+    return LimitCheck(tuple(found), efforts, remark)
 
 
 def nearest_start(positions: FloatArray, limits: JointLimits) -> FloatArray:
@@ -194,9 +195,8 @@ def reached_bounds(
 
 
 def _start_remark(start: FloatArray, inside: FloatArray, limits: JointLimits) -> str:
+    """Which joint starts furthest outside its limits of position."""
     worst = int(np.abs(start - inside).argmax())
-    if start[worst] == inside[worst]:
-        return ""
     return (
         f"joint '{limits.joint_names[worst]}' starts {abs(start[worst] - inside[worst]):.2g} rad "
         f"(or m) outside its limits of position, at most {START_TOLERANCE:g} is accepted: it moves "

@@ -7,7 +7,7 @@ All sentences about plans are in this module.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -23,11 +23,9 @@ from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
 from .context import Context
 from .likeness import NATURAL
-from .motion import Motion
 from .objectives import Effort
 from .options import AUTO, DEMONSTRATED, FREE, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
-from .program.bases import MotionBasis
 from .request import Request
 from .requests.selection import Selection
 from .search.candidate import Candidate
@@ -187,11 +185,10 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     best, request, motions = outcome.best, outcome.best.request, outcome.best.motions
     trajectory = best.trajectory
     solve_time = max([best.solved_at, *[one.solved_at for one in outcome.found]]) - began
-    status, message = _status(context, outcome, solve_time)
+    score, corrections = _novelty(context, best), _corrections(best)
+    status, message = _status(context, outcome, solve_time, score, corrections)
     ends = np.cumsum([motion.duration for motion in motions])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
-    selection, correction = _selection(goal, outcome), max(map(_correction, best.bases, motions))
-    deviation, score = _deviation_score(best), _novelty(context, best)
     outside, error = _outside_and_error(context, best, score)
     return Plan(
         status=status,
@@ -201,7 +198,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         primitives=tuple([segment.primitive.name for segment in request.segments]),
         solution=best.solution,
         considered=max([len(segment.selection.considered) for segment in request.segments]),
-        selection=selection,
+        selection=_selection(goal, outcome),
         in_span_score=score,
         outside=outside,
         expected_error=error,
@@ -212,8 +209,8 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         via_phases=tuple((ends[:-1] / ends[-1]).tolist()),
         shortest_duration=outcome.stated,
         n_components_used=max([basis.n_components for basis in best.bases]),
-        correction=correction,
-        deviation_score=deviation,
+        correction=max(corrections, default=0.0),
+        deviation_score=_deviation_score(best),
         naturalness=best.naturalness,
         solve_time=solve_time,
         mode=outcome.mode,
@@ -221,12 +218,18 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     )
 
 
-def _status(context: Context, outcome: Outcome, solve_time: float) -> tuple[str, str]:
-    """Status and message of a plan."""
+def _status(
+    context: Context,
+    outcome: Outcome,
+    solve_time: float,
+    score: float,
+    corrections: Sequence[float],
+) -> tuple[str, str]:
+    """Status and message of a plan, see :func:`_novelty` and :func:`_corrections`."""
     best = outcome.best
-    if why := _refusal(context, outcome, solve_time):
+    if why := _refusal(context, outcome, solve_time, score):
         return INFEASIBLE, why
-    concessions = _concessions(context, best)
+    concessions = _concessions(context, best, corrections)
     if outcome.is_slow:
         return STOPPED_EARLY, _slow(context, outcome) + concessions
     if outcome.mode == REAL_TIME:
@@ -273,11 +276,11 @@ def _joined(outcome: Outcome) -> tuple[str, str, str]:
     return STOPPED_EARLY, "joined_early", ""
 
 
-def _refusal(context: Context, outcome: Outcome, solve_time: float) -> str:
+def _refusal(context: Context, outcome: Outcome, solve_time: float, score: float) -> str:
     """Why a motion must not be executed; empty if it may."""
     best, trajectory = outcome.best, outcome.best.trajectory
     most = context.options.max_in_span_score
-    if most and (score := _novelty(context, best)) > most:
+    if most and score > most:
         return SENTENCES["too_far"].format(score=score, most=most)
     if best.refusal:
         return _refused(context, outcome, SENTENCES["within"], best.refusal)
@@ -407,7 +410,7 @@ def _slow(context: Context, outcome: Outcome) -> str:
     return SENTENCES["slow"].format(searched=searched, follows=SENTENCES[follows], rests=rests)
 
 
-def _concessions(context: Context, best: Candidate) -> str:
+def _concessions(context: Context, best: Candidate, corrections: Sequence[float]) -> str:
     """The concessions that were made for the goal, as the end of a sentence."""
     options, collision = context.options, context.collision
     usual, duration = best.request.duration, best.duration
@@ -431,9 +434,8 @@ def _concessions(context: Context, best: Candidate) -> str:
         kept += SENTENCES["cleared"]
     if collision is not None and not collision.has_geometry:
         kept += NOT_CHECKED
-    if options.basis == "pca" and any(map(_is_corrected, best.bases)):
-        added = max(map(_correction, best.bases, best.motions))
-        kept += SENTENCES["corrected"].format(added=added)
+    if options.basis == "pca" and corrections:
+        kept += SENTENCES["corrected"].format(added=max(corrections))
     return kept
 
 
@@ -609,20 +611,16 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
     return found[1], max(errors)
 
 
-def _is_corrected(basis: MotionBasis) -> bool:
-    """Whether the basis includes B-splines."""
-    return basis.n_components < basis.expected.size
-
-
-def _correction(basis: MotionBasis, motion: Motion) -> float:
-    """RMS of the correction that B-splines add to components [rad or m]."""
-    if not _is_corrected(basis):
-        return 0.0
-    shape = basis.tables.basis.shape
-    only = np.where(np.arange(basis.expected.size) < basis.n_components, 0.0, 1.0)
-    phases = np.linspace(0.0, 1.0, 101)
-    added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
-    return float(np.sqrt(np.mean(added**2)))
+def _corrections(best: Candidate) -> list[float]:
+    """RMS of what B-splines add to components, of the segments that have them [rad or m]."""
+    found, phases = [], np.linspace(0.0, 1.0, 101)
+    for basis, motion in zip(best.bases, best.motions, strict=True):
+        if basis.n_components < basis.expected.size:
+            shape = basis.tables.basis.shape
+            only = np.where(np.arange(basis.expected.size) < basis.n_components, 0.0, 1.0)
+            added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
+            found.append(float(np.sqrt(np.mean(added**2))))
+    return found
 
 
 def _deviation_score(best: Candidate) -> float:

@@ -201,11 +201,12 @@ class ConditionalModel:
             deviation = min(max(math.log(distance) / 2.0 + residual, -reach), reach)
             duration = math.exp(self.mean[-1] + deviation)
         similar, distance = of_requests(np.append(ends, math.log(duration)))
-        share = float(_far_share(similar[0, 0]))
+        novelty = _novelty(similar[0, 0])
+        share = float(np.minimum(1.0, _FAR * novelty))
         both = similar.ravel() @ (near + share * far if far.any() else near)
         shape, pace = np.split(both, [self.straight_weights.size])
         weights = self.straight_weights + math.sqrt(distance) * shape
-        variance = float(self.error_variance[0] * _variance(distance, similar[0, 0]))
+        variance = float(self.error_variance[0] * _variance(distance, novelty))
         of_weights = self.weight_covariance, self.weight_precision, variance
         return ConditionalDistribution(weights, *of_weights, pace, duration, score)
 
@@ -343,13 +344,8 @@ def _mixed(fits: FloatArray, similarities: FloatArray) -> FloatArray:
     similarities : array, shape (n_requests, n_demonstrations)
         Of the requests with the demonstrations.
     """
-    share = _far_share(similarities)[:, None]
+    share = np.minimum(1.0, _FAR * _novelty(similarities))[:, None]
     return np.asarray(fits[0] + share * (fits[-1] - fits[0]))
-
-
-def _far_share(similarities: FloatArray) -> FloatArray:
-    """Share of the second fit, given similarities in the last axis."""
-    return np.minimum(1.0, _FAR * _novelty(similarities))
 
 
 def _without_own(similarities: FloatArray) -> FloatArray:
@@ -381,7 +377,8 @@ def _error_covariance(
     shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
     positive = np.asarray(shrunk + floor * np.eye(size))
     squares, freedom = np.sum(errors**2, axis=1), max(n, 3)
-    unit = np.sum(squares / _variance(distances, _without_own(similarities))) + _TINY
+    novelties = _novelty(_without_own(similarities))
+    unit = np.sum(squares / _variance(distances, novelties)) + _TINY
     factor = freedom / (freedom - 2.0) * unit / (np.sum(squares) + _TINY)
     return positive, np.asarray(np.linalg.inv(positive)), np.array([factor])
 
@@ -391,9 +388,9 @@ def _novelty(similarities: FloatArray) -> FloatArray:
     return np.asarray(1.0 + OFFSET - similarities.max(axis=-1)).clip(0.0, 1.0)
 
 
-def _variance(distances: FloatArray | float, similarities: FloatArray) -> FloatArray:
+def _variance(distances: FloatArray | float, novelties: FloatArray) -> FloatArray:
     """Variance of errors, in units of that at a demonstrated request of usual size."""
-    return np.asarray(distances * (1.0 + _GROWTH * _novelty(similarities)) ** 2)
+    return np.asarray(distances * (1.0 + _GROWTH * novelties) ** 2)
 
 
 def _fit(

@@ -53,22 +53,19 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
         if requested.pose is not None:
             targets[i] = PoseTarget(context.robot, tables, unknowns, requested.pose)
     links = Chain(junctions, segments) if request.mode else None
-    near = is_near_expected(context, setting)
+    # Whether motions stay near an expected one.
+    is_uncertain = any([basis.precision is None for basis in setting.bases])
+    near = not is_uncertain and setting.naturalness >= context.options.search.near_expected
     starts = [links.start] if links else _starts(setting, segments[0], terms[0], near)
-    clear = setting.bases[0].is_detour
-    if not (links or clear):
-        clear = _starts_in_collision(context, setting, segments[0], starts[0])
+    collision, clear = context.collision, setting.bases[0].is_detour
+    if collision is not None and collision.pairs and not (clear or links or setting.is_shortest):
+        # Whether bodies collide at a quadrature node of the first motion.
+        clear = collision.collide_anywhere(segments[0].states(starts[0])[0])
     constraints = []
     for segment, natural, (here, there) in zip(segments, terms, pairwise(junctions), strict=True):
         ends = here.fixed_state, there.fixed_state
         constraints.append(_constraints(context, segment, natural, ends, near=near, clear=clear))
     return MotionProgram(segments, terms, constraints, targets, links, starts)
-
-
-def is_near_expected(context: Context, setting: Setting) -> bool:
-    """Whether motions stay near an expected one."""
-    uncertain = [basis for basis in setting.bases if basis.precision is None]
-    return not uncertain and setting.naturalness >= context.options.search.near_expected
 
 
 def _naturalness(
@@ -97,6 +94,11 @@ def _goal_precision(
 ) -> FloatArray:
     """Precision of the unknowns of a motion to a single goal, in units of its objective.
 
+    The cost of one standard deviation from the expected motion is the larger of two values: the
+    cost of that motion, and `effort_weight` times the decrease of the objective along one standard
+    deviation. The second keeps motions natural if their effort could decrease fast: to first order,
+    the optimum is at most 1 / (ρ effort_weight) standard deviations away.
+
     Parameters
     ----------
     segment : SegmentProgram
@@ -123,7 +125,9 @@ def _goal_precision(
     if free:
         spread = np.maximum(goals.std(axis=0), search.min_spread)
         precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
-    return precision * _unit_of_naturalness(segment, own, search.effort_weight)
+    _, here = segment.at(segment.expected)
+    descent = float(np.sqrt(here.gradient[:n] @ np.linalg.solve(own, here.gradient[:n])))
+    return precision * max(here.cost, search.effort_weight * descent)
 
 
 def _segment_precision(
@@ -163,22 +167,6 @@ def _segment_precision(
         index = n + j + n_joints * np.arange(len(rows))
         precision[np.ix_(index, index)] += gram / spreads[j] ** 2
     return precision
-
-
-def _unit_of_naturalness(
-    segment: SegmentProgram, precision: FloatArray, effort_weight: float
-) -> float:
-    """Cost of one standard deviation from the expected motion at ρ = 1.
-
-    It is the larger of two values: the cost of the expected motion, and `effort_weight` times the
-    decrease of the objective along one standard deviation. The second keeps motions natural if
-    their effort could decrease fast: to first order, the optimum is at most 1 / (ρ effort_weight)
-    standard deviations away.
-    """
-    _, here = segment.at(segment.expected)
-    gradient = here.gradient[: len(precision)]
-    descent = float(np.sqrt(gradient @ np.linalg.solve(precision, gradient)))
-    return max(here.cost, effort_weight * descent)
 
 
 def _constraints(
@@ -231,13 +219,3 @@ def _starts(
             costs += 0.5 * np.einsum("ij,jk,ik->i", off, term.precision, off)
         found = [found[i] for i in np.argsort(costs, kind="stable")]
     return found
-
-
-def _starts_in_collision(
-    context: Context, setting: Setting, segment: SegmentProgram, start: FloatArray
-) -> bool:
-    """Whether the first motion of a single segment is in collision at a quadrature node."""
-    collision = context.collision
-    if collision is None or not collision.pairs or setting.is_shortest:
-        return False
-    return collision.collide_anywhere(segment.states(start)[0])

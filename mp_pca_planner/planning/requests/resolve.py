@@ -76,7 +76,10 @@ def resolve(
         See :meth:`.Planner.plan`.
     """
     here = in_order(start, context.robot.joint_names)
-    check_start(here, context.limits)
+    # A start may be a little outside the limits of position.
+    inside = nearest_start(here.positions, context.limits)
+    within = inside, here.velocities, here.accelerations
+    _check_within_limits("present", here.joint_names, within, context.limits)
     _check_path(context, "start", here)
     if not isinstance(goal, SequenceGoal) and goal.duration is not None:
         context.check_duration("the duration is", goal.duration)
@@ -165,7 +168,7 @@ def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
 
 
 def _check_end(context: Context, there: JointState) -> None:
-    check_within_limits("goal", there, context.limits)
+    _check_within_limits("goal", there.joint_names, there.values, context.limits)
     if not context.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
         moving = there.joint_names[int(np.abs(there.velocities).argmax())]
         raise GoalError(
@@ -295,7 +298,7 @@ def _route(
             what = f"target {number}"
             positions = completed(aim, route.states[-1], robot, what).positions
             there = JointState(here.joint_names, positions)
-            check_within_limits(what, there, limits)
+            _check_within_limits(what, there.joint_names, there.values, limits)
             _check_path(context, what, there)
             longer.append(route.to(there, selector))
         named_all = len(aim.joint_names) == robot.n_joints
@@ -405,33 +408,10 @@ def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
     return np.asarray(q + np.where(robot.continuous, 2.0 * np.pi * turns, 0.0))
 
 
-def check_start(start: JointState, limits: JointLimits) -> None:
-    """Reject a start that violates a limit, except positions within `START_TOLERANCE` of it.
-
-    Raises
-    ------
-    GoalError
-        If it violates a limit.
-    """
-    inside = nearest_start(start.positions, limits)
-    _check("present", start.joint_names, (inside, start.velocities, start.accelerations), limits)
-
-
-def check_within_limits(what: str, state: JointState, limits: JointLimits) -> None:
-    """Reject an end state that violates a limit.
-
-    Raises
-    ------
-    GoalError
-        If it violates a limit.
-    """
-    values = state.positions, state.velocities, state.accelerations
-    _check(what, state.joint_names, values, limits)
-
-
-def _check(
+def _check_within_limits(
     what: str, names: Sequence[str], state: tuple[FloatArray, ...], limits: JointLimits
 ) -> None:
+    """Reject an end of a motion whose positions, velocities or accelerations violate a limit."""
     values, (low, high) = np.array(state), _bounds(limits)
     inside = (low <= values) & (values <= high)
     if inside.all():

@@ -82,9 +82,10 @@ class Selection:
     @property
     def contenders(self) -> tuple[Considered, ...]:
         """Those whose expected costs are too close to the least one to be ranked."""
-        near = (1.0 + self.options.usual_error) * self.first.cost
-        others = [c for c in self.considered[1:] if c.cost <= near]
-        return (self.first, *others)[: self.options.max_contenders]
+        first, *others = self.considered
+        near = (1.0 + self.options.usual_error) * first.cost
+        close = [one for one in others if one.cost <= near]
+        return (first, *close)[: self.options.max_contenders]
 
 
 class Selector:

@@ -76,8 +76,8 @@ class Candidate:
         Duration of all segments [s].
     is_valid : bool
         Whether it may be executed and reaches the targets.
-    end_collision : tuple or None
-        A collision at an end that is fixed, see :func:`collision_at_end`.
+    is_hopeless : bool
+        Whether bodies collide at an end of the motion that is fixed.
     has_clearances : bool
         Whether there were clearance constraints.
     strayed : tuple of str
@@ -103,7 +103,7 @@ class Candidate:
     violation: Violation
     duration: float
     is_valid: bool
-    end_collision: tuple[str, Collision] | None
+    is_hopeless: bool
     has_clearances: bool = False
     strayed: tuple[str, ...] = ()
     refusal: str = ""
@@ -114,11 +114,6 @@ class Candidate:
     def meets_bodies(self) -> bool:
         """Whether it, or an earlier motion of the same program, is in collision."""
         return bool(self.collisions) or self.has_clearances
-
-    @property
-    def is_hopeless(self) -> bool:
-        """Whether bodies collide at an end of the motion that is fixed."""
-        return self.end_collision is not None
 
 
 def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, LimitCheck]:
@@ -146,18 +141,6 @@ def collides(context: Context, trajectory: Trajectory) -> bool:
     """Whether bodies collide, if that is checked."""
     model = context.collision
     return model is not None and bool(model.collisions(trajectory, precisely=False))
-
-
-def collision_at_end(
-    collisions: Sequence[Collision], request: Request, duration: float
-) -> tuple[str, Collision] | None:
-    """The first collision at an end that is fixed, "start" or "goal"; None if there is none."""
-    for one in collisions:
-        if one.first_time == 0.0:
-            return "start", one
-        if request.pose is None and one.last_time >= duration:
-            return "goal", one
-    return None
 
 
 def checked(
@@ -206,6 +189,8 @@ def checked(
             )
         errors.append(float(np.abs(missed).max()))
     duration = float(sum([motion.duration for motion in motions]))
+    starts = any([one.first_time == 0.0 for one in collisions])
+    ends = request.pose is None and any([one.last_time >= duration for one in collisions])
     violation = (
         check.worst_excess if check.violations else 0.0,
         sum([POSE_TOLERANCE + one.penetration for one in collisions]),
@@ -226,7 +211,7 @@ def checked(
         violation,
         duration,
         is_valid=not any(violation),
-        end_collision=collision_at_end(collisions, request, duration) if collisions else None,
+        is_hopeless=starts or ends,
         strayed=tuple(strayed),
         refusal=refusal,
     )
@@ -246,9 +231,10 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
         The time for it.
     """
     found = _attempt(context, request, setting, budget)
+    if not setting.is_timed or setting.is_shortest or context.options.timing != AUTO:
+        return found
     longest = max(request.duration, setting.duration)
-    is_bounded = setting.is_timed and not setting.is_shortest and context.options.timing == AUTO
-    if is_bounded and found.duration > longest and not budget.is_over():
+    if found.duration > longest and not budget.is_over():
         return _attempt(context, request, lasting(setting, longest), budget)
     return found
 

@@ -137,7 +137,23 @@ def solve(
     solution : Solution
         The solution; without constraints its cost never exceeds that of the start.
     """
-    return _Search(program, start, options, memory, deadline).run()
+    search = _Search(program, start, options, memory, deadline)
+    converged = search.run()
+    x, here, violated = search.x, search.here, search.violated
+    if violated > options.feasible and search.feasible is not None:
+        # An early end between two points within the constraints.
+        x, here = search.feasible
+        violated = infeasibility(program, here)
+    return Solution(
+        unknowns=x,
+        cost=here.cost,
+        infeasibility=violated,
+        converged=converged,
+        iterations=search.iterations,
+        kkt_residual=float(np.linalg.norm(search.pull)) / max(here.cost, TINY),
+        start_cost=search.start_cost,
+        memory=SolverMemory(search.curvature, search.radius, search.sides),
+    )
 
 
 class Tangent(NamedTuple):
@@ -191,22 +207,6 @@ class Step:
     equality_multipliers: FloatArray
     pull: FloatArray
     damping: float
-
-    @property
-    def largest_multiplier(self) -> float:
-        """Largest magnitude of a multiplier."""
-        both = np.concatenate([self.multipliers, np.abs(self.equality_multipliers)])
-        return float(both.max(initial=0.0))
-
-    def lagrangian_gradient(self, at: Point) -> FloatArray:
-        """∇f + Σ multiplier · ∇constraint at a point, with the multipliers of this step."""
-        gradient = at.gradient
-        if self.sides.size:
-            signed = np.where(self.sides % 2, self.multipliers, -self.multipliers)
-            gradient = gradient + signed @ at.inequality_rows(self.sides // 2)
-        if self.equality_multipliers.size:
-            gradient = gradient + self.equality_multipliers @ at.equality_rows
-        return gradient
 
 
 class Held(NamedTuple):
@@ -430,8 +430,14 @@ class _Search:
             memory = SolverMemory(self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp))
         self.curvature, self.radius, self.sides = memory.curvature, memory.radius, memory.sides
 
-    def run(self) -> Solution:
-        """Take steps until one is negligible, or time or iterations run out."""
+    def run(self) -> bool:
+        """Take steps until one is negligible, or time or iterations run out.
+
+        Returns
+        -------
+        converged : bool
+            Whether the last step was negligible, within the constraints.
+        """
         options, converged = self._options, self.x.size == 0
         while not converged and self.iterations < options.max_iterations:
             hessian = self.here.hessian + self.curvature
@@ -449,27 +455,29 @@ class _Search:
             self.pull, self.sides = step.pull, step.sides
             # An exact penalty needs a weight above every multiplier. It may fall again (Powell, "A
             # fast algorithm for nonlinearly constrained optimization calculations", 1978).
-            least = 2.0 * step.largest_multiplier
+            multipliers = np.concatenate([step.multipliers, np.abs(step.equality_multipliers)])
+            least = 2.0 * float(multipliers.max(initial=0.0))
             self.weight = max(least, 0.5 * (self.weight + least))
             predicted = step.decrease + self.weight * (self.violated - step.infeasibility)
             negligible = predicted <= enough
             converged = negligible and is_feasible
             restores = self.violated - step.infeasibility > options.feasible
             stuck = (negligible and not restores) or self.radius < options.min_radius
-            if converged or stuck or self._is_late() or options.should_stop():
+            # Another step is expected to take as long as the last one.
+            before, self._last_step = self._last_step, time.perf_counter()
+            is_late = 2.0 * self._last_step - before > self._deadline
+            if converged or stuck or is_late or options.should_stop():
                 break
             self._take(step, subproblem, predicted)
-        return self._solution(converged)
-
-    def _is_late(self) -> bool:
-        """Whether another step, as long as the last one, would take longer than there is time."""
-        before, self._last_step = self._last_step, time.perf_counter()
-        return 2.0 * self._last_step - before > self._deadline
+        return converged
 
     def _take(self, step: Step, subproblem: Subproblem, predicted: float) -> None:
         """Evaluate a step, update the curvature, accept the step if it lowers the penalty."""
         step = self._restored(step, subproblem)
-        there, violated, decrease = self._evaluated(step)
+        there = self._program.evaluate(self.x + step.change)
+        self.iterations += 1
+        violated = infeasibility(self._program, there)
+        decrease = self.here.cost - there.cost + self.weight * (self.violated - violated)
         length = math.sqrt(float(step.change @ step.change))
         if not decrease >= 0.25 * predicted:  # a NaN must shrink the radius, too
             self.radius = 0.25 * length
@@ -504,37 +512,20 @@ class _Search:
             change = change + back
         return step
 
-    def _evaluated(self, step: Step) -> tuple[Point, float, float]:
-        """The point after a step, its infeasibility, and the decrease of the penalty function."""
-        there = self._program.evaluate(self.x + step.change)
-        self.iterations += 1
-        violated = infeasibility(self._program, there)
-        decrease = self.here.cost - there.cost + self.weight * (self.violated - violated)
-        return there, violated, decrease
-
     def _learned(self, step: Step, there: Point) -> FloatArray:
         """The estimate of the curvature, updated along a step."""
         if not np.isfinite(there.cost):
             return self.curvature
         known_changes = (self.here.hessian + there.hessian) @ step.change
-        turned = step.lagrangian_gradient(there) - step.pull
+        # The Lagrangian's gradient there, with the multipliers of the step.
+        pull = there.gradient
+        if step.sides.size:
+            signed = np.where(step.sides % 2, step.multipliers, -step.multipliers)
+            pull = pull + signed @ there.inequality_rows(step.sides // 2)
+        if step.equality_multipliers.size:
+            pull = pull + step.equality_multipliers @ there.equality_rows
+        turned = pull - step.pull
         return _updated(self.curvature, step.change, turned, known_changes, self._options)
-
-    def _solution(self, converged: bool) -> Solution:
-        if self.violated > self._options.feasible and self.feasible is not None:
-            # An early end between two points within the constraints.
-            self.x, self.here = self.feasible
-            self.violated = infeasibility(self._program, self.here)
-        return Solution(
-            unknowns=self.x,
-            cost=self.here.cost,
-            infeasibility=self.violated,
-            converged=converged,
-            iterations=self.iterations,
-            kkt_residual=float(np.linalg.norm(self.pull)) / max(self.here.cost, TINY),
-            start_cost=self.start_cost,
-            memory=SolverMemory(self.curvature, self.radius, self.sides),
-        )
 
 
 def _updated(
