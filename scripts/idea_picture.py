@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from gallery import example
 
+from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.plotting.page import picture
-from mp_pca_planner.primitives.boundary import hermite_functions
 
 N_PHASES, N_SHOWN, N_COMPONENTS = 101, 16, 3
 

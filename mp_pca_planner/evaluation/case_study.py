@@ -27,13 +27,13 @@ from scipy.linalg import null_space
 
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
+from ..motion.interpolation import hermite_functions
 from ..planning.program.motion_program import MotionProgram
 from ..planning.program.segment import SegmentProgram, Unknowns
 from ..planning.program.tables import Tables
 from ..planning.search.threads import one_blas_thread
 from ..planning.solver.sqp import solve
 from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
-from ..primitives.boundary import hermite_functions
 from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components
 from ..recordings.demonstration import Demonstration

@@ -16,10 +16,10 @@ from ..arrays import FloatArray
 from ..exceptions import require
 from ..motion.collision import CollisionModel
 from ..motion.goal import JointGoal, JointState
+from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
 from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
-from ..primitives.boundary import hermite_functions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive

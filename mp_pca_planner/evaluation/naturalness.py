@@ -20,11 +20,11 @@ from scipy.interpolate import CubicSpline
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..motion.goal import JointGoal, JointState
+from ..motion.interpolation import hermite_functions
 from ..planning.likeness import NATURAL
 from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
 from ..primitives.alignment import align, aligned_positions
-from ..primitives.boundary import hermite_functions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
 from ..primitives.differences import FINE_PHASES, MEASURES, PHASES, by_way, differences

@@ -30,10 +30,10 @@ from numpy.polynomial import legendre
 from ..arrays import FloatArray, frozen_array, set_frozen
 from ..control.law import with_gains_only
 from ..exceptions import LearningError, PlannerError
+from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
 from ..primitives.basis import end_vanishing_coefficients, legendre_values
-from ..primitives.boundary import hermite_functions
 from ..primitives.pace import time_scaling
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot

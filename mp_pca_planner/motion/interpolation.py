@@ -9,6 +9,7 @@ these are quintics, given by their value and first two derivatives at both ends.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from math import comb
@@ -97,6 +98,33 @@ def quintics(phases: FloatArray, ends: FloatArray, highest: int) -> FloatArray:
     """
     powers = np.vander(phases, 6, increasing=True)
     return np.asarray(powers @ (_coefficients()[: highest + 1] @ ends))
+
+
+def boundary_values(
+    start: Iterable[FloatArray],
+    goal: Iterable[FloatArray],
+    duration: float,
+) -> FloatArray:
+    """Values of a motion at its ends with respect to phase, for :func:`hermite_functions`.
+
+    Their quintic, the minimum-jerk motion (Flash and Hogan, J. Neurosci. 5(7), 1985), is the
+    boundary part of the motion.
+
+    Parameters
+    ----------
+    start, goal : array, shape (3, n_joints), or three arrays of shape (n_joints,)
+        Positions [rad or m], velocities [/s] and accelerations [/s²].
+    duration : float
+        Duration of the motion [s].
+
+    Returns
+    -------
+    values : array, shape (6, n_joints)
+        q, dq/ds = T q̇ and d²q/ds² = T² q̈ at phase 0, then at phase 1.
+    """
+    (q, v, a), (q_end, v_end, a_end) = start, goal
+    square = duration**2
+    return np.array([q, duration * v, square * a, q_end, duration * v_end, square * a_end])
 
 
 def segment_ends(

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..motion.goal import JointState
+from ..motion.interpolation import boundary_values, quintics
 from ..primitives.basis import Basis
-from ..primitives.boundary import boundary_values, quintics
 from ..robot.model import Robot
 from .objectives import Effort, Nodes, Objective
 from .program.tables import Tables
@@ -44,8 +44,7 @@ class Motion:
     @property
     def boundary(self) -> FloatArray:
         """Boundary values with respect to phase, shape (6, n_joints)."""
-        ends = [(x.positions, x.velocities, x.accelerations) for x in (self.start, self.goal)]
-        return boundary_values(ends[0], ends[1], self.duration)
+        return boundary_values(self.start.values, self.goal.values, self.duration)
 
     def evaluate(self, times: FloatArray) -> FloatArray:
         """Positions, velocities and accelerations.
@@ -64,8 +63,7 @@ class Motion:
         phases = np.clip(times / self.duration, 0.0, 1.0)
         states = self._at(phases)
         for phase, end in ((0.0, self.start), (1.0, self.goal)):
-            values = np.array([end.positions, end.velocities, end.accelerations])
-            states[:, phases == phase] = values[:, None]
+            states[:, phases == phase] = np.array(end.values)[:, None]
         return states
 
     def sample(self, period: float) -> tuple[FloatArray, FloatArray]:
@@ -82,7 +80,7 @@ class Motion:
         phases = np.linspace(0.0, 1.0, n_steps + 1)
         states = self._at(phases)
         for i, end in ((0, self.start), (-1, self.goal)):
-            states[:, i] = end.positions, end.velocities, end.accelerations
+            states[:, i] = end.values
         return self.duration * phases, states
 
     def _at(self, phases: FloatArray) -> FloatArray:

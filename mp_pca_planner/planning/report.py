@@ -567,7 +567,8 @@ def _novelty(context: Context, best: Candidate) -> float:
     scores = []
     for segment, motion in zip(request.segments, best.motions, strict=True):
         duration = motion.duration if is_fixed else None
-        scores.append(segment.in_span_score(context.robot, motion.start, motion.goal, duration))
+        ends = segment.shifted(context.robot, motion.start, motion.goal)
+        scores.append(segment.primitive.model.in_span_score(*ends, duration))
     return max(scores)
 
 
@@ -591,12 +592,12 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
     least = 0.0 if score > UNUSUAL_IN_SPAN_SCORE else _FAR_OUTSIDE
     found, errors = (least, ""), []
     for segment, motion in zip(best.request.segments, best.motions, strict=True):
-        start, goal, primitive = motion.start, motion.goal, segment.primitive
-        expected = segment.predict(context.robot, start, goal, motion.duration)
+        ends = np.array(segment.shifted(context.robot, motion.start, motion.goal))
+        primitive = segment.primitive
+        expected = primitive.model.predict(ends[0], ends[1], motion.duration)
         errors.append(primitive.expected_error(expected))
         demonstrated = primitive.boundary_states[:, [0, 3]]
         low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
-        ends = np.array(segment.shifted(context.robot, start, goal))
         beyond = np.maximum(low - ends, ends - high)
         beyond /= np.maximum(demonstrated.std(axis=0), _LEAST_SPREAD)
         end, j = np.unravel_index(int(beyond.argmax()), beyond.shape)

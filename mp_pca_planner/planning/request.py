@@ -59,22 +59,10 @@ class RequestSegment:
     expected: ConditionalDistribution
     duration: float
 
-    def predict(
-        self, robot: Robot, start: JointState, goal: JointState, duration: float | None
-    ) -> ConditionalDistribution:
-        """The prediction of its primitive for a motion between other states."""
-        return self.primitive.model.predict(*self.shifted(robot, start, goal), duration)
-
-    def in_span_score(
-        self, robot: Robot, start: JointState, goal: JointState, duration: float | None
-    ) -> float:
-        """The in-span score of that prediction."""
-        return self.primitive.model.in_span_score(*self.shifted(robot, start, goal), duration)
-
     def shifted(
         self, robot: Robot, start: JointState, goal: JointState
     ) -> tuple[FloatArray, FloatArray]:
-        """Start and goal, with continuous joints shifted by full turns towards demonstrations."""
+        """Positions of states, with continuous joints turned towards the demonstrations."""
         mean = self.primitive.model.mean[: self.primitive.n_joints]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
         shift = np.where(robot.continuous, 2.0 * np.pi * turns, 0.0)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray, by_name
 from ..exceptions import PlannerError, printable
+from ..motion.interpolation import quintics
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
 from ..planning.plan import Plan
-from ..primitives.boundary import quintics
 from ..primitives.differences import PHASES
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive

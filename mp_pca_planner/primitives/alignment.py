@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import FloatArray
-from .boundary import hermite_functions
+from ..motion.interpolation import hermite_functions
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion bases: shapes μ(s) + Σ wₖ φₖ(s) that vanish, to the second derivative, at both ends.
 
+Every motion is a shape plus its boundary part h(s), the quintic between two states. Therefore it
+starts and ends as requested for any shape.
+
 Polynomials carry the principal components; B-splines are the baseline of [P]. The motion compiler
 handles both through one interface.
 """

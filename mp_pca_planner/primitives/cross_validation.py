@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
+from ..motion.interpolation import hermite_functions
 from ..recordings.demonstration import Demonstration
-from .boundary import hermite_functions
 from .build import build_primitive
 from .differences import FINE_PHASES, differences
 from .options import PrimitiveOptions

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError, quote_names, unknown_name
+from ..motion.interpolation import boundary_values, hermite_functions
 from ..rows import empty_rows, release, row_blocks
 from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
-from .boundary import boundary_values, hermite_functions
 from .motion_sources import MotionSource, MotionSources, indices_of, source_rows
 from .options import PrimitiveOptions
 from .pace import fit_paces
@@ -104,8 +104,6 @@ class MotionStatistics:
         PrimitiveError
             If they have different joints.
         """
-        from ..recordings.segmentation import extent
-
         _check_joints([(d.joint_names, d.recording) for d in demonstrations])
         phases = np.linspace(0.0, 1.0, options.n_phases)
         durations = np.array([d.duration for d in demonstrations])
@@ -134,7 +132,7 @@ class MotionStatistics:
         return cls(
             joint_names=demonstrations[0].joint_names,
             durations=durations,
-            extents=np.array([extent(d.positions) for d in demonstrations]),
+            extents=np.linalg.norm([np.ptp(d.positions, axis=0) for d in demonstrations], axis=1),
             boundary_states=states,
             warps=warps,
             paces=fit_paces(warps, jerks),

@@ -20,10 +20,10 @@ from ..exceptions import GoalError, PrimitiveError, PrimitiveFileError
 from ..files import as_path
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import StateLike, joint_positions
+from ..motion.interpolation import boundary_values, hermite_functions, quintics
 from ..motion.trajectory import Trajectory
 from .alignment import aligned_phases
 from .basis import Basis, PacedBasis, PolynomialBasis
-from .boundary import boundary_values, hermite_functions, quintics
 from .in_span import UNUSUAL_IN_SPAN_SCORE
 from .pace import time_scaling
 from .prediction import FREEDOM, ConditionalDistribution, ConditionalModel
@@ -50,7 +50,7 @@ class DemonstrationSet(Protocol):
 class MovementPrimitive:
     """A motion basis learned from demonstrations, with the statistics of their weights.
 
-    A motion is q(s) = h(s) + μ(s) + Σ wₖ φₖ(s), see :mod:`.boundary` and :mod:`.basis`.
+    A motion is q(s) = h(s) + μ(s) + Σ wₖ φₖ(s), see :mod:`.basis`.
 
     Attributes
     ----------

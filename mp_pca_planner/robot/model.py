@@ -66,7 +66,9 @@ class Robot:
     name : str
         The robot's name in its description.
     joint_names : tuple of str
-        The joints, n_joints of them.
+        The joints that move.
+    n_joints : int
+        Their number.
     continuous : array of bool, shape (n_joints,)
         Whether each joint turns without end.
     prismatic_joints : tuple of str
@@ -124,7 +126,8 @@ class Robot:
         self._inertia_flaws, unknown = inertia_flaws(model, found)
         for joint in unknown:  # efforts that can't be computed become NaN, not 0
             model.inertias[joint] = pin.Inertia(np.nan, np.zeros(3), np.zeros((3, 3)))
-        self.joint_names, self._order = names, JointOrder(model, names)
+        self.joint_names, self.n_joints = names, len(names)
+        self._order = JointOrder(model, names)
         links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
         self.frame_names = tuple(link.name for link in links)
         self.end_effector = max(reversed(links), key=partial(_depth, model)).name
@@ -193,11 +196,6 @@ class Robot:
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
         robot.path = Path(path)
         return robot
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints that move."""
-        return len(self.joint_names)
 
     @property
     def described_joints(self) -> tuple[str, ...]:

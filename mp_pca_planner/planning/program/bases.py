@@ -17,8 +17,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ...arrays import FloatArray
+from ...motion.interpolation import quintics
 from ...primitives.basis import BSplineBasis, SumBasis
-from ...primitives.boundary import quintics
 from ...primitives.primitive import MovementPrimitive
 from ..motion import Motion
 from ..options import PlannerOptions

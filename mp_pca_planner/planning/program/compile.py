@@ -54,8 +54,8 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
             targets[i] = PoseTarget(context.robot, tables, unknowns, requested.pose)
     links = Chain(junctions, segments) if request.mode else None
     # Whether motions stay near an expected one.
-    is_uncertain = any([basis.precision is None for basis in setting.bases])
-    near = not is_uncertain and setting.naturalness >= context.options.search.near_expected
+    uncertain = [basis for basis in setting.bases if basis.precision is None]
+    near = not uncertain and setting.naturalness >= context.options.search.near_expected
     starts = [links.start] if links else _starts(setting, segments[0], terms[0], near)
     collision, clear = context.collision, setting.bases[0].is_detour
     if collision is not None and collision.pairs and not (clear or links or setting.is_shortest):

@@ -14,8 +14,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...motion.interpolation import hermite_functions
 from ...primitives.basis import Basis
-from ...primitives.boundary import hermite_functions
 
 N_RATES = 4
 """Positions, velocities, accelerations and jerks."""

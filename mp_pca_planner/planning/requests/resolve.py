@@ -131,10 +131,11 @@ def _requests(
     one_each = pose is not None or (goal.duration is None and context.options.timing == SHORTEST)
     groups, found = (((0,), goal.duration is not None),), []
     # The same for all primitives, so that the costs of their motions can be compared.
-    score = min(one.expected.in_span_score for one in selection.contenders)
+    contenders = selection.contenders
+    score = min(one.expected.in_span_score for one in contenders)
     naturalness = naturalness_for(context.options, score)
     timing = timing_for(context.options, score)
-    for one in selection.contenders[: 1 if one_each else None]:
+    for one in contenders[: 1 if one_each else None]:
         duration = one.expected.duration
         segment = RequestSegment(
             here, there, pose, True, selection, one.primitive, one.expected, duration

@@ -189,8 +189,8 @@ def checked(
             )
         errors.append(float(np.abs(missed).max()))
     duration = float(sum([motion.duration for motion in motions]))
-    starts = any([one.first_time == 0.0 for one in collisions])
-    ends = request.pose is None and any([one.last_time >= duration for one in collisions])
+    fixed_end = duration if request.pose is None else np.inf
+    at_ends = [one for one in collisions if one.first_time == 0.0 or one.last_time >= fixed_end]
     violation = (
         check.worst_excess if check.violations else 0.0,
         sum([POSE_TOLERANCE + one.penetration for one in collisions]),
@@ -211,7 +211,7 @@ def checked(
         violation,
         duration,
         is_valid=not any(violation),
-        is_hopeless=starts or ends,
+        is_hopeless=bool(at_ends),
         strayed=tuple(strayed),
         refusal=refusal,
     )

@@ -343,7 +343,8 @@ def feasible_duration(
     if request.duration_is_free or best.is_hopeless or budget.is_over() or request.mode:
         return slow.duration, False
     segment, groups = request.segments[0], (((0,), False),)
-    expected = segment.predict(context.robot, request.start, request.goal, None)
+    ends = segment.shifted(context.robot, request.start, request.goal)
+    expected = segment.primitive.model.predict(*ends)
     segment = replace(segment, expected=expected, duration=expected.duration)
     free = replace(request, segments=(segment,), groups=groups)
     for width in range(context.bases.n_widths):

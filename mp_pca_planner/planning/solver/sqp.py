@@ -473,7 +473,8 @@ class _Search:
 
     def _take(self, step: Step, subproblem: Subproblem, predicted: float) -> None:
         """Evaluate a step, update the curvature, accept the step if it lowers the penalty."""
-        step = self._restored(step, subproblem)
+        if self.here.equalities.size:
+            step = self._restored(step, subproblem)
         there = self._program.evaluate(self.x + step.change)
         self.iterations += 1
         violated = infeasibility(self._program, there)
@@ -495,8 +496,6 @@ class _Search:
 
         Corrections are kept while they shrink the error of the linear prediction.
         """
-        if not self.here.equalities.size:
-            return step
         change, longest = step.change, 0.5 * float(np.linalg.norm(step.change))
         predicted, least = self.here.equalities + self.here.equality_rows @ change, np.inf
         correction = subproblem.correction(step.sides)

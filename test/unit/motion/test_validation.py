@@ -11,7 +11,12 @@ from scipy.interpolate import BPoly
 
 from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.motion.interpolation import BEZIER_POINTS, interpolate
+from mp_pca_planner.motion.interpolation import (
+    BEZIER_POINTS,
+    boundary_values,
+    hermite_functions,
+    interpolate,
+)
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import (
     LIMIT_NEAR,
@@ -19,7 +24,6 @@ from mp_pca_planner.motion.validation import (
     check_executable,
     check_limits,
 )
-from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
 from mp_pca_planner.robot.limits import JointLimits, merge_limits
 
 START = np.array([-0.2, 0.1, 0.0, -0.4])

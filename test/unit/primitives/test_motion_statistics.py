@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.polynomial import legendre
 
 from mp_pca_planner.exceptions import PrimitiveError
+from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.primitives.alignment import align, aligned_positions
-from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import build_from_statistics, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.motion_sources import MotionSource, MotionSources, source_rows

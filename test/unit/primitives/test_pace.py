@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from arm import arm_primitive
 
+from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.primitives.alignment import KNOTS, aligned_phases
 from mp_pca_planner.primitives.basis import PacedBasis, legendre_values
-from mp_pca_planner.primitives.boundary import hermite_functions
 from mp_pca_planner.primitives.pace import fit_paces, reversed_paces, time_scaling
 
 PHASES = np.linspace(0.0, 1.0, 101)

@@ -10,7 +10,7 @@ import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.primitives.boundary import hermite_functions
+from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.primitive import MovementPrimitive

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad
 
-from mp_pca_planner.primitives.boundary import boundary_values, hermite_functions
+from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 
 states = arrays(np.float64, (6, 3), elements=st.floats(-10.0, 10.0))
 
