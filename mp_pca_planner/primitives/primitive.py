@@ -316,7 +316,9 @@ class MovementPrimitive:
         _warn_if_unusual(self.name, expected.in_span_score)
         covariance = expected.variance * expected.covariance
         rng = np.random.default_rng(seed)
-        errors = rng.multivariate_normal(np.zeros(len(covariance)), covariance, n)
+        errors = np.zeros((n, len(covariance)))
+        if errors.size:  # a primitive of one demonstration has no components
+            errors = rng.multivariate_normal(errors[0], covariance, n)
         errors *= np.sqrt((FREEDOM - 2.0) / rng.chisquare(FREEDOM, (n, 1)))
         return [self._motion(ends, expected, expected.weights + error) for error in errors]
 

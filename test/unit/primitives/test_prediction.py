@@ -71,6 +71,16 @@ def test_draws_scatter_about_the_expected_motion_as_the_covariance_states():
     np.testing.assert_allclose(spread[20:-20], np.sqrt(variance[20:-20]), rtol=0.2)
 
 
+def test_draws_of_a_single_demonstration_are_its_prediction():
+    primitive = MovementPrimitive.fit(arm_demonstrations()[:1])
+    assert primitive.n_components == 0
+    expected = primitive.predict(*request())
+    draws = primitive.sample(2, *request())
+    assert len(draws) == 2
+    for draw in draws:
+        np.testing.assert_array_equal(draw.positions, expected.positions)
+
+
 def test_the_same_seed_gives_the_same_draws():
     one, other = (arm_primitive().sample(2, *request(), seed=3) for _ in range(2))
     np.testing.assert_array_equal(one[1].positions, other[1].positions)
