@@ -249,8 +249,8 @@ def _optimal(context: Context, best: Candidate) -> str:
     is_effort = [type(objective) for _, objective in objectives] == [Effort]
     effort, predicted = best.solution.effort_cost, best.solution.start_cost
     if best.bases[0].is_detour:
-        known = np.isfinite(effort)
-        return SENTENCES["found"] + SENTENCES["its_effort"].format(effort=effort) * known
+        its_effort = SENTENCES["its_effort"].format(effort=effort)
+        return SENTENCES["found"] + (its_effort if np.isfinite(effort) else "")
     name = "least"
     if rho > 0.0 and any(basis.n_components for basis in best.bases):
         name = "close" if rho >= _CLOSE else "between"
