@@ -57,6 +57,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
         check_writable(arguments.trials, overwrite=True)
     elif arguments.cost is not None or arguments.executed is not None:
         raise LearningError("--cost and --executed report the cost of a trial: also pass --trials")
+    if arguments.constraint:
+        raise LearningError("--constraint is not accepted: a refined motion would not keep it")
     if not arguments.via:
         return
     usual = vars(parse("refine", ["FILE", "--robot", "URDF", "--start", "0", "--goal", "0"]))

@@ -86,6 +86,7 @@ class PlannedRequest:
         found = [*remarks(self.plan), *(() if collision is None else collision.notes)]
         found += [self.note] if self.note else []
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
+        links += [constraint.frame for constraint in self.planner.options.constraints]
         relevant = robot.relevant_joints(pairs=collision is not None, links=links)
         unknown = [name for name in relevant if name not in robot.locked_positions]
         if not unknown:

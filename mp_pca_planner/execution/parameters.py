@@ -364,6 +364,11 @@ class Settings:
                 "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "
                 "'save_folder' to a folder first"
             )
+        if self.learn_trials and self.constraints:
+            raise ParameterError(
+                "parameters 'learn_trials' and 'constraints' can't be combined: trials would not "
+                "keep the constraints"
+            )
         for name in ("controller_state_topic", "controller_action"):
             given = getattr(self, name)
             if given and not re.fullmatch(_ROS_NAME, given, re.ASCII):
@@ -407,8 +412,9 @@ class Settings:
 
     @property
     def planner_options(self) -> PlannerOptions:
-        """The options of the planner, without its objectives, which need a robot."""
+        """The options of the planner, without objectives and constraints, which need a robot."""
         names = {f.name for f in fields(PlannerOptions)} & {d.name for d in DECLARATIONS}
+        names.remove("constraints")  # a text here
         values = {name: getattr(self, name) for name in names}
         if self.naturalness < 0.0:
             values["naturalness"] = None

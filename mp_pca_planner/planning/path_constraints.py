@@ -22,7 +22,17 @@ from ..robot.model import Robot
 
 
 class PathConstraint(Protocol):
-    """A constraint on configurations; as text, it completes "a motion with …"."""
+    """A constraint on configurations; as text, it completes "the start does not keep …".
+
+    Attributes
+    ----------
+    frame : str
+        The frame (link) that it concerns: locked joints that move it make a difference.
+    """
+
+    @property
+    def frame(self) -> str:
+        """The frame."""
 
     def values(self, robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values that must not be negative, about 1 far from the bound, and their derivatives.

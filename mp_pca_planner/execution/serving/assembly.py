@@ -12,7 +12,7 @@ from ...exceptions import RobotError, quote_names, unknown_name
 from ...motion.collision import CollisionModel
 from ...planning.objectives import objective_weights, weighted_objectives
 from ...planning.options import SolverOptions
-from ...planning.path_constraints import path_constraints
+from ...planning.path_constraints import PathConstraint, path_constraints
 from ...planning.planner import Planner
 from ...primitives.primitive import MovementPrimitive
 from ...robot.collision import package_folders
@@ -68,6 +68,8 @@ class Model:
     collision : CollisionModel or None
         The collision model without obstacles, which is never changed: threads use copies of it with
         obstacles. None if the robot's collision geometry can't be used.
+    constraints : tuple of PathConstraint
+        Constraints on every configuration.
     """
 
     planner: Planner
@@ -79,6 +81,7 @@ class Model:
     end_effector: str
     urdf: str
     collision: CollisionModel | None = None
+    constraints: tuple[PathConstraint, ...] = ()
 
 
 def assemble_model(
@@ -135,7 +138,7 @@ def assemble_model(
     if collision is not None and settings.collision:
         planner.use_collision(collision.with_world(World()))
     own = planner, planning_robot, cancellation
-    return Model(*own, robot, limits, settings, frame, urdf, collision)
+    return Model(*own, robot, limits, settings, frame, urdf, collision, options.constraints)
 
 
 def is_outdated(model: Model, measured: Mapping[str, float], world: World) -> bool:
@@ -175,6 +178,7 @@ def unknown_positions(model: Model, world: World) -> str:
 def _relevant(model: Model, world: World) -> tuple[str, ...]:
     """The locked joints whose positions make a difference."""
     links = {model.settings.end_effector_frame, *(obstacle.frame for obstacle in world)}
+    links |= {constraint.frame for constraint in model.constraints}
     return model.robot.relevant_joints(pairs=model.settings.collision, links=links)
 
 

@@ -319,7 +319,7 @@ class GoalPlanner:
     def _displaced(
         self, target: JointState, request: PlanRequest, began: float
     ) -> AdaptedPlan | None:
-        """The running motion displaced to a target, if that keeps the limits and clearances."""
+        """The running motion displaced to a target, if that keeps what motions have to."""
         start, model, last = request.start, request.model, request.last
         assert start.following is not None
         motion, period = start.following.motion, model.settings.sample_period
@@ -330,6 +330,9 @@ class GoalPlanner:
         collision = model.planner.collision
         if found is None or (collision is not None and collision.collisions(found[0])):
             return None
+        for constraint in model.constraints:
+            if np.any(constraint.values(robot, found[0].positions)[0] < 0.0):
+                return None
         primitives, score = (last.plan.primitives, last.plan.in_span_score) if last else ((), nan)
         return AdaptedPlan(*found, primitives, score, planned, self._clock() - began)
 

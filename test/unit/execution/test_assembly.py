@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from arm import JOINTS, arm_demonstrations, arm_primitive
 
-from mp_pca_planner.exceptions import LimitsError, PlannerError, RobotError
+from mp_pca_planner.exceptions import GoalError, LimitsError, PlannerError, RobotError
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.serving.assembly import (
     Model,
@@ -79,6 +79,39 @@ def test_objective_and_timing_of_the_parameters_are_those_of_the_plans() -> None
     assert (names, free.planner.options.timing) == (["Time", "Effort"], "free")
 
 
+def test_constraints_of_the_parameters_are_kept_by_the_plans() -> None:
+    start, goal = PRIMITIVES[0].boundary_states[0][[0, 3]]
+    free, kept = (
+        assemble_model(URDF, PRIMITIVES, Settings(constraints=text))
+        for text in ("", "upright=wrist,170")
+    )
+    assert free.constraints == ()
+    (constraint,) = kept.constraints
+    assert str(constraint) == "'wrist' within 170° of upright"
+    assert kept.planner.options.constraints == kept.constraints
+    plan = kept.planner.plan(goal, start)
+    assert plan.is_executable, plan.message
+    values, _ = constraint.values(kept.robot, plan.trajectory.positions)
+    assert values.min() > -1e-6
+
+
+TILTED = (
+    '<link name="glass"/><joint name="tilt" type="revolute"><parent link="wrist"/>'
+    '<child link="glass"/><axis xyz="1 0 0"/>'
+    '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+)
+
+
+def test_a_frame_to_keep_upright_needs_the_positions_of_the_joints_that_turn_it() -> None:
+    urdf = URDF.replace("</robot>", TILTED + "</robot>")
+    usual = assemble_model(urdf, PRIMITIVES, Settings())
+    upright = assemble_model(urdf, PRIMITIVES, Settings(constraints="upright=glass,30"))
+    assert unknown_positions(usual, World()) == ""
+    assert "'tilt'" in unknown_positions(upright, World())
+    assert is_outdated(upright, {"tilt": 0.1}, World())
+    assert not is_outdated(usual, {"tilt": 0.1}, World())
+
+
 @pytest.mark.parametrize(
     ("urdf", "settings", "error"),
     [
@@ -88,6 +121,8 @@ def test_objective_and_timing_of_the_parameters_are_those_of_the_plans() -> None
         (URDF, Settings(limits_file="/nowhere.yaml"), LimitsError),
         (URDF, Settings(limits={"elbow": {"max_velocity": -1.0}}), LimitsError),
         (URDF, Settings(collision=True, srdf=__file__), RobotError),
+        (URDF, Settings(constraints="upright=palm,30"), RobotError),
+        (URDF, Settings(constraints="upright=wrist,-1"), GoalError),
         (MESHED, Settings(collision=True, package_dirs=("/",)), RobotError),
     ],
 )

@@ -170,6 +170,23 @@ def test_displaced_motion_keeps_its_primitives_when_the_library_is_replaced(node
     assert [one.name for one in served.primitives] == list(served.plan.primitives)
 
 
+class Forbidden:
+    """A constraint that no configuration keeps."""
+
+    frame = "wrist"
+
+    def values(self, robot, q):
+        return -np.ones((len(q), 1)), np.zeros((len(q), 1, q.shape[1]))
+
+
+def test_displaced_motion_keeps_the_constraints(node):
+    node.ask(GOAL)
+    node.run(0.4)
+    node._model = replace(node._model, constraints=(Forbidden(),))
+    node.ask(GOAL + 0.01)
+    assert not isinstance(node.monitor.served.plan, AdaptedPlan)
+
+
 @pytest.mark.parametrize("planning_time", [0.15, 0.6])
 def test_planning_that_is_slower_than_expected_still_serves_a_moving_robot(node, planning_time):
     node.ask(GOAL)
