@@ -116,9 +116,8 @@ def test_stated_clearance_is_that_of_the_whole_motion(tmp_path, margin):
     write_scene(tmp_path / "scene.yaml", [WALL], "human_arm")
     world, robot = World.from_file(tmp_path / "scene.yaml"), arm_robot()
     ends = arm_primitive().boundary_states[0, [0, 3]]
-    plan = planned(
-        ends, CollisionModel(robot, world=world, margin=margin, self_collision=not margin)
-    )
+    options = {"world": world, "self_collision": not margin}
+    plan = planned(ends, CollisionModel(robot, margin=margin, **options))
     pattern = r"the least clearance is ([\d.]+) mm( \(margin 20 mm\))?, of '.*' and '(.*?)'"
     ((stated, shown, other),) = re.findall(pattern, plan.message)
     bare = CollisionModel(robot, **options)
