@@ -40,32 +40,6 @@ class Clearances:
     least: FloatArray
     options: ClearanceOptions = ClearanceOptions()
 
-    @classmethod
-    def between(
-        cls,
-        ends: Sequence[FloatArray | None],
-        model: CollisionModel,
-        n_joints: int,
-        options: ClearanceOptions = ClearanceOptions(),
-    ) -> Clearances:
-        """Constraints at evenly spread phases.
-
-        Parameters
-        ----------
-        ends : sequence of (array, shape (n_joints,), or None)
-            Positions at the start and at the goal of the motion, None where they are free.
-        model : CollisionModel
-            The robot's.
-        n_joints : int
-            Number of its joints.
-        options : ClearanceOptions
-            Options.
-        """
-        phases = np.linspace(0.0, 1.0, options.n_phases + 1)
-        phases = phases[ends[0] is not None : None if ends[1] is None else -1]
-        fixed = np.array([end for end in ends if end is not None]).reshape(-1, n_joints)
-        return cls(phases, least_distances(fixed, model, options), options)
-
     def during(self, collisions: Sequence[Collision], duration: float) -> Clearances:
         """The same with further phases, those of the collisions of a motion."""
         more = [
@@ -140,7 +114,11 @@ class Clearance:
     def everywhere(self) -> Clearance:
         """All pairs at evenly spread phases."""
         model, unknowns, _, ends, options = self._for
-        return self._with(Clearances.between(ends, model, unknowns.n_joints, options))
+        phases = np.linspace(0.0, 1.0, options.n_phases + 1)
+        phases = phases[ends[0] is not None : None if ends[1] is None else -1]
+        fixed = np.array([end for end in ends if end is not None]).reshape(-1, unknowns.n_joints)
+        least = least_distances(fixed, model, options)
+        return Clearance(*self._for, Clearances(phases, least, options))
 
     def refined(self, found: Findings) -> Clearance:
         """Constraints after a first collision; more phases after a further one."""
@@ -148,10 +126,8 @@ class Clearance:
             return self
         if self._clearances is None:
             return self.everywhere()
-        return self._with(self._clearances.during(found.collisions, found.duration))
-
-    def _with(self, clearances: Clearances) -> Clearance:
-        return Clearance(*self._for, clearances)
+        more = self._clearances.during(found.collisions, found.duration)
+        return Clearance(*self._for, more)
 
     def at(self, course: Course) -> Distances:
         """The distances of a motion."""

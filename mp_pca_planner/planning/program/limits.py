@@ -22,7 +22,7 @@ from ...motion.validation import Violation
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from .constraints import Findings
-from .segment import Course, Rows, StateMap, Unknowns
+from .segment import Course, StateMap, Unknowns
 from .tables import N_LIMIT_POINTS, N_RATES, Tables, limit_phases
 
 # Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
@@ -95,8 +95,9 @@ class Limits:
         of_states, of_efforts = slice(n_state_rows), slice(n_state_rows, None)
         units = scale[quantities, joints]
         if n_state_rows:
-            rows = Rows(quantities[of_states], joints[of_states], units[of_states])
-            self._states = StateMap(unknowns, *tables.on_grid(rows.orders, rows.joints), rows)
+            orders, own = quantities[of_states], joints[of_states]
+            hermite, shapes = tables.on_grid(orders, own)
+            self._states = StateMap(unknowns, hermite, shapes, orders, own, units[of_states])
         self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
 
     def _widen(self, outside: FloatArray, joints: NDArray[np.intp]) -> None:

@@ -130,22 +130,6 @@ class Unknowns:
         return float(_MAX_LOG * np.arctanh(change) / LOG_DURATION_SCALE)
 
 
-class Rows(NamedTuple):
-    """The rows of a :class:`StateMap`: each is a derivative of a joint's position.
-
-    Attributes
-    ----------
-    orders, joints : array of int, shape (n_rows,)
-        Order of the derivative (0: the position), and the joint.
-    units : array, shape (n_rows,)
-        Units of the states [rad or m, /s, …].
-    """
-
-    orders: NDArray[np.intp]
-    joints: NDArray[np.intp]
-    units: FloatArray
-
-
 class Timing(NamedTuple):
     """The part of a free duration in :class:`Slopes`.
 
@@ -235,8 +219,10 @@ class StateMap:
         Quintic Hermite functions, or their derivatives by phase.
     shapes : array, shape (n_rows, n_phases, 1 + n_weights)
         The mean shape and the basis functions, or their derivatives.
-    rows : Rows
-        The rows.
+    orders, joints : array of int, shape (n_rows,)
+        The derivative of which joint's position each row is, and its order (0: the position).
+    units : array, shape (n_rows,)
+        Units of the states [rad or m, /s, …].
     """
 
     def __init__(
@@ -244,9 +230,11 @@ class StateMap:
         unknowns: Unknowns,
         hermite: FloatArray,
         shapes: FloatArray,
-        rows: Rows,
+        orders: NDArray[np.intp],
+        joints: NDArray[np.intp],
+        units: FloatArray,
     ) -> None:
-        orders, self._joints, self._units = rows
+        self._joints, self._units = joints, units
         self._unknowns, self._hermite, self._orders = unknowns, hermite, orders[:, None]
         self._mean = shapes[:, :, 0]
         columns = shapes[:, :, 1:] * unknowns.scales[: unknowns.n_weights]
@@ -308,7 +296,7 @@ def all_states(unknowns: Unknowns, hermite: FloatArray, tables: FloatArray) -> S
     n_orders, n_phases, n_joints, n_functions = tables.shape
     orders, joints = np.divmod(np.arange(n_orders * n_joints), n_joints)
     shapes = tables.transpose(0, 2, 1, 3).reshape(-1, n_phases, n_functions)
-    return StateMap(unknowns, hermite[orders], shapes, Rows(orders, joints, np.ones(joints.size)))
+    return StateMap(unknowns, hermite[orders], shapes, orders, joints, np.ones(joints.size))
 
 
 @dataclass(frozen=True, eq=False)
