@@ -294,8 +294,7 @@ def motions_at(
     """The motions that unknowns stand for, with ends that are corrected to reach poses exactly."""
     if program.links is None:
         unknowns, goal = program.segments[0].unknowns, request.goal
-        n = unknowns.n_weights
-        weights = [x[:n] * unknowns.scales[:n]]
+        weights = [unknowns.weights(x)]
         if request.pose is not None:
             boundary, _ = unknowns.boundary_at(x)
             goal = JointState(goal.joint_names, boundary[GOAL_POSITION])
