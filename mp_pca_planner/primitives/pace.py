@@ -34,7 +34,7 @@ _N_PRICES = 12
 
 def fit_paces(
     warps: FloatArray,
-    jerks: FloatArray | None = None,
+    jerks: FloatArray | float = np.inf,
     *,
     price: float = 1e-7,
     max_jerk: float = 300.0,
@@ -49,7 +49,7 @@ def fit_paces(
     ----------
     warps : array, shape (n_demonstrations, n_warp_phases)
         See :func:`.align`.
-    jerks : array, shape (n_demonstrations,), optional
+    jerks : array, shape (n_demonstrations,), or float
         Largest jerk of each demonstration in units of path length per cubed duration.
     price : float
         Cost of a squared jerk of 1, as a squared error.
@@ -61,8 +61,7 @@ def fit_paces(
     paces : array, shape (n_demonstrations, PACE_DEGREE)
         The coefficients; all zero for an even warp.
     """
-    demonstrated = np.full(len(warps), np.inf) if jerks is None else jerks
-    bounds = np.minimum(_GROWTH * demonstrated, max_jerk)
+    bounds = np.minimum(_GROWTH * jerks, max_jerk)
     even, step = _course_jerks(np.zeros((1, PACE_DEGREE)))[0], 1e-6
     slopes = (_course_jerks(step * np.eye(PACE_DEGREE)) - even) / step
     values = legendre_values(_series(), _SHARES)

@@ -175,8 +175,9 @@ class ConditionalModel:
         of_ends, _ = RequestFeatures(requests[:, :-1])(requests[:, :-1])
         times = requests[:, -1:] - requests[:, -1].mean() - np.log(roots)
         duration, _ = _fit(of_ends, np.array([times, times]), partitions[:1])
-        residuals = _mixed(residuals, _without_own(similar[0, 0]))
-        errors = _error_covariance(residuals * roots, distances, similar[0, 0])
+        novelties = _novelty(_without_own(similar[0, 0]))
+        left_out = _mixed(residuals, novelties) * roots
+        errors = _error_covariance(left_out, _variance(distances, novelties))
         return cls(requests, shape, straight_weights, pace, duration, *errors, precision)
 
     def predict(
@@ -192,7 +193,7 @@ class ConditionalModel:
             Duration [s]; the expected one unless given.
         """
         ends, score = np.concatenate([start, goal]), self.in_span_score(start, goal, duration)
-        of_requests, of_ends, near, far = self._prepared
+        of_requests, of_ends, coefficients = self._prepared
         if duration is None:
             similar, distance = of_ends(ends)
             residual = float(similar.ravel() @ self.duration_coefficients.ravel())
@@ -202,8 +203,7 @@ class ConditionalModel:
             duration = math.exp(self.mean[-1] + deviation)
         similar, distance = of_requests(np.append(ends, math.log(duration)))
         novelty = _novelty(similar[0, 0])
-        share = float(np.minimum(1.0, _FAR * novelty))
-        both = similar.ravel() @ (near + share * far if far.any() else near)
+        both = _mixed(similar.ravel() @ coefficients, novelty)
         shape, pace = np.split(both, [self.straight_weights.size])
         weights = self.straight_weights + math.sqrt(distance) * shape
         variance = float(self.error_variance[0] * _variance(distance, novelty))
@@ -223,16 +223,14 @@ class ConditionalModel:
         return np.asarray(self.requests.mean(axis=0))
 
     @cached_property
-    def _prepared(self) -> tuple[RequestFeatures, RequestFeatures, FloatArray, FloatArray]:
-        """What all predictions share.
+    def _prepared(self) -> tuple[RequestFeatures, RequestFeatures, FloatArray]:
+        """Features of requests and of their ends, and coefficients of shapes and time scalings.
 
-        Features of requests and of their ends, the coefficients of shapes and time scalings near
-        the demonstrations, and their change far from them.
+        The shape of the coefficients is (n_fits, n_similarities, n_weights + n_pace).
         """
         both = np.concatenate([self.shape_coefficients, self.pace_coefficients], axis=-1)
-        near, far = (both[i].reshape(-1, both.shape[-1]) for i in (0, -1))
-        features = (RequestFeatures(x) for x in (self.requests, self.requests[:, :-1]))
-        return *features, near, far - near
+        features = RequestFeatures(self.requests), RequestFeatures(self.requests[:, :-1])
+        return *features, both.reshape(len(both), -1, both.shape[-1])
 
 
 class RequestFeatures:
@@ -315,13 +313,13 @@ def left_out_squares(
     partitions = _partitions([""] * len(used) if labels is None else labels)
     coefficients, residuals = _fit(similar, shapes[:, used] / roots, partitions)
     errors = np.empty(shapes.shape[1:])
-    errors[used] = _mixed(residuals, _without_own(similar[0, 0])) * roots
+    errors[used] = _mixed(residuals, _novelty(_without_own(similar[0, 0]))) * roots
     others = np.setdiff1d(np.arange(len(requests)), used)
     for first in range(0, len(others), _BLOCK):
         some = others[first : first + _BLOCK]
         similar, distances = features(requests[some])
         fits = np.tensordot(coefficients, similar, axes=((1, 2, 3), (0, 1, 3))).swapaxes(1, 2)
-        predicted = np.sqrt(distances)[:, None] * _mixed(fits, similar[0, 0])
+        predicted = np.sqrt(distances)[:, None] * _mixed(fits, _novelty(similar[0, 0]))
         errors[some] = shapes[0, some] - predicted
     return np.asarray(np.sum(errors**2, axis=1))
 
@@ -334,17 +332,17 @@ def _partitions(labels: Sequence[str]) -> list[Groups]:
     return singles + [[np.argwhere(activities == x).T for x in names]] * (len(names) > 1)
 
 
-def _mixed(fits: FloatArray, similarities: FloatArray) -> FloatArray:
+def _mixed(fits: FloatArray, novelties: FloatArray) -> FloatArray:
     """Mix the values of all fits: the second one counts where requests are new.
 
     Parameters
     ----------
-    fits : array, shape (n_partitions, n_requests, n_outputs)
-        Values of each fit.
-    similarities : array, shape (n_requests, n_demonstrations)
-        Of the requests with the demonstrations.
+    fits : array, shape (n_partitions, ..., n_outputs)
+        Values of each fit, for a request or several.
+    novelties : array, shape (...)
+        Of the requests, see :func:`_novelty`.
     """
-    share = np.minimum(1.0, _FAR * _novelty(similarities))[:, None]
+    share = np.minimum(1.0, _FAR * novelties)[..., None]
     return np.asarray(fits[0] + share * (fits[-1] - fits[0]))
 
 
@@ -355,7 +353,7 @@ def _without_own(similarities: FloatArray) -> FloatArray:
 
 
 def _error_covariance(
-    errors: FloatArray, distances: FloatArray, similarities: FloatArray
+    errors: FloatArray, variances: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Covariance of left-out errors about zero, its inverse, and its factor, shape (1,).
 
@@ -367,18 +365,17 @@ def _error_covariance(
     ----------
     errors : array, shape (n_demonstrations, n_weights)
         The errors.
-    distances, similarities : array, shape (n_demonstrations,) and with another such axis
-        Features of the requests, see :class:`RequestFeatures`.
+    variances : array, shape (n_demonstrations,)
+        Relative variances to expect, see :func:`_variance`.
     """
     n, size = errors.shape
     covariance = errors.T @ errors / n
-    variances = np.diag(covariance)
-    floor = max(1e-6 * float(variances.max(initial=0.0)), 1e-12)
-    shrunk = (n * covariance + size * np.diag(variances)) / (n + size)
+    diagonal = np.diag(covariance)
+    floor = max(1e-6 * float(diagonal.max(initial=0.0)), 1e-12)
+    shrunk = (n * covariance + size * np.diag(diagonal)) / (n + size)
     positive = np.asarray(shrunk + floor * np.eye(size))
     squares, freedom = np.sum(errors**2, axis=1), max(n, 3)
-    novelties = _novelty(_without_own(similarities))
-    unit = np.sum(squares / _variance(distances, novelties)) + _TINY
+    unit = np.sum(squares / variances) + _TINY
     factor = freedom / (freedom - 2.0) * unit / (np.sum(squares) + _TINY)
     return positive, np.asarray(np.linalg.inv(positive)), np.array([factor])
 
