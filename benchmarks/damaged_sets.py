@@ -29,7 +29,6 @@ from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.repair import RepairOptions
 from mp_pca_planner.recordings.synthetic import (
     SyntheticRecording,
     continuous_recording,
@@ -399,7 +398,7 @@ def judge(name: str, folder: Path) -> Outcome:
         _write(folder, one)
     given = {k: v for k, v in truth.options.items() if k == "segment"}
     if "max_gap" in truth.options:
-        given["repair"] = RepairOptions(max_gap=truth.options["max_gap"])
+        given["max_gap"] = truth.options["max_gap"]
     files = sorted(folder.iterdir())  # a folder is not searched for tables
     loaded = load_recordings(files, same_joints=True, **given)
     whole = {one.name: one.ends for one in recorded}

@@ -41,7 +41,6 @@ from ..recordings.cache import ReadingCache, default_folder
 from ..recordings.cutting import segments_table
 from ..recordings.load import load_recordings, position_limits
 from ..recordings.recording_set import RecordingSet
-from ..recordings.repair import RepairOptions
 from ..recordings.segmentation import SegmentationOptions
 from ..robot.model import Robot
 from .common import check_output, print_json, progress_bar
@@ -197,7 +196,7 @@ def load(
             same_joints=same_joints,
             markers=markers,
             state_field=arguments.field,
-            repair=RepairOptions(max_gap=arguments.max_gap),
+            max_gap=arguments.max_gap,
             position_limits=position_limits(robot),
             salvage=arguments.recover,
             cache=ReadingCache(None if arguments.no_cache else default_folder()),

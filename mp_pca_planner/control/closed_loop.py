@@ -117,8 +117,6 @@ class Sampling:
         check_number(self.delay, "a delay [samples]", ControlError, 0, 100, is_whole=True)
 
 
-DEFAULT_SAMPLING = Sampling()
-
 # Speed at which friction reaches three quarters of its size [rad/s or m/s].
 _SLOW = 0.01
 
@@ -190,7 +188,7 @@ class ControlLoop:
     law: ControlLaw
     trajectory: Trajectory
     effort_limits: FloatArray = field(default_factory=lambda: np.array(np.inf))
-    sampling: Sampling = DEFAULT_SAMPLING
+    sampling: Sampling = Sampling()
 
     def __post_init__(self) -> None:
         names, n = self.model.joint_names, self.model.n_joints

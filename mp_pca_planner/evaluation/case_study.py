@@ -40,44 +40,27 @@ from ..recordings.demonstration import Demonstration
 from ..robot.model import Robot
 from .naturalness import BSPLINES, DEFAULT_RHO, Comparison, Prediction, Predictor, compare, planned
 
+N_COMPONENTS = 4
+"""Components kept of each joint ([P] Table 2)."""
 
-@dataclass(frozen=True)
-class PaperOptions:
-    """Numbers of the method of [P].
+DEGREE = 4
+"""Degree of their polynomials ([P] Section 4)."""
 
-    Attributes
-    ----------
-    n_components : int
-        Components kept of each joint ([P] Table 2).
-    degree : int
-        Degree of their polynomials ([P] Section 4).
-    n_phases : int
-        Samples of a motion.
-    spreads : tuple of float
-        Standard deviations of random starts, in turn, in units of the usual weights.
-    bspline_scale : float
-        Usual weights of B-splines [rad], similar to those of the paper's components.
-    max_rounds : int
-        Largest number of rounds of starts.
-    agreement : float
-        Relative difference of efforts that count as the same.
-    """
-
-    n_components: int = 4
-    degree: int = 4
-    n_phases: int = 101
-    spreads: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
-    bspline_scale: float = 0.2
-    max_rounds: int = 3
-    agreement: float = 0.01
-
-
-PAPER_OPTIONS = PaperOptions()
+# Samples of a motion.
+_N_PHASES = 101
+# Standard deviations of random starts, in turn, in units of the usual weights.
+_SPREADS = (1.0, 2.0, 4.0, 8.0)
+# Usual weights of B-splines [rad], similar to those of the paper's components.
+_BSPLINE_SCALE = 0.2
+# Largest number of rounds of starts.
+_MAX_ROUNDS = 3
+# Relative difference of efforts that count as the same.
+_AGREEMENT = 0.01
 
 
 def angle_components(motions: Sequence[Demonstration]) -> list[PrincipalComponents]:
     """Components of the joint angles over time, joint by joint ([P] eq. (1)–(5))."""
-    angles = np.array([motion.time_normalised(PAPER_OPTIONS.n_phases) for motion in motions])
+    angles = np.array([motion.time_normalised(_N_PHASES) for motion in motions])
     return [fit_components(angles[:, :, j]) for j in range(angles.shape[2])]
 
 
@@ -102,7 +85,7 @@ def paper_basis(
     n_joints, phases = len(components), np.array([0.0, 1.0])
     means, functions = [], []
     for j, found in enumerate(components):
-        kept = found.truncated(PAPER_OPTIONS.n_components)
+        kept = found.truncated(N_COMPONENTS)
         # Scaled by standard deviations, so that the shortest vector of weights is the likeliest.
         scaled = kept.components * np.sqrt(kept.explained_variance)[:, None]
         mean, polynomials = _polynomials(kept.mean), _polynomials(scaled)
@@ -111,12 +94,12 @@ def paper_basis(
         weights = np.linalg.lstsq(at_ends, missing, rcond=None)[0]
         means.append(mean + weights @ polynomials)
         for direction in null_space(at_ends).T if at_ends.size else ():
-            function = np.zeros((n_joints, PAPER_OPTIONS.degree + 1))
+            function = np.zeros((n_joints, DEGREE + 1))
             function[j] = direction @ polynomials
             functions.append(function)
     return PolynomialBasis(
         np.array(means),
-        np.reshape(functions, (-1, n_joints, PAPER_OPTIONS.degree + 1)),
+        np.reshape(functions, (-1, n_joints, DEGREE + 1)),
         np.ones(len(functions)),
     )
 
@@ -152,7 +135,7 @@ def bsplines(robot: Robot, n_starts: int, *, free_ends: bool) -> Predictor:
         basis = BSplineBasis(motion.n_joints)
         boundary = np.zeros((6, motion.n_joints))
         boundary[[0, 3]] = motion.positions[[0, -1]]
-        scales = np.full(basis.n_weights, PAPER_OPTIONS.bspline_scale)
+        scales = np.full(basis.n_weights, _BSPLINE_SCALE)
         unknowns = Unknowns(scales, boundary, motion.duration, free_orders=(orders, orders))
         return _least_effort(robot, basis, unknowns, n_starts, began)
 
@@ -166,13 +149,13 @@ def _least_effort(
 
     Rounds of starts follow until two starts agree on the least effort.
     """
-    rng, spreads = np.random.default_rng(1), PAPER_OPTIONS.spreads
+    rng = np.random.default_rng(1)
     segment = SegmentProgram(robot, Tables(basis), unknowns, np.zeros(basis.n_weights))
     problem = MotionProgram([segment], [[]], [[]], [None], None, [])
     starts, best = list[tuple[float, float]](), None
     with one_blas_thread():
-        for k in range(n_starts * PAPER_OPTIONS.max_rounds):
-            x = spreads[k % len(spreads)] * rng.normal(size=unknowns.scales.size) * (k > 0)
+        for k in range(n_starts * _MAX_ROUNDS):
+            x = _SPREADS[k % len(_SPREADS)] * rng.normal(size=unknowns.scales.size) * (k > 0)
             found = solve(problem, x)
             # The first start includes the time to set up the program.
             ended = time.perf_counter()
@@ -191,14 +174,14 @@ def _least_effort(
 def n_agreeing(starts: FloatArray, n_starts: int | None = None) -> int:
     """Number of the first starts that lead to the least effort of all starts."""
     efforts = starts[:, 0]
-    least = (1.0 + PAPER_OPTIONS.agreement) * efforts.min()
+    least = (1.0 + _AGREEMENT) * efforts.min()
     return int(np.sum(efforts[:n_starts] <= least))
 
 
 def _polynomials(curves: FloatArray) -> FloatArray:
     """Legendre coefficients of least-squares fits to sampled curves, shape (..., degree + 1)."""
-    x = np.linspace(-1.0, 1.0, PAPER_OPTIONS.n_phases)
-    return np.asarray(curves @ np.linalg.pinv(legendre.legvander(x, PAPER_OPTIONS.degree)).T)
+    x = np.linspace(-1.0, 1.0, _N_PHASES)
+    return np.asarray(curves @ np.linalg.pinv(legendre.legvander(x, DEGREE)).T)
 
 
 PAPER = "components as in the paper"
@@ -386,9 +369,9 @@ def study(
 
 def variance_shares(components: Sequence[PrincipalComponents]) -> FloatArray:
     """Shares of the variance of the first four, shape (n_joints, 4); zero where there are fewer."""
-    shares = np.zeros((len(components), PAPER_OPTIONS.n_components))
+    shares = np.zeros((len(components), N_COMPONENTS))
     for row, found in zip(shares, components, strict=True):
-        ratio = found.explained_variance_ratio[: PAPER_OPTIONS.n_components]
+        ratio = found.explained_variance_ratio[:N_COMPONENTS]
         row[: ratio.size] = ratio
     return shares
 

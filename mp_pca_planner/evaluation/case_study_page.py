@@ -21,9 +21,9 @@ from ..robot.model import Robot
 from .case_study import (
     FREE_BSPLINES,
     FREE_ENDS,
+    N_COMPONENTS,
     OURS,
     PAPER,
-    PAPER_OPTIONS,
     REST_BSPLINES,
     SAME_ENDS,
     TABLE_3_METHODS,
@@ -312,7 +312,7 @@ def draw_pictures(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict
         angle_components_figure(
             figure,
             study.motions[0].joint_names,
-            [found.truncated(PAPER_OPTIONS.n_components).components for found in study.components],
+            [found.truncated(N_COMPONENTS).components for found in study.components],
             "Principal components of the joint angles (paper: Fig. 2)",
         )
     with picture(pictures["figures_3_4"]) as figure:

@@ -33,6 +33,28 @@ from .refined_motion import (
     segment_states,
 )
 
+MARGIN = 1e-3
+"""Share of each limit that is kept free, because constraints hold only at some phases."""
+
+# Most iterations of the optimiser.
+_MAX_ITERATIONS = 100
+# Optimisations, each with the violations of the one before as constraints.
+_MAX_ROUNDS = 6
+# Factors that reduce a refinement that violates limits or in which bodies collide.
+_RETREATS = (0.95, 0.8, 0.5, 0.25)
+# Largest change of the amplitude as a share of it; 1 allows 0 to twice the original.
+_MAX_AMPLITUDE_CHANGE = 1.0
+# Largest factor by which a segment becomes slower or faster, > 1.
+_MAX_TIME_FACTOR = 3.0
+# Largest magnitude of a parameter of the time warp; at 3 time runs about three times as fast or
+# slow.
+_MAX_WARP = 3.0
+# Distance to a limit, as a share of it, within which it is an initial constraint.
+_NEAR = 0.4
+# Quadrature nodes of a segment, and its phases at which limits are constraints, besides those of
+# violations found.
+_N_NODES, _N_PHASES = 40, 25
+
 
 @dataclass(frozen=True)
 class RefinementOptions:
@@ -45,30 +67,8 @@ class RefinementOptions:
         duration; segments may still trade time with each other.
     sample_period : float
         Time between the points of the trajectory [s].
-    max_iterations : int
-        Most iterations of the optimiser.
     allow_nonzero_end_velocity : bool
         Whether the controller accepts motions that don't end at rest.
-    max_amplitude_change : float
-        Largest change of the amplitude as a share of it; 1 allows 0 to twice the original.
-    max_time_factor : float
-        Largest factor by which a segment becomes slower or faster, > 1.
-    max_warp : float
-        Largest magnitude of a parameter of the time warp; at 3 time runs about three times as
-        fast or slow.
-    margin : float
-        Share of each limit that is kept free, because constraints hold only at some phases.
-    near : float
-        Distance to a limit, as a share of it, within which it is an initial constraint.
-    max_rounds : int
-        Optimisations, each with the violations of the one before as constraints.
-    retreats : tuple of float
-        Factors that reduce a refinement that violates limits or in which bodies collide.
-    first_step : float
-        Standard deviation of the parameters of the first trials.
-    max_halvings : int
-        A proposed trial that violates limits is moved half-way to the best motion at most this
-        often; then the best motion itself is proposed.
     seed : int
         Seed of the trials: the same seed and costs give the same trials.
 
@@ -80,17 +80,7 @@ class RefinementOptions:
 
     time_price: float | None = None
     sample_period: float = 0.01
-    max_iterations: int = 100
     allow_nonzero_end_velocity: bool = False
-    max_amplitude_change: float = 1.0
-    max_time_factor: float = 3.0
-    max_warp: float = 3.0
-    margin: float = 1e-3
-    near: float = 0.4
-    max_rounds: int = 6
-    retreats: tuple[float, ...] = (0.95, 0.8, 0.5, 0.25)
-    first_step: float = 0.2
-    max_halvings: int = 8
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -100,12 +90,13 @@ class RefinementOptions:
         if not 1e-4 <= self.sample_period <= 1.0:
             raise GoalError(f"sample_period must be 0.0001 to 1 s, got {self.sample_period}")
 
-    def bounds(self, n_segments: int) -> FloatArray:
-        """Largest magnitudes of the parameters, shape (n_segments, N_PARAMETERS)."""
-        bounds = np.full((n_segments, N_PARAMETERS), self.max_warp)
-        bounds[:, AMPLITUDE] = self.max_amplitude_change
-        bounds[:, LOG_DURATION] = np.log(self.max_time_factor)
-        return bounds
+
+def parameter_bounds(n_segments: int) -> FloatArray:
+    """Largest magnitudes of the parameters, shape (n_segments, N_PARAMETERS)."""
+    bounds = np.full((n_segments, N_PARAMETERS), _MAX_WARP)
+    bounds[:, AMPLITUDE] = _MAX_AMPLITUDE_CHANGE
+    bounds[:, LOG_DURATION] = np.log(_MAX_TIME_FACTOR)
+    return bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,10 +185,10 @@ def refine(
     best = judge.accept(original)
     before = cost.effort_and_cost(original.parameters)
     best_cost, iterations = before[1], 0
-    kept = LimitConstraints(len(segments), robot, limits, options.margin)
+    kept = LimitConstraints(len(segments), robot, limits)
     apart = ClearanceConstraints(segments, collision)
     visited = [np.zeros(len(segments) * N_PARAMETERS)]
-    for _ in range(options.max_rounds):
+    for _ in range(_MAX_ROUNDS):
         found = _minimise(cost, [kept, apart], segments, visited, options)
         iterations += int(found.nit)
         motion = RefinedMotion(segments, found.x)
@@ -207,7 +198,7 @@ def refine(
         kept.add_phases(motion, check)
         apart.add(motion, collisions)
         visited.append(found.x)
-    for factor in (1.0, *options.retreats):
+    for factor in (1.0, *_RETREATS):
         candidate = RefinedMotion(segments, factor * found.x)
         if options.time_price is None:
             candidate = candidate.lasting(original.duration)
@@ -294,7 +285,7 @@ def _minimise(
     constraints: list[dict[str, Any]] = []
     for terms in kept:
         values = [terms.values_and_jacobian(segments, x)[0] for x in visited]
-        near = np.min(values, axis=0) < options.near
+        near = np.min(values, axis=0) < _NEAR
         if near.any():
             constraints.append(_inequality(terms, segments, near))
     if options.time_price is None:
@@ -309,7 +300,7 @@ def _minimise(
                 "jac": lambda x: (shares * np.exp(pick @ x)) @ pick,
             }
         )
-    bounds = options.bounds(len(segments)).ravel()
+    bounds = parameter_bounds(len(segments)).ravel()
     return minimize(
         objective,
         start,
@@ -317,7 +308,7 @@ def _minimise(
         method="SLSQP",
         bounds=np.column_stack([-bounds, bounds]),
         constraints=constraints,
-        options={"maxiter": options.max_iterations, "ftol": 1e-7},
+        options={"maxiter": _MAX_ITERATIONS, "ftol": 1e-7},
     )
 
 
@@ -345,22 +336,16 @@ class RefinementCost:
         The model.
     time_price : float or None
         Cost of a second; None for none.
-    n_nodes : int
-        Quadrature nodes of a segment.
     """
 
     def __init__(
-        self,
-        segments: Sequence[Motion],
-        robot: Robot,
-        time_price: float | None = None,
-        n_nodes: int = 40,
+        self, segments: Sequence[Motion], robot: Robot, time_price: float | None = None
     ) -> None:
         robot.require_inertias("refinements")
         self._segments = tuple(segments)
         self._robot = robot
         self._price = time_price or 0.0
-        x, weights = legendre.leggauss(n_nodes)
+        x, weights = legendre.leggauss(_N_NODES)
         self._phases, self._quadrature = (x + 1.0) / 2.0, weights / 2.0
 
     def effort_and_cost(self, parameters: FloatArray) -> tuple[float, float]:
@@ -398,17 +383,11 @@ class LimitConstraints:
         The model.
     limits : JointLimits
         Limits of the joints.
-    margin : float
-        Share of each limit that is kept free.
-    n_phases : int
-        Phases of each segment at which limits are constraints, besides those of violations found.
     """
 
-    def __init__(
-        self, n_segments: int, robot: Robot, limits: JointLimits, margin: float, n_phases: int = 25
-    ) -> None:
-        self._robot, self._margin = robot, margin
-        self._phases = [np.linspace(0.02, 0.98, n_phases)] * n_segments
+    def __init__(self, n_segments: int, robot: Robot, limits: JointLimits) -> None:
+        self._robot = robot
+        self._phases = [np.linspace(0.02, 0.98, _N_PHASES)] * n_segments
         # Rows: positions, velocities, accelerations, efforts and jerks.
         magnitudes = (limits.velocity, limits.acceleration, limits.effort, limits.jerk)
         upper = np.stack([limits.upper, *magnitudes])
@@ -439,7 +418,7 @@ class LimitConstraints:
             jerks, of_jerks = _jerks(segments[i], part, self._phases[i])
             x = np.concatenate([states.values, tau[None], jerks[None]])
             dx = np.concatenate([states.by_parameter, by_parameter[None], of_jerks[None]])
-            room = signs * (self._bounds[:, :, None] - x) / self._span[:, None] - self._margin
+            room = signs * (self._bounds[:, :, None] - x) / self._span[:, None] - MARGIN
             slope = -signs[..., None] * dx / self._span[:, None, :, None]
             limited = np.broadcast_to(self._is_limited[:, :, None], room.shape)
             values.append(room[limited])

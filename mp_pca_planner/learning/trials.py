@@ -31,7 +31,7 @@ from ..planning.motion import Motion
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .refined_motion import LOG_DURATION, N_PARAMETERS, RefinedMotion
-from .refinement import AcceptedMotion, ExecutableMotions, RefinementOptions
+from .refinement import AcceptedMotion, ExecutableMotions, RefinementOptions, parameter_bounds
 
 _FORMAT = "mp_pca_planner/trials"
 _VERSION = 1
@@ -41,6 +41,11 @@ _FORM = {"motion": str, "trials": [{"parameters": [float], "cost": float, "repea
 _N_REPEATED = 6
 # A gain counts from this many standard errors on. With 1, chance makes one gain of six.
 _MIN_ERRORS = 2.0
+# Standard deviation of the parameters of the first trials.
+_FIRST_STEP = 0.2
+# A proposed trial that violates limits is moved half-way to the best motion at most this often;
+# then the best motion itself is proposed.
+_MAX_HALVINGS = 8
 
 
 @dataclass(frozen=True)
@@ -157,15 +162,15 @@ class TrialLearner:
             self._free[:, LOG_DURATION] = False
         self._centre = first.parameters
         self._duration = first.duration
-        bounds = options.bounds(len(segments))[self._free]
-        self._search = _search(first.parameters[self._free], bounds, options)
+        bounds = parameter_bounds(len(segments))[self._free]
+        self._search = _search(first.parameters[self._free], bounds, options.seed)
         self._proposal: AcceptedMotion | None = None
         self._generation: list[tuple[FloatArray, float]] = []
         self._trials: list[Trial] = []
         self._state, self._request = state, request
         self._identity = _identity(first, options)
         if state is not None and state.exists():
-            for trial in _read(state, self._identity, options.bounds(len(segments))):
+            for trial in _read(state, self._identity, parameter_bounds(len(segments))):
                 if not trial.repeat and self._n_searched >= len(self._first):
                     self._search.ask()  # advances the random numbers as this trial did
                 self._learn(trial)
@@ -312,7 +317,7 @@ class TrialLearner:
         parameters = self._centre.copy()
         parameters[self._free] = proposed
         best = self._best_parameters()
-        for _ in range(self._judge.options.max_halvings):
+        for _ in range(_MAX_HALVINGS):
             motion = RefinedMotion(self._segments, parameters)
             if self._keeps_duration:
                 motion = motion.lasting(self._duration)
@@ -334,14 +339,14 @@ def _noise(costs: Sequence[Sequence[float]]) -> tuple[float, int]:
     return float(np.sqrt(squares / max(freedom, 1))), freedom
 
 
-def _search(centre: FloatArray, bounds: FloatArray, options: RefinementOptions) -> Any:
+def _search(centre: FloatArray, bounds: FloatArray, seed: int) -> Any:
     box = np.column_stack([-bounds, bounds])
     # A refinement that ends at a bound may lie beyond it by a rounding error.
     return require("cmaes", "learn", "learning by trials").CMA(
         mean=np.clip(centre, -bounds, bounds),
-        sigma=options.first_step,
+        sigma=_FIRST_STEP,
         bounds=box,
-        seed=options.seed,
+        seed=seed,
     )
 
 

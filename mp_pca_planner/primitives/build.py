@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from ..arrays import check_type
 from ..exceptions import PrimitiveError, shown
 from ..recordings.demonstration import Demonstration
-from ..recordings.segmentation import SegmentationOptions
+from ..recordings.segmentation import ABSURD_EXTENT
 from .in_span import request_precision
 from .motion_sources import MotionSources
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
@@ -38,8 +38,6 @@ _DEFAULTS = PrimitiveOptions()
 
 # Motions of a smaller range [rad or m] are standstill with noise.
 _MIN_EXTENT = 1e-6
-# Motions of a larger range are probably in degrees, as in recordings.
-_ABSURD_EXTENT = SegmentationOptions().absurd_extent
 
 
 def build_primitive(
@@ -110,10 +108,10 @@ def demonstrations_of(
     ]
     for motion in found:
         extents = np.ptp(motion.positions, axis=0)
-        if extents.max() > _ABSURD_EXTENT:
+        if extents.max() > ABSURD_EXTENT:
             raise PrimitiveError(
                 f"joint '{names[extents.argmax()]}' moves over {extents.max():.3g} rad (or m) in "
-                f"{motion.recording}, and over {_ABSURD_EXTENT:g} is absurd: positions must be in "
+                f"{motion.recording}, and over {ABSURD_EXTENT:g} is absurd: positions must be in "
                 "radians (or m); numpy.deg2rad converts degrees"
             )
     return found

@@ -26,6 +26,8 @@ from .joint_states import RawJointStates
 from .recording_set import Overview
 from .repair import CleanRecording, Piece, repair
 from .segmentation import (
+    MIN_EXTENT,
+    MOVING_RATIO,
     SegmentationOptions,
     SpeedThresholds,
     find_motions,
@@ -35,7 +37,10 @@ from .segmentation import (
     speed_thresholds,
     trim,
 )
-from .smoothing import SmoothingOptions, SmoothPiece, smooth
+from .smoothing import SmoothPiece, smooth
+
+# A motion covers more than this share of the extent of the recording's largest.
+_EXTENT_RATIO = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +62,24 @@ class Cut:
         """Norm of the ranges [rad or m]."""
         return float(np.linalg.norm(self.ranges))
 
-    def is_cut_off(self, options: SegmentationOptions) -> bool:
+    @property
+    def is_cut_off(self) -> bool:
         """Whether the piece begins or ends within the motion."""
-        return self.begins_cut_off(options) or self.ends_cut_off(options)
+        return self.begins_cut_off or self.ends_cut_off
 
-    def begins_cut_off(self, options: SegmentationOptions) -> bool:
+    @property
+    def begins_cut_off(self) -> bool:
         """Whether the piece begins within the motion."""
-        return self.first == 0 and self._moves_at(self.first, options)
+        return self.first == 0 and self._moves_at(self.first)
 
-    def ends_cut_off(self, options: SegmentationOptions) -> bool:
+    @property
+    def ends_cut_off(self) -> bool:
         """Whether the piece ends within the motion."""
-        return self.last == self.piece.times.size - 1 and self._moves_at(self.last, options)
+        return self.last == self.piece.times.size - 1 and self._moves_at(self.last)
 
-    def _moves_at(self, step: int, options: SegmentationOptions) -> bool:
+    def _moves_at(self, step: int) -> bool:
         speed = joint_speed(self.piece.velocities[self.first : self.last + 1])
-        return bool(speed[step - self.first] > options.moving_ratio * speed.max())
+        return bool(speed[step - self.first] > MOVING_RATIO * speed.max())
 
     def demonstration(
         self, joint_names: tuple[str, ...], recording: str, checksum: str
@@ -101,19 +109,16 @@ class SmoothRecording:
     thresholds: SpeedThresholds
 
     @classmethod
-    def of(
-        cls, clean: CleanRecording, smoothing: SmoothingOptions, segmentation: SegmentationOptions
-    ) -> SmoothRecording:
+    def of(cls, clean: CleanRecording) -> SmoothRecording:
         """Smooth a repaired recording."""
-        pieces = [smooth(piece, clean.sample_rate, smoothing) for piece in clean.pieces]
+        pieces = [smooth(piece, clean.sample_rate) for piece in clean.pieces]
         speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
-        return cls(clean, pieces, speed_thresholds(speed, segmentation))
+        return cls(clean, pieces, speed_thresholds(speed))
 
 
 def cut_joint_states(
     raw: RawJointStates,
     joints: Sequence[str] | None,
-    options: SegmentationOptions,
     *,
     moving_only: bool = False,
 ) -> tuple[list[Cut], CleanRecording]:
@@ -125,8 +130,6 @@ def cut_joint_states(
         Joint states as recorded.
     joints :
         Names of the joints; by default all that every message lists.
-    options :
-        Thresholds.
     moving_only :
         Leaves out those of `joints` that are not listed or never move.
 
@@ -139,10 +142,10 @@ def cut_joint_states(
         joints = [name for name in joints if name in raw.listed_joints] or joints
         still = repair(raw, joints).still_joints
         joints = [name for name in joints if name not in still]
-    recording = SmoothRecording.of(repair(raw, joints), SmoothingOptions(), options)
+    recording, options = SmoothRecording.of(repair(raw, joints)), SegmentationOptions()
     cuts, clean = cut_motions(recording, options)
     extents = [cut.extent for cut in cuts]
-    least = least_extent_of_set(extents, options) if cuts else 0.0
+    least = least_extent_of_set(extents) if cuts else 0.0
     if cuts and min(extents) <= least:
         cuts, clean = cut_motions(recording, options, least)
     return cuts, clean
@@ -162,7 +165,7 @@ def cut_motions(
     recording :
         The recording.
     options :
-        Thresholds.
+        Shortest rest and motion.
     least_of_set :
         Smallest extent of a motion by those of all recordings [rad or m].
     is_whole :
@@ -191,19 +194,19 @@ def cut_motions(
             for span in find_motions(piece, thresholds, options)
         ]
         largest = max((cut.extent for cut in found), default=0.0)
-        large = [cut for cut in found if cut.extent > options.extent_ratio * largest]
+        large = [cut for cut in found if cut.extent > _EXTENT_RATIO * largest]
     if len(large) < len(found):
         note = (
-            f"{len(found) - len(large)} motions over less than {options.extent_ratio:.0%} of the "
+            f"{len(found) - len(large)} motions over less than {_EXTENT_RATIO:.0%} of the "
             "extent of the largest are left out"
         )
         clean = replace(clean, notes=(*clean.notes, note))
-    moved = _without_rest(large, clean.pieces, least_of_set, options)
+    moved = _without_rest(large, clean.pieces, least_of_set)
     return moved, counted(clean, "rest", len(large) - len(moved))
 
 
 def without_cut_off(
-    cuts: Sequence[Cut], pieces: Sequence[SmoothPiece], options: SegmentationOptions, *, whole: bool
+    cuts: Sequence[Cut], pieces: Sequence[SmoothPiece], *, whole: bool
 ) -> list[Cut]:
     """Leave out motions that lack their start or their end.
 
@@ -213,8 +216,6 @@ def without_cut_off(
         The motions of a recording.
     pieces :
         Its pieces.
-    options :
-        Thresholds.
     whole :
         Whether each piece is one motion. It begins and ends with the recording then, at any speed,
         and only gaps and jumps cut it off.
@@ -232,8 +233,8 @@ def without_cut_off(
     for cut in cuts:
         at_start = whole and cut.piece is pieces[0]
         at_end = whole and cut.piece is pieces[-1]
-        is_torn = cut.begins_cut_off(options) and not at_start
-        if not is_torn and (at_end or not cut.ends_cut_off(options)):
+        is_torn = cut.begins_cut_off and not at_start
+        if not is_torn and (at_end or not cut.ends_cut_off):
             kept.append(cut)
     if cuts and not kept:
         raise RecordingError(
@@ -283,9 +284,7 @@ def cut_row(pieces: Sequence[SmoothPiece], row: SegmentRow) -> Cut:
     )
 
 
-def _without_rest(
-    cuts: Sequence[Cut], pieces: Sequence[Piece], least_of_set: float, options: SegmentationOptions
-) -> list[Cut]:
+def _without_rest(cuts: Sequence[Cut], pieces: Sequence[Piece], least_of_set: float) -> list[Cut]:
     """Leave out movements within the extent of noise and sway, or small beside the set's motions.
 
     Raises
@@ -293,13 +292,13 @@ def _without_rest(
     RecordingError
         If none is left.
     """
-    least = max(least_extent(pieces, options), least_of_set)
+    least = max(least_extent(pieces), least_of_set)
     kept = [cut for cut in cuts if cut.extent > least]
     if cuts and not kept:
         if least == least_of_set:
             why = "by the extent of the other recordings' motions"
         else:
-            sways = least <= options.min_extent
+            sways = least <= MIN_EXTENT
             why = "as an arm that is held still sways" if sways else "by its noise"
         raise RecordingError(
             f"it holds no motion: its joints move over {max(cut.extent for cut in cuts):.2g} rad "

@@ -27,13 +27,16 @@ from .bags import Bag, Stored, Topic
 from .joint_states import NS_PER_S, listed_names
 from .repair.messages import SIMULATION_TIME, choose_joints, is_simulation_time
 from .repair.recording import (
+    MIN_SAMPLES,
     CleanRecording,
     Piece,
-    RepairOptions,
     findings,
     findings_on_refusal,
     motion_findings,
 )
+
+# Rate at which commanded motions are sampled [Hz]; smoothing keeps no higher rate.
+_COMMANDED_RATE = 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +149,7 @@ def _row(values: ArrayLike, n_joints: int) -> FloatArray:
 
 
 def repair_trajectories(
-    raw: RawTrajectories, joints: Sequence[str] | None = None, options: RepairOptions | None = None
+    raw: RawTrajectories, joints: Sequence[str] | None = None
 ) -> CleanRecording:
     """Sample commanded motions, a piece each, and count every repair.
 
@@ -156,15 +159,12 @@ def repair_trajectories(
         What was recorded.
     joints :
         Names of the joints to take; by default those that all messages list.
-    options :
-        Rate of the samples, and the least number of them.
 
     Raises
     ------
     UnusableRecordingError
         If a joint is unknown, no message is a motion, or nothing moves.
     """
-    options = options or RepairOptions()
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
     with findings_on_refusal(raw, repairs):
         names = choose_joints([motion.joint_names for motion in raw.motions], raw.topic, joints)
@@ -175,19 +175,19 @@ def repair_trajectories(
         finite = [motion for motion in motions if _is_finite(motion)]
         repairs["non_finite"] += len(motions) - len(finite)
         started, notes = _started(finite)
-        pieces = _pieces(started, names, options, repairs)
+        pieces = _pieces(started, names, repairs)
         if not pieces:
             raise RecordingError(
                 f"none of the {raw.n_messages} trajectories on '{raw.topic}' is a motion; expected "
                 "two points or more, finite numbers, and no other trajectory that starts at once"
             )
-        still, of_motions = motion_findings(names, pieces, options)
+        still, of_motions = motion_findings(names, pieces)
         notes = (*notes, *of_motions)
         return CleanRecording(
             joint_names=names,
             pieces=tuple(pieces),
-            rate=options.commanded_rate,
-            sample_rate=options.commanded_rate,
+            rate=_COMMANDED_RATE,
+            sample_rate=_COMMANDED_RATE,
             pieces_are_motions=True,
             still_joints=still,
             **findings(raw, repairs, notes),
@@ -197,7 +197,6 @@ def repair_trajectories(
 def _pieces(
     started: Sequence[tuple[float, CommandedMotion]],
     names: Sequence[str],
-    options: RepairOptions,
     repairs: Counter[str],
 ) -> list[Piece]:
     """Sample each motion up to its end or to the start of the next one."""
@@ -206,7 +205,7 @@ def _pieces(
     for (start, motion), following in zip(started, [*nexts, math.inf], strict=True):
         end = start + float(motion.times[-1])
         repairs["replaced"] += following < end
-        piece = _sampled(motion, names, start, min(end, following), options)
+        piece = _sampled(motion, names, start, min(end, following))
         if piece is not None:
             pieces.append(piece)
         else:
@@ -242,12 +241,12 @@ def _started(
 
 
 def _sampled(
-    motion: CommandedMotion, names: Sequence[str], start: float, end: float, options: RepairOptions
+    motion: CommandedMotion, names: Sequence[str], start: float, end: float
 ) -> Piece | None:
     """Samples of a motion from its first point to its end; None if these are too few."""
     first = start + float(motion.times[0])
-    n_samples = round((end - first) * options.commanded_rate) + 1
-    if motion.times.size < 2 or n_samples < options.min_samples:
+    n_samples = round((end - first) * _COMMANDED_RATE) + 1
+    if motion.times.size < 2 or n_samples < MIN_SAMPLES:
         return None
     columns = [motion.joint_names.index(name) for name in names]
     times = np.linspace(first, end, n_samples)

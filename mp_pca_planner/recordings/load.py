@@ -31,7 +31,7 @@ from .cutting import segments_by_hand
 from .fingerprint import MIN_SHARE, common_shares
 from .load_one import LoadOptions, LoadTask, load_one
 from .recording_set import GatheredSets, RecordingSet
-from .segmentation import SegmentationOptions, absurd_extent, least_extent_of_set
+from .segmentation import absurd_extent, least_extent_of_set
 from .workers import Outcome, map_in_processes, map_on_cluster
 
 _DIED = "every process that tried to read it died: it was killed, or memory ran out"
@@ -352,8 +352,7 @@ def with_extent_of_set(
         extents.extend(own)
         smallest.append(min(own, default=np.inf))
         largest.append(max(own, default=0.0))
-    options = tasks[0].options.segmentation if tasks else SegmentationOptions()
-    absurd = absurd_extent([*known_extents, *filter(None, largest)], options)
+    absurd = absurd_extent([*known_extents, *filter(None, largest)])
     for index in np.flatnonzero(np.asarray(largest) > absurd).tolist():
         what = cutting.far_moving("its joints move", largest[index], absurd)
         reason = (
@@ -364,6 +363,6 @@ def with_extent_of_set(
         smallest[index] = np.inf
     if not np.isfinite(smallest).any():
         return {}
-    least = least_extent_of_set([x for x in extents if x <= absurd], options)
+    least = least_extent_of_set([x for x in extents if x <= absurd])
     small = np.flatnonzero(np.asarray(smallest) <= least).tolist()
     return {index: replace(tasks[index], least_extent=least) for index in small}

@@ -19,16 +19,20 @@ from .cutting import SegmentRow
 from .demonstration import Demonstration
 from .reading import read_recording
 from .recording_set import MarkerResidual, RecordingReport, RecordingSet, Refusal, Segment
-from .repair import CleanRecording, RepairOptions, repair
-from .segmentation import SegmentationOptions, extent
-from .smoothing import SmoothingOptions
+from .repair import CleanRecording, repair
+from .segmentation import ABSURD_EXTENT, SegmentationOptions, extent
 
 SEGMENTATIONS = ("auto", "none")
+
+# Distance beyond a limit that is no reason for a note, as of soft limits and noise, and one for
+# which a recording is rejected: half a turn is beyond any calibration [rad or m].
+_LIMIT_TOLERANCE = 0.0175
+_ABSURD_EXCESS = 3.14
 
 
 @dataclass(frozen=True)
 class LoadOptions:
-    """Choice of the motions to load, and how they are repaired, cut and smoothed.
+    """Choice of the motions to load, and how they are repaired and cut.
 
     Attributes
     ----------
@@ -49,9 +53,7 @@ class LoadOptions:
         A table of motions cut by hand, see :func:`.cutting.read_segments`; instead of
         `segment`.
     segmentation : SegmentationOptions
-        Thresholds of "auto".
-    smoothing : SmoothingOptions
-        Filter and rate of the demonstrations.
+        Shortest rest and motion of "auto".
     labels : sequence of str or None
         Labels in `segments_csv` of the motions to take; by default all.
     markers : MarkerSource or None
@@ -60,14 +62,12 @@ class LoadOptions:
     state_field : str or None
         The field of the topic's messages that is a JointState, with dots where it is a field of a
         field; needs `topic`. By default the messages themselves are.
-    repair : RepairOptions
-        Thresholds of the repairs.
+    max_gap : float or None
+        Longest time without messages that doesn't cut a recording [s], over 0. By default 0.5 s, or
+        5 usual periods where these are longer.
     position_limits : mapping of str to tuple of float
         Least and largest position of joints by name [rad or m]; none unless given. Motions beyond
         them are noted. See :func:`.load.position_limits`.
-    limit_tolerance, absurd_excess : float
-        Distance beyond a limit that is no reason for a note, as of soft limits and noise, and one
-        for which a recording is rejected: half a turn is beyond any calibration [rad or m].
     salvage : bool
         Takes the messages before the damage of a damaged recording.
     overviews : bool
@@ -94,14 +94,11 @@ class LoadOptions:
     segment: Literal["auto", "none"] = "auto"
     segments_csv: str | Path | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
-    smoothing: SmoothingOptions = field(default_factory=SmoothingOptions)
     labels: Sequence[str] | None = None
     markers: Any = None
     state_field: str | None = None
-    repair: RepairOptions = field(default_factory=RepairOptions)
+    max_gap: float | None = None
     position_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    limit_tolerance: float = 0.0175
-    absurd_excess: float = 3.14
     salvage: bool = False
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
@@ -149,7 +146,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
     """Load the file or folder of a recording; one that can't be used raises a RecordingError."""
     options = task.options
     clean, residuals = _clean(path, options, progress)
-    smoothed = cutting.SmoothRecording.of(clean, options.smoothing, options.segmentation)
+    smoothed = cutting.SmoothRecording.of(clean)
     cuts, clean = _cut(task, smoothed)
     checksum = options.cache.checksum(path)
     motions = [cut.demonstration(clean.joint_names, task.name, checksum) for cut in cuts]
@@ -194,13 +191,13 @@ def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tu
             low, high = options.position_limits.get(name, (-np.inf, np.inf))
             found += [(low - min(q), min(q), name), (max(q) - high, max(q), name)]
     excess, position, name = max(found, default=(0.0, 0.0, ""))
-    if excess <= options.limit_tolerance:
+    if excess <= _LIMIT_TOLERANCE:
         return ()
     text = (
         f"joint '{name}' is at {position:.3g} rad (or m), {excess:.3g} beyond its limit in the "
         "robot description"
     )
-    if excess > options.absurd_excess:
+    if excess > _ABSURD_EXCESS:
         raise RecordingError(
             f"{text}: positions must be in radians (or m), not in degrees (or mm), and of this "
             "robot"
@@ -220,15 +217,15 @@ def _cut(
         found, clean = cutting.cut_motions(recording, options, task.least_extent, is_whole=is_whole)
         cuts = found
         if not clean.pieces_are_motions:
-            cuts = cutting.without_cut_off(found, recording.pieces, options, whole=is_whole)
+            cuts = cutting.without_cut_off(found, recording.pieces, whole=is_whole)
             n_short = 0 if is_whole else cutting.count_short_halves(recording, found)
             clean = cutting.counted(clean, "cut_off", len(found) - len(cuts) + n_short)
     if not cuts:
         raise RecordingError("no motion was found in it")
     ranges = np.max([cut.ranges for cut in cuts], axis=0)
-    if ranges.max() > options.absurd_extent:
+    if ranges.max() > ABSURD_EXTENT:
         who = f"joint '{clean.joint_names[ranges.argmax()]}' moves"
-        note = cutting.far_moving(who, ranges.max(), options.absurd_extent)
+        note = cutting.far_moving(who, ranges.max(), ABSURD_EXTENT)
         clean = replace(clean, notes=(*clean.notes, note))
     return cuts, clean
 
@@ -239,8 +236,8 @@ def _clean(
     """Repaired joint states, and the residuals of the markers that they come from."""
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
-        return repair(raw, None, options.repair), residuals
-    chosen = (options.topic, options.joints, options.state_field, options.salvage, options.repair)
+        return repair(raw, None, options.max_gap), residuals
+    chosen = (options.topic, options.joints, options.state_field, options.salvage, options.max_gap)
     ways = (options.moving_only, options.degrees)
 
     def read() -> CleanRecording:
@@ -250,7 +247,7 @@ def _clean(
             salvage=options.salvage,
             listed_only=options.moving_only,
             degrees=options.degrees,
-            options=options.repair,
+            max_gap=options.max_gap,
             progress=progress,
         )
 

@@ -14,7 +14,7 @@ from ..exceptions import RecordingError, UnusableRecordingError, quote_names
 from . import bags
 from .joint_states import JointLayout, RawJointStates
 from .joint_trajectories import read_trajectories, repair_trajectories
-from .repair import CleanRecording, RepairOptions, repair
+from .repair import CleanRecording, repair
 from .tables import FORMATS, read_table, whole_episodes
 
 
@@ -27,7 +27,7 @@ def read_recording(
     salvage: bool = False,
     listed_only: bool = False,
     degrees: bool = False,
-    options: RepairOptions | None = None,
+    max_gap: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CleanRecording:
     """Read a bag or a table of joint states, and repair it.
@@ -38,7 +38,7 @@ def read_recording(
         The recording.
     salvage :
         Reads the messages before the damage of a damaged bag.
-    topic, joints, state_field, listed_only, degrees, options, progress :
+    topic, joints, state_field, listed_only, degrees, max_gap, progress :
         As of :func:`read_clean`; the topic of a LeRobot dataset is its column.
 
     Raises
@@ -56,14 +56,13 @@ def read_recording(
                 state_field,
                 listed_only=listed_only,
                 degrees=degrees,
-                options=options,
+                max_gap=max_gap,
                 progress=progress,
             )
     if state_field is not None:
         raise RecordingError("--field is for messages of bags: a table has columns")
-    options = options or RepairOptions()
-    raw = read_table(path, table_format, topic, joints, options.max_gap or 0.0)
-    clean = _repaired(raw, joints, options, listed_only=listed_only, degrees=degrees)
+    raw = read_table(path, table_format, topic, joints, max_gap or 0.0)
+    clean = _repaired(raw, joints, max_gap, listed_only=listed_only, degrees=degrees)
     if table_format == "csv":
         return clean
     return whole_episodes(clean)
@@ -77,7 +76,7 @@ def read_clean(
     *,
     listed_only: bool = False,
     degrees: bool = False,
-    options: RepairOptions | None = None,
+    max_gap: float | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CleanRecording:
     """Read joint states or commanded motions, and repair them.
@@ -96,8 +95,8 @@ def read_clean(
         Takes only those of `joints` that messages list, and notes the others.
     degrees :
         Whether the positions are in degrees.
-    options :
-        Thresholds of the repairs.
+    max_gap :
+        Longest time without messages that is no gap [s], see :func:`.repair.repair`.
     progress :
         Called with the share of the messages that is read.
 
@@ -113,16 +112,16 @@ def read_clean(
                 raise RecordingError("--degrees is for joint states, not for commanded motions")
             motions = read_trajectories(bag, chosen)
             taken = _listed(joints, motions.listed_joints) if listed_only else joints
-            return _noted(repair_trajectories(motions, taken, options), joints)
+            return _noted(repair_trajectories(motions, taken), joints)
         topic = chosen.name
     raw = bag.joint_states(topic, field=state_field, progress=progress)
-    return _repaired(raw, joints, options, listed_only=listed_only, degrees=degrees)
+    return _repaired(raw, joints, max_gap, listed_only=listed_only, degrees=degrees)
 
 
 def _repaired(
     raw: RawJointStates,
     joints: Sequence[str] | None,
-    options: RepairOptions | None,
+    max_gap: float | None,
     *,
     listed_only: bool,
     degrees: bool,
@@ -130,7 +129,7 @@ def _repaired(
     if degrees:
         raw = replace(raw, layouts=tuple(map(_in_radians, raw.layouts)))
     taken = _listed(joints, raw.listed_joints) if listed_only else joints
-    return _noted(repair(raw, taken, options), joints)
+    return _noted(repair(raw, taken, max_gap), joints)
 
 
 def _in_radians(layout: JointLayout) -> JointLayout:

@@ -28,79 +28,63 @@ Span = tuple[int, int]
 """First and last step of an interval."""
 
 
+# Joints rest while their speed is under this share of the recording's usual peak speed.
+_REST_RATIO = 0.05
+# Joints also rest under this many times the noise floor of the speed, which is this percentile of
+# all speeds.
+_NOISE_FACTOR = 5.0
+_NOISE_PERCENTILE = 5.0
+# A valley cuts if its speed is under this share of the lower of the adjacent peaks: the former
+# where the joints reverse, the latter where they keep their direction, and in between in proportion
+# to the cosine of the turn.
+_TURNING_RATIO, _PASSING_RATIO = 0.6, 0.1
+# Below this rate [Hz] valleys don't cut: the speed between samples is unknown.
+_MIN_VALLEY_RATE = 20.0
+# A motion covers more than this share of the usual extent of the motions of all recordings.
+_SET_RATIO = 0.05
+# A motion covers more than this many standard deviations of the noise. Unfiltered noise, the worst
+# case, reaches that during minutes at 10 to 25 Hz.
+_NOISE_EXTENTS = 8.0
+# See `ABSURD_EXTENT`.
+_ABSURD_FACTOR = 20.0
+
+MOVING_RATIO = 0.15
+"""A motion has a peak over this share of the recording's usual peak speed."""
+
+MIN_EXTENT = 0.035
+"""A motion covers more than this [rad or m]; an arm that is held still sways by two degrees."""
+
+ABSURD_EXTENT = 12.0
+"""Motions over more than this [rad or m], and more than 20 times the usual largest extent of a
+recording, are absurd, such as those of angles in degrees."""
+
+
 @dataclass(frozen=True)
 class SegmentationOptions:
-    """Thresholds between rest and motion, and between motions.
+    """Shortest rest, and shortest motion.
 
     Attributes
     ----------
-    rest_ratio : float
-        Joints rest while their speed is under this share of the recording's usual peak speed.
-    moving_ratio : float
-        A motion has a peak over this share of it.
-    noise_factor : float
-        Joints also rest under this many times the noise floor of the speed.
-    noise_percentile : float
-        This percentile of all speeds is the noise floor.
-    turning_ratio, passing_ratio : float
-        A valley cuts if its speed is under this share of the lower of the adjacent peaks: the
-        former where the joints reverse, the latter where they keep their direction, and in
-        between in proportion to the cosine of the turn.
-    extent_ratio : float
-        A motion covers more than this share of the extent of the recording's largest.
-    set_ratio : float
-        A motion covers more than this share of the usual extent of the motions of all recordings.
-    min_extent : float
-        A motion covers more than this [rad or m]; an arm that is held still sways by two degrees.
-    absurd_extent, absurd_factor : float
-        Motions over more than this [rad or m] and more than this many times the usual largest
-        extent of a recording are absurd, such as those of angles in degrees.
-    noise_extents : float
-        A motion covers more than this many standard deviations of the noise. Unfiltered noise,
-        the worst case, reaches that during minutes at 10 to 25 Hz.
     min_rest : float
         Shorter rests don't cut [s], but they may be valleys.
     min_duration : float
         No motion is shorter [s]: a valley that would leave one doesn't cut.
-    min_valley_rate : float
-        Below this rate [Hz] valleys don't cut: the speed between samples is unknown.
 
     Raises
     ------
     RecordingError
-        If a value is no positive number, or a ratio is not under 1.
+        If a value is no positive number.
     """
 
-    rest_ratio: float = 0.05
-    moving_ratio: float = 0.15
-    noise_factor: float = 5.0
-    noise_percentile: float = 5.0
-    turning_ratio: float = 0.6
-    passing_ratio: float = 0.1
-    extent_ratio: float = 0.1
-    set_ratio: float = 0.05
-    min_extent: float = 0.035
-    absurd_extent: float = 12.0
-    absurd_factor: float = 20.0
-    noise_extents: float = 8.0
     min_rest: float = 0.6
     min_duration: float = 0.25
-    min_valley_rate: float = 20.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            limit = 1.0 if field.name.endswith("_ratio") else np.inf
-            if not 0.0 < value < limit:
+            if not 0.0 < value < np.inf:
                 raise RecordingError(
-                    f"segmentation option '{field.name}' must be over 0 and under {limit}, "
-                    f"got {value}"
-                )
-        for lower, upper in (("rest_ratio", "moving_ratio"), ("passing_ratio", "turning_ratio")):
-            if getattr(self, lower) >= getattr(self, upper):
-                raise RecordingError(
-                    f"segmentation option '{lower}' must be under '{upper}', got "
-                    f"{getattr(self, lower)} and {getattr(self, upper)}"
+                    f"segmentation option '{field.name}' must be over 0 and under inf, got {value}"
                 )
 
 
@@ -125,13 +109,13 @@ def joint_speed(velocities: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(velocities, axis=1), dtype=np.float64)
 
 
-def speed_thresholds(speed: FloatArray, options: SegmentationOptions) -> SpeedThresholds:
+def speed_thresholds(speed: FloatArray) -> SpeedThresholds:
     """Determine the thresholds from all speeds of a recording, shape (n_steps,)."""
     peak = _usual_peak(speed)
-    noise = float(np.percentile(speed, options.noise_percentile))
-    moving = options.moving_ratio * peak
+    noise = float(np.percentile(speed, _NOISE_PERCENTILE))
+    moving = MOVING_RATIO * peak
     # A recording without rest shows no noise floor: its low speeds are motion.
-    rest = min(max(options.rest_ratio * peak, options.noise_factor * noise), 0.5 * moving)
+    rest = min(max(_REST_RATIO * peak, _NOISE_FACTOR * noise), 0.5 * moving)
     return SpeedThresholds(rest=rest, moving=moving)
 
 
@@ -142,20 +126,20 @@ def _usual_peak(values: FloatArray) -> float:
     return float(ordered[np.searchsorted(energy, 0.5 * energy[-1])])
 
 
-def least_extent(pieces: Sequence[Piece], options: SegmentationOptions) -> float:
+def least_extent(pieces: Sequence[Piece]) -> float:
     """Smallest extent of a motion, by the noise of the recording [rad or m]."""
-    return max(options.min_extent, options.noise_extents * float(np.linalg.norm(_noise(pieces))))
+    return max(MIN_EXTENT, _NOISE_EXTENTS * float(np.linalg.norm(_noise(pieces))))
 
 
-def least_extent_of_set(extents: Sequence[float], options: SegmentationOptions) -> float:
+def least_extent_of_set(extents: Sequence[float]) -> float:
     """Smallest extent of a motion, by the extents of the motions of all recordings [rad or m]."""
-    return options.set_ratio * _usual_peak(np.asarray(extents))
+    return _SET_RATIO * _usual_peak(np.asarray(extents))
 
 
-def absurd_extent(extents: Sequence[float], options: SegmentationOptions) -> float:
+def absurd_extent(extents: Sequence[float]) -> float:
     """Extent of absurdly large motions, by the largest extent of each recording [rad or m]."""
     usual = float(np.percentile(extents, 50, method="lower")) if len(extents) else 0.0
-    return max(options.absurd_extent, options.absurd_factor * usual)
+    return max(ABSURD_EXTENT, _ABSURD_FACTOR * usual)
 
 
 def _noise(pieces: Sequence[Piece]) -> FloatArray:
@@ -181,8 +165,9 @@ def find_motions(
     """Find the motions of a piece, also small ones, in order, as first and last step."""
     speed = joint_speed(piece.velocities)
     runs = _moving_runs(speed, thresholds, round(options.min_rest * piece.rate))
-    if piece.recorded_rate >= options.min_valley_rate:
-        runs = [part for run in runs for part in _split_at_valleys(piece, speed, run, options)]
+    if piece.recorded_rate >= _MIN_VALLEY_RATE:
+        window = max(1, round(options.min_duration * piece.rate))
+        runs = [part for run in runs for part in _split_at_valleys(piece, speed, run, window)]
     return [
         (first, last)
         for first, last in runs
@@ -234,19 +219,16 @@ def _grown(speed: FloatArray, first: int, last: int) -> Span:
     return first, last
 
 
-def _split_at_valleys(
-    piece: SmoothPiece, speed: FloatArray, run: Span, options: SegmentationOptions
-) -> list[Span]:
+def _split_at_valleys(piece: SmoothPiece, speed: FloatArray, run: Span, window: int) -> list[Span]:
     """Split a run at its valleys.
 
     At first all local minima of the speed cut. Then the shallowest cut is removed, and the peaks
     beside it become one, until all cuts are deep enough: ripple on a flank does not hide a valley.
-    Cuts beside a part that is too short are removed first.
+    Cuts beside a part of fewer steps than `window` are removed first.
     """
     minima, _ = find_peaks(-speed[run[0] : run[1] + 1])
     bounds = [run[0], *(run[0] + int(step) for step in minima), run[1]]
-    window = max(1, round(options.min_duration * piece.rate))
-    enough = [_share_that_cuts(piece.positions, cut, window, options) for cut in bounds[1:-1]]
+    enough = [_share_that_cuts(piece.positions, cut, window) for cut in bounds[1:-1]]
     peaks = [float(speed[first : last + 1].max()) for first, last in pairwise(bounds)]
 
     n = len(enough)
@@ -280,13 +262,11 @@ def _split_at_valleys(
     return list(pairwise([run[0], *(bounds[cut + 1] for cut in sorted(excesses)), run[1]]))
 
 
-def _share_that_cuts(
-    positions: FloatArray, cut: int, window: int, options: SegmentationOptions
-) -> float:
+def _share_that_cuts(positions: FloatArray, cut: int, window: int) -> float:
     """Share of the peak speed under which a valley cuts, by the turn of the joints there."""
     before = positions[cut] - positions[max(cut - window, 0)]
     after = positions[min(cut + window, len(positions) - 1)] - positions[cut]
     lengths = float(np.linalg.norm(before) * np.linalg.norm(after))
     cosine = float(before @ after) / lengths if lengths else 0.0
     turn = (1.0 - cosine) / 2.0
-    return options.passing_ratio + turn * (options.turning_ratio - options.passing_ratio)
+    return _PASSING_RATIO + turn * (_TURNING_RATIO - _PASSING_RATIO)

@@ -167,8 +167,6 @@ def _scan(content: Buffer) -> tuple[str | None, int]:
 
 
 _NOTHING = re.compile(r"(?!)")  # never matches
-_SEGMENTATION = SegmentationOptions()
-"""As in `build_primitives`."""
 
 
 class SessionFiles(NamedTuple):
@@ -327,7 +325,7 @@ class TeachingSession:
         self._take()
         try:
             cuts, clean = cutting.cut_joint_states(
-                self._raw, self._joints, _SEGMENTATION, moving_only=self._moving_only
+                self._raw, self._joints, moving_only=self._moving_only
             )
         except RecordingError as error:
             reasons = [str(error)] if explains and (self.n_messages or is_over) else []
@@ -335,7 +333,7 @@ class TeachingSession:
         if not is_over and not _is_at_rest(cuts, clean):
             return SessionUpdate()
         self.present = clean.pieces[-1].positions[-1]
-        whole = [cut for cut in cuts if not cut.is_cut_off(_SEGMENTATION)]
+        whole = [cut for cut in cuts if not cut.is_cut_off]
         every = [cut.demonstration(clean.joint_names, self._name, "") for cut in whole]
         before = self.motions
         self.motions = tuple(one for one in every if not _is_among(one, self._discarded))
@@ -396,7 +394,8 @@ def _is_at_rest(cuts: Sequence[cutting.Cut], clean: CleanRecording) -> bool:
     if not cuts:
         return True
     last = cuts[-1]
-    return float(clean.pieces[-1].times[-1] - last.piece.times[last.last]) > _SEGMENTATION.min_rest
+    rested = float(clean.pieces[-1].times[-1] - last.piece.times[last.last])
+    return rested > SegmentationOptions.min_rest
 
 
 def _left_out(clean: CleanRecording, n_cut_off: int) -> list[str]:

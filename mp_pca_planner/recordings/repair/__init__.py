@@ -32,14 +32,13 @@ from .motion import GAPS, JUMPS, UNITS, WRAPS, averaged, long_pieces, velocity_n
 from .recording import (
     CleanRecording,
     Piece,
-    RepairOptions,
     Samples,
     findings,
     findings_on_refusal,
     motion_findings,
 )
 
-__all__ = ["REPAIRS", "CleanRecording", "Piece", "RepairOptions", "repair"]
+__all__ = ["REPAIRS", "CleanRecording", "Piece", "repair"]
 
 OF_SAMPLES = (UNUSABLE, DISORDER, LATE, EQUAL_STAMPS, ZEROS)
 """Defects that are repaired before the recording is cut, in order."""
@@ -59,9 +58,13 @@ REPAIRS = {
 """Kinds of repairs, by the name under which they are counted. The last five are counted where
 commanded motions are sampled and motions are cut."""
 
+# Arm motions need no higher sample rate [Hz]. Of a recording with at least twice this rate,
+# consecutive samples are averaged.
+_ENOUGH_RATE = 100.0
+
 
 def repair(
-    raw: RawJointStates, joints: Sequence[str] | None = None, options: RepairOptions | None = None
+    raw: RawJointStates, joints: Sequence[str] | None = None, max_gap: float | None = None
 ) -> CleanRecording:
     """Repair joint states, with a count of every repair.
 
@@ -72,8 +75,8 @@ def repair(
     joints :
         Names of the joints to take; by default those that all messages list, in the order of
         the first.
-    options :
-        Thresholds; by default those of :class:`RepairOptions`.
+    max_gap :
+        Longest time without messages that is no gap [s], see :func:`.recording.longest_gap`.
 
     Raises
     ------
@@ -81,24 +84,23 @@ def repair(
         If a joint is unknown, the time is unusable, samples are too few, publishers contradict
         each other, or nothing moves.
     """
-    options = options or RepairOptions()
     repairs: Counter[str] = Counter(malformed=raw.n_malformed)
     with findings_on_refusal(raw, repairs):
         names = choose_joints([layout.joint_names for layout in raw.layouts], raw.topic, joints)
-        samples, clock_notes = _samples(raw, names, options, repairs)
+        samples, clock_notes = _samples(raw, names, max_gap, repairs)
         for defect in OF_SAMPLES:
-            samples = defect.repair(samples, options, repairs)
-            samples.refuse_few(options)
-        pieces: list[Piece] = GAPS.repair(samples, options, repairs)
+            samples = defect.repair(samples, repairs)
+            samples.refuse_few()
+        pieces: list[Piece] = GAPS.repair(samples, repairs)
         for defect in OF_PIECES:
-            pieces = defect.repair(pieces, options, repairs)
+            pieces = defect.repair(pieces, repairs)
         checked = velocity_notes(raw, names)
         rate = NS_PER_S / samples.period
         # A rate that jitter puts just below a multiple still counts as that multiple.
-        n_averaged = max(1, int(rate * 1.001 // options.enough_rate))
-        pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], options, repairs)
+        n_averaged = max(1, int(rate * 1.001 // _ENOUGH_RATE))
+        pieces = long_pieces([averaged(piece, n_averaged) for piece in pieces], repairs)
         left_out = left_out_notes(raw, names) if joints is None else ()
-        still, of_motions = motion_findings(names, pieces, options)
+        still, of_motions = motion_findings(names, pieces)
         notes = (*left_out, *clock_notes, *checked, *of_motions)
         return CleanRecording(
             joint_names=names,
@@ -112,11 +114,12 @@ def repair(
 
 
 def _samples(
-    raw: RawJointStates, names: tuple[str, ...], options: RepairOptions, repairs: Counter[str]
+    raw: RawJointStates, names: tuple[str, ...], max_gap: float | None, repairs: Counter[str]
 ) -> tuple[Samples, tuple[str, ...]]:
     """Positions of the joints by stamp, with notes on the stamps."""
-    messages, positions = take_joints(raw, names, options, repairs)
+    messages, positions = take_joints(raw, names, max_gap, repairs)
     stamps, notes = choose_clock(raw, messages)
     notes = (*joined_notes(raw, names), *notes)
     first_stamp = int(stamps[np.argmax(stamps > 0)])
-    return Samples(stamps, positions, np.arange(stamps.size), first_stamp, names), notes
+    order = np.arange(stamps.size)
+    return Samples(stamps, positions, order, first_stamp, names, max_gap), notes

@@ -15,7 +15,31 @@ from ...arrays import FloatArray, unique_names
 from ...exceptions import RecordingError, quote_names, unknown_name
 from ...input_limits import INPUT_LIMITS
 from ..joint_states import NS_PER_S, IntArray, RawJointStates, listed_names
-from .recording import Defect, RepairOptions, Samples, count, noise_deviation
+from .recording import (
+    MIN_SAMPLES,
+    NOISE_DEVIATIONS,
+    Defect,
+    Samples,
+    count,
+    longest_gap,
+    noise_deviation,
+)
+
+# Stamps that step back by more than this and go on from there are those of a clock that was set
+# back [s]; at most so many steps are judged.
+_CLOCK_STEP = 0.1
+_MAX_CLOCK_STEPS = 100
+# A second publisher is present if more than this share of the messages, and more than this number,
+# contradict others.
+_MAX_CONFLICTS = 0.01
+_MIN_CONFLICTS = 10
+# A late message contradicts the others if it is farther than this from their positions at its time
+# [rad or m].
+_CONFLICT = 0.01
+# A publisher of zeros is present from this number of changes between zeros and positions on.
+_MIN_ALTERNATIONS = 10
+# Positions beside zeros are another publisher's if they exceed this [rad or m].
+_FAR_FROM_ZERO = 0.05
 
 COUNTS = {
     "malformed": "message dropped: not one position for each name, a name listed twice, or points "
@@ -87,7 +111,7 @@ def left_out_notes(raw: RawJointStates, names: tuple[str, ...]) -> tuple[str, ..
 
 
 def take_joints(
-    raw: RawJointStates, names: tuple[str, ...], options: RepairOptions, repairs: Counter[str]
+    raw: RawJointStates, names: tuple[str, ...], max_gap: float | None, repairs: Counter[str]
 ) -> tuple[IntArray, FloatArray]:
     """Messages that list all of the joints, and their positions in the order of `names`.
 
@@ -100,7 +124,7 @@ def take_joints(
     """
     whole = [layout for layout in raw.layouts if set(names) <= set(layout.joint_names)]
     if not whole:
-        return _joined_publishers(raw, names, options, repairs)
+        return _joined_publishers(raw, names, max_gap, repairs)
     orders = [[name for name in layout.joint_names if name in names] for layout in whole]
     for layout, order in zip(whole, orders, strict=True):
         repairs["reordered"] += layout.messages.size if order != orders[0] else 0
@@ -118,7 +142,7 @@ def take_joints(
 
 
 def _joined_publishers(
-    raw: RawJointStates, names: tuple[str, ...], options: RepairOptions, repairs: Counter[str]
+    raw: RawJointStates, names: tuple[str, ...], max_gap: float | None, repairs: Counter[str]
 ) -> tuple[IntArray, FloatArray]:
     """Messages of the publisher with most, with positions of the others at their times.
 
@@ -138,7 +162,7 @@ def _joined_publishers(
         if source is not base:
             usable = np.abs(own) < INPUT_LIMITS.position
             times = stamps[source.messages][usable]
-            own = _between(stamps[base.messages], times, own[usable], options)
+            own = _between(stamps[base.messages], times, own[usable], max_gap)
             known &= np.isfinite(own)
         positions[:, column] = own
     if not known.any():
@@ -152,15 +176,15 @@ def _joined_publishers(
 
 
 def _between(
-    stamps: IntArray, own_stamps: IntArray, values: FloatArray, options: RepairOptions
+    stamps: IntArray, own_stamps: IntArray, values: FloatArray, max_gap: float | None
 ) -> FloatArray:
     """Values at stamps by interpolation between those before and after; NaN in gaps."""
-    if own_stamps.size < options.min_samples:
+    if own_stamps.size < MIN_SAMPLES:
         return np.full(stamps.size, np.nan)
     after = np.clip(np.searchsorted(own_stamps, stamps), 1, own_stamps.size - 1)
     steps = own_stamps[after] - own_stamps[after - 1]
     found = np.interp(stamps, own_stamps, values, left=np.nan, right=np.nan)
-    found[steps > options.longest_gap(float(np.median(np.diff(own_stamps))))] = np.nan
+    found[steps > longest_gap(float(np.median(np.diff(own_stamps))), max_gap)] = np.nan
     found[np.abs(np.diff(values))[after - 1] > np.pi] = np.nan  # a wrapped angle
     return found
 
@@ -223,7 +247,7 @@ def _plausible(stamps: IntArray) -> bool:
     return bool(stamps.size < 2 or (stamps.size * shortest <= np.ptp(stamps) and not is_in_bursts))
 
 
-def drop_unusable(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
+def drop_unusable(samples: Samples, repairs: Counter[str]) -> Samples:
     """Drop samples without a stamp or with an unusable position."""
     # NaN compares false, too.
     usable = np.abs(samples.positions) < INPUT_LIMITS.position
@@ -251,7 +275,7 @@ UNUSABLE = Defect(
 )
 
 
-def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
+def order_by_time(samples: Samples, repairs: Counter[str]) -> Samples:
     """Sort samples by stamp; where the clock was set back, time continues from its last value.
 
     Returns
@@ -259,10 +283,10 @@ def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str
     :
         Samples with times since the recording's first message [ns], not decreasing.
     """
-    max_gap = options.longest_gap(samples.period)
+    max_gap = samples.longest_gap
     samples = _without_strays(samples, max_gap, repairs)
-    samples.refuse_few(options)
-    jumps = _set_back(samples.times, max_gap, options)
+    samples.refuse_few()
+    jumps = _set_back(samples.times, max_gap)
     repairs["clock_jumps"] += jumps.size
     times: list[IntArray] = []
     rows: list[IntArray] = []
@@ -279,7 +303,7 @@ def order_by_time(samples: Samples, options: RepairOptions, repairs: Counter[str
     return replace(samples.taken(np.concatenate(rows)), times=np.concatenate(times))
 
 
-def _set_back(stamps: IntArray, max_gap: float, options: RepairOptions) -> IntArray:
+def _set_back(stamps: IntArray, max_gap: float) -> IntArray:
     """Messages before which the clock was set back.
 
     It was if stamps step back by more than the longest gap. It was, too, if they step back by less,
@@ -287,14 +311,14 @@ def _set_back(stamps: IntArray, max_gap: float, options: RepairOptions) -> IntAr
     """
     steps = np.diff(stamps)
     jumps = steps < -max_gap
-    doubtful = np.flatnonzero(~jumps & (steps < -options.clock_step * NS_PER_S))
-    for before in doubtful[: options.max_clock_steps].tolist():
+    doubtful = np.flatnonzero(~jumps & (steps < -_CLOCK_STEP * NS_PER_S))
+    for before in doubtful[:_MAX_CLOCK_STEPS].tolist():
         behind = stamps[before + 1 :]
         past = int(np.argmax(behind > stamps[before])) or behind.size
         goes_on = past == behind.size or steps[before + past] < -0.5 * steps[before]
         earlier, low = stamps[max(before - past, 0) : before + 1], behind[0]
         passes_again = 2 * count(earlier >= low) > count(behind[:past] <= stamps[before])
-        jumps[before] = goes_on and passes_again and past >= options.min_samples
+        jumps[before] = goes_on and passes_again and past >= MIN_SAMPLES
     return np.flatnonzero(jumps) + 1
 
 
@@ -319,9 +343,7 @@ DISORDER = Defect(
 )
 
 
-def refuse_late_contradictions(
-    samples: Samples, options: RepairOptions, repairs: Counter[str]
-) -> Samples:
+def refuse_late_contradictions(samples: Samples, repairs: Counter[str]) -> Samples:
     """Reject late messages whose positions differ from those of the messages in order.
 
     Two publishers whose stamps differ by their delays cause such messages. Late messages of a
@@ -335,7 +357,7 @@ def refuse_late_contradictions(
     times, positions, received = samples.times, samples.positions, samples.received
     earliest_behind = np.minimum.accumulate(received[::-1])[::-1]
     late = np.append(received[:-1] > earliest_behind[1:], False)
-    if count(late) <= options.min_conflicts:
+    if count(late) <= _MIN_CONFLICTS:
         return samples
     on_time = times[~late]
     differs = np.zeros(count(late), dtype=bool)
@@ -344,20 +366,20 @@ def refuse_late_contradictions(
         error = np.abs(position[late] - expected)
         error = np.abs(error - 2.0 * np.pi * np.round(error / (2.0 * np.pi)))
         noise = noise_deviation(position[~late])
-        differs |= error > max(options.conflict, options.noise_deviations * noise)
+        differs |= error > max(_CONFLICT, NOISE_DEVIATIONS * noise)
     # Zeros between positions are a second publisher's, too, but they can be dropped.
     differs &= np.any(positions[late] != 0.0, axis=1)
     # Where a block of messages is late, no message in order is near enough to compare with.
     behind = np.clip(np.searchsorted(on_time, times[late]), 1, on_time.size - 1)
     differs &= on_time[behind] - on_time[behind - 1] <= 3 * np.median(np.diff(on_time))
-    _refuse_conflicts(differs, times.size, options, "those that came before them")
+    _refuse_conflicts(differs, times.size, "those that came before them")
     return samples
 
 
 LATE = Defect({}, refuse_late_contradictions)
 
 
-def drop_equal_stamps(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
+def drop_equal_stamps(samples: Samples, repairs: Counter[str]) -> Samples:
     """Keep one sample for each stamp: the first received, but none of zeros beside others.
 
     Drivers that start before their robot publish zeros; such a second publisher is recognised.
@@ -374,19 +396,15 @@ def drop_equal_stamps(samples: Samples, options: RepairOptions, repairs: Counter
     same_stamp = np.flatnonzero(np.diff(samples.times) == 0) + 1
     sample, before = order[same_stamp], order[same_stamp - 1]
     differs = np.any(samples.positions[sample] != samples.positions[before], axis=1)
-    _refuse_conflicts(
-        differs & ~zero[sample], zero.size, options, "another one with the same stamp"
-    )
+    _refuse_conflicts(differs & ~zero[sample], zero.size, "another one with the same stamp")
     repairs["contradicting"] += count(differs)
     repairs["repeated_stamps"] += count(~differs)
     return samples.taken(np.delete(order, same_stamp))
 
 
-def _refuse_conflicts(
-    conflicts: NDArray[np.bool_], n_messages: int, options: RepairOptions, what: str
-) -> None:
+def _refuse_conflicts(conflicts: NDArray[np.bool_], n_messages: int, what: str) -> None:
     n_conflicts = count(conflicts)
-    if n_conflicts > max(options.min_conflicts, options.max_conflicts * n_messages):
+    if n_conflicts > max(_MIN_CONFLICTS, _MAX_CONFLICTS * n_messages):
         raise RecordingError(
             f"{n_conflicts} messages contradict {what}: two publishers of the same joints, or a "
             "clock with coarse steps; record one publisher, with fine stamps"
@@ -402,14 +420,14 @@ EQUAL_STAMPS = Defect(
 )
 
 
-def drop_zeros(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> Samples:
+def drop_zeros(samples: Samples, repairs: Counter[str]) -> Samples:
     """Drop the zeros that a second publisher puts between positions."""
     zero = np.all(samples.positions == 0.0, axis=1)
     changes = np.flatnonzero(zero[1:] != zero[:-1])
     # A robot that passes its zero is near it before and after.
     beside = samples.positions[changes + zero[changes]]
-    alternations = count(np.max(np.abs(beside), axis=1) > options.far_from_zero)
-    if alternations < options.min_alternations:
+    alternations = count(np.max(np.abs(beside), axis=1) > _FAR_FROM_ZERO)
+    if alternations < _MIN_ALTERNATIONS:
         return samples
     repairs["zeros"] += count(zero)
     return samples.taken(np.flatnonzero(~zero))

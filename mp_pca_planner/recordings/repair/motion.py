@@ -14,12 +14,33 @@ from ...arrays import FloatArray
 from ...exceptions import RecordingError, quote_names
 from ..joint_states import NS_PER_S, IntArray, JointLayout, RawJointStates
 from .messages import choose_clock
-from .recording import Defect, Piece, RepairOptions, Samples, count, noise_deviation, taken
+from .recording import (
+    MIN_SAMPLES,
+    NOISE_DEVIATIONS,
+    Defect,
+    Piece,
+    Samples,
+    count,
+    noise_deviation,
+    taken,
+)
+
+# Joints of an arm stay within this [rad]: a turn, and a little more.
+_LARGEST_ANGLE = 6.5
+# A jump is a full turn if it differs from one by less than this [rad].
+_MAX_TURN_ERROR = 1.0
+# A jump is longer than this [rad or m] and than this many usual steps.
+_MIN_JUMP = 0.05
+_JUMP_RATIO = 10.0
+# A jump is faster than this [/s] and longer than this many times the steps before and after it. A
+# spike, which returns in the next sample, need not be as fast.
+_JUMP_SPEED = 20.0
+_JUMP_ISOLATION = 5.0
+# From this share of jumping samples on there are two publishers.
+_MAX_JUMPS = 0.05
 
 
-def refuse_degrees(
-    pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str]
-) -> Sequence[Piece]:
+def refuse_degrees(pieces: Sequence[Piece], repairs: Counter[str]) -> Sequence[Piece]:
     """Reject positions of which two joints, and half of all, are beyond any angle in radians.
 
     Raises
@@ -28,12 +49,12 @@ def refuse_degrees(
         If they are.
     """
     reach = np.max([np.abs(piece.positions).max(axis=0) for piece in pieces], axis=0)
-    n_far = count(reach > options.largest_angle)
+    n_far = count(reach > _LARGEST_ANGLE)
     # A single joint may turn on and on.
     if n_far < 2 or 2 * n_far < reach.size:
         return pieces
     raise RecordingError(
-        f"{n_far} of its {reach.size} joints are beyond {options.largest_angle:g} rad, one at "
+        f"{n_far} of its {reach.size} joints are beyond {_LARGEST_ANGLE:g} rad, one at "
         f"{reach.max():.3g}: positions must be in radians (or m), not in degrees (or mm); if these "
         "are degrees, convert them with --degrees (degrees=True in Python), else choose the joints "
         "of the arm"
@@ -43,13 +64,13 @@ def refuse_degrees(
 UNITS = Defect({}, refuse_degrees)
 
 
-def cut_at_gaps(samples: Samples, options: RepairOptions, repairs: Counter[str]) -> list[Piece]:
+def cut_at_gaps(samples: Samples, repairs: Counter[str]) -> list[Piece]:
     """Cut a recording where no message comes for longer than the longest gap."""
-    max_gap = options.longest_gap(samples.period)
+    max_gap = samples.longest_gap
     times = samples.times / NS_PER_S
     cuts = np.flatnonzero(np.diff(times) > max_gap / NS_PER_S) + 1
     repairs["gaps"] += cuts.size - repairs["clock_jumps"]
-    return long_pieces(Piece(times, samples.positions).cut(cuts.tolist()), options, repairs)
+    return long_pieces(Piece(times, samples.positions).cut(cuts.tolist()), repairs)
 
 
 GAPS = Defect(
@@ -60,9 +81,7 @@ GAPS = Defect(
 )
 
 
-def long_pieces(
-    pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str]
-) -> list[Piece]:
+def long_pieces(pieces: Sequence[Piece], repairs: Counter[str]) -> list[Piece]:
     """Drop pieces with too few samples.
 
     Raises
@@ -70,12 +89,12 @@ def long_pieces(
     RecordingError
         If none is left.
     """
-    long = [piece for piece in pieces if piece.times.size >= options.min_samples]
+    long = [piece for piece in pieces if piece.times.size >= MIN_SAMPLES]
     repairs["short_pieces"] += len(pieces) - len(long)
     if not long:
         raise RecordingError(
             f"it is all in pieces: there are gaps or jumps in {len(pieces) - 1} places, and "
-            f"nothing between them has the {options.min_samples} samples that are needed"
+            f"nothing between them has the {MIN_SAMPLES} samples that are needed"
         )
     return long
 
@@ -92,17 +111,17 @@ def averaged(piece: Piece, n_averaged: int) -> Piece:
     )
 
 
-def unwrap(pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str]) -> list[Piece]:
+def unwrap(pieces: Sequence[Piece], repairs: Counter[str]) -> list[Piece]:
     """Remove jumps by full turns; other jumps are not those of a wrapping angle."""
-    return [Piece(p.times, _unwrapped(p.positions, options, repairs)) for p in pieces]
+    return [Piece(p.times, _unwrapped(p.positions, repairs)) for p in pieces]
 
 
-def _unwrapped(positions: FloatArray, options: RepairOptions, repairs: Counter[str]) -> FloatArray:
+def _unwrapped(positions: FloatArray, repairs: Counter[str]) -> FloatArray:
     steps = np.diff(positions, axis=0)
     if np.abs(steps).max(initial=0.0) < np.pi:
         return positions
     turns = np.round(steps / (2.0 * np.pi))
-    turns[np.abs(steps - 2.0 * np.pi * turns) >= options.max_turn_error] = 0.0
+    turns[np.abs(steps - 2.0 * np.pi * turns) >= _MAX_TURN_ERROR] = 0.0
     n_wrapped = count(turns)
     if not n_wrapped:
         return positions
@@ -120,9 +139,7 @@ WRAPS = Defect(
 )
 
 
-def cut_at_jumps(
-    pieces: Sequence[Piece], options: RepairOptions, repairs: Counter[str]
-) -> list[Piece]:
+def cut_at_jumps(pieces: Sequence[Piece], repairs: Counter[str]) -> list[Piece]:
     """Drop spikes, and cut where the positions jump and stay there.
 
     Raises
@@ -133,28 +150,28 @@ def cut_at_jumps(
     parts: list[Piece] = []
     n_spikes = 0
     for piece in pieces:
-        good = np.flatnonzero(~_spikes(piece.positions, options))
+        good = np.flatnonzero(~_spikes(piece.positions))
         n_spikes += piece.times.size - good.size
         smooth = Piece(taken(good, piece.times), taken(good, piece.positions))
-        parts += smooth.cut(_jumps(smooth, options))
+        parts += smooth.cut(_jumps(smooth))
     n_samples = sum(piece.times.size for piece in pieces)
     n_jumps = len(parts) - len(pieces)
-    if n_spikes + n_jumps > options.max_jumps * n_samples + 1:
+    if n_spikes + n_jumps > _MAX_JUMPS * n_samples + 1:
         raise RecordingError(
             f"the positions jump {n_spikes + n_jumps} times in {n_samples} samples, faster than "
             "any motor could: two publishers of the same joints; record one of them"
         )
     repairs["spikes"] += n_spikes
     repairs["jumps"] += n_jumps
-    return long_pieces(parts, options, repairs)
+    return long_pieces(parts, repairs)
 
 
-def _jump_length(position: FloatArray, options: RepairOptions) -> float:
+def _jump_length(position: FloatArray) -> float:
     """Shortest step of a joint that may be a jump, from its usual steps while it moves."""
     # Where two publishers alternate, only steps over two or three messages show the motion.
     usual = min(_usual_step(position, lag) for lag in (1, 2, 3))
-    noise = options.noise_deviations * noise_deviation(position)
-    return max(options.min_jump, options.jump_ratio * usual, noise)
+    noise = NOISE_DEVIATIONS * noise_deviation(position)
+    return max(_MIN_JUMP, _JUMP_RATIO * usual, noise)
 
 
 def _usual_step(position: FloatArray, lag: int) -> float:
@@ -163,26 +180,26 @@ def _usual_step(position: FloatArray, lag: int) -> float:
     return float(np.median(moving)) if moving.size else 0.0
 
 
-def _spikes(positions: FloatArray, options: RepairOptions) -> NDArray[np.bool_]:
+def _spikes(positions: FloatArray) -> NDArray[np.bool_]:
     """Samples that are far from both neighbours while these are near each other."""
     spikes = np.zeros(len(positions), dtype=bool)
     for position in positions.T:
         across = np.abs(position[2:] - position[:-2])
         aside = np.abs(position[1:-1] - 0.5 * (position[2:] + position[:-2]))
-        spikes[1:-1] |= (aside > _jump_length(position, options)) & (across < 0.5 * aside)
+        spikes[1:-1] |= (aside > _jump_length(position)) & (across < 0.5 * aside)
     return spikes
 
 
-def _jumps(piece: Piece, options: RepairOptions) -> list[int]:
+def _jumps(piece: Piece) -> list[int]:
     """Samples that follow a jump: a fast step between slow ones."""
     jumps = np.zeros(piece.times.size - 1, dtype=bool)
     for position in piece.positions.T:
         steps = np.abs(np.diff(position))
         beside = np.maximum(np.append(steps[1:], 0.0), np.append(0.0, steps[:-1]))
         jumps |= (
-            (steps > _jump_length(position, options))
-            & (steps > options.jump_speed * np.diff(piece.times))
-            & (steps > options.jump_isolation * beside)
+            (steps > _jump_length(position))
+            & (steps > _JUMP_SPEED * np.diff(piece.times))
+            & (steps > _JUMP_ISOLATION * beside)
         )
     return (np.flatnonzero(jumps) + 1).tolist()
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings before and after their repair, and the options of the repairs."""
+"""Recordings before and after their repair."""
 
 from __future__ import annotations
 
@@ -17,6 +17,18 @@ from ...arrays import FloatArray
 from ...exceptions import RecordingError, UnusableRecordingError, quote_names
 from ..joint_states import NS_PER_S, IntArray
 
+GAP_TIME, GAP_PERIODS = 0.5, 5
+"""See :func:`longest_gap` [s, periods]."""
+
+MIN_SAMPLES = 10
+"""Least number of samples of a motion."""
+
+NOISE_DEVIATIONS = 8.0
+"""Errors of positions up to this many standard deviations of the noise are noise."""
+
+# A joint that travels less than this is still; it is about the noise of encoders [rad or m].
+_MIN_TRAVEL = 1e-3
+
 
 class Defect(NamedTuple):
     """A defect of recordings.
@@ -26,13 +38,13 @@ class Defect(NamedTuple):
     counts : mapping of str to str
         The names under which its repairs are counted, with a sentence on each.
     repair : callable
-        A function of the samples (or of the pieces, once they are cut), of the options and of the
-        counts, which it raises. It returns the repaired samples or pieces, and raises a
+        A function of the samples (or of the pieces, once they are cut) and of the counts, which it
+        raises. It returns the repaired samples or pieces, and raises a
         RecordingError if the defect can't be repaired.
     """
 
     counts: Mapping[str, str]
-    repair: Callable[[Any, RepairOptions, Counter[str]], Any]
+    repair: Callable[[Any, Counter[str]], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +140,7 @@ def findings_on_refusal(raw: Any, repairs: Counter[str]) -> Iterator[None]:
 
 
 def motion_findings(
-    names: tuple[str, ...], pieces: Sequence[Piece], options: RepairOptions
+    names: tuple[str, ...], pieces: Sequence[Piece]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The joints that never move; notes on these and on motions that are cut off at an end.
 
@@ -140,12 +152,12 @@ def motion_findings(
     low = np.min([piece.positions.min(axis=0) for piece in pieces], axis=0)
     high = np.max([piece.positions.max(axis=0) for piece in pieces], axis=0)
     travel = max(float(np.ptp(piece.positions, axis=0).max()) for piece in pieces)
-    if travel < options.min_travel:
+    if travel < _MIN_TRAVEL:
         raise RecordingError(
             f"nothing moves: no chosen joint travels more than {travel:.2g} rad (or m)"
         )
     moved = zip(names, high - low, strict=True)
-    still = tuple(name for name, distance in moved if distance < options.min_travel)
+    still = tuple(name for name, distance in moved if distance < _MIN_TRAVEL)
     notes = [f"joints that never move: {quote_names(still)}"] if still else []
     speeds = [_window_speeds(piece) for piece in pieces]
     # At a fifth of the highest speed a joint is within its motion.
@@ -165,84 +177,6 @@ def _window_speeds(piece: Piece) -> FloatArray:
     return np.asarray(distance / np.diff(piece.times[marks]), dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class RepairOptions:
-    """Thresholds of the repairs; the defaults suit arms recorded at 5 to 1000 Hz.
-
-    Attributes
-    ----------
-    max_gap : float or None
-        Longest time without messages that is no gap [s], over 0. By default `gap_time`, or
-        `gap_periods` usual periods where these are longer.
-    gap_time, gap_periods : float
-        See `max_gap` [s, periods].
-    enough_rate : float
-        Arm motions need no higher sample rate [Hz]. Of a recording with at least twice this rate,
-        consecutive samples are averaged.
-    clock_step, max_clock_steps : float, int
-        Stamps that step back by more than this and go on from there are those of a clock that was
-        set back [s]; at most so many steps are judged.
-    max_conflicts, min_conflicts : float, int
-        A second publisher is present if more than this share of the messages, and more than this
-        number, contradict others.
-    conflict : float
-        A late message contradicts the others if it is farther than this from their positions at
-        its time [rad or m].
-    noise_deviations : float
-        Errors of positions up to this many standard deviations of the noise are noise.
-    largest_angle : float
-        Joints of an arm stay within this [rad]: a turn, and a little more.
-    max_turn_error : float
-        A jump is a full turn if it differs from one by less than this [rad].
-    min_jump, jump_ratio : float
-        A jump is longer than `min_jump` [rad or m] and than `jump_ratio` usual steps.
-    jump_speed, jump_isolation : float
-        A jump is faster than `jump_speed` [/s] and longer than `jump_isolation` times the steps
-        before and after it. A spike, which returns in the next sample, need not be as fast.
-    max_jumps : float
-        From this share of jumping samples on there are two publishers.
-    min_alternations : int
-        A publisher of zeros is present from this number of changes between zeros and positions on.
-    far_from_zero : float
-        Positions beside zeros are another publisher's if they exceed this [rad or m].
-    min_samples : int
-        Least number of samples of a motion.
-    min_travel : float
-        A joint that travels less than this is still; it is about the noise of encoders [rad or m].
-    commanded_rate : float
-        Rate at which commanded motions are sampled [Hz]; smoothing keeps no higher rate.
-    """
-
-    max_gap: float | None = None
-    gap_time: float = 0.5
-    gap_periods: float = 5
-    enough_rate: float = 100.0
-    clock_step: float = 0.1
-    max_clock_steps: int = 100
-    max_conflicts: float = 0.01
-    min_conflicts: int = 10
-    conflict: float = 0.01
-    noise_deviations: float = 8.0
-    largest_angle: float = 6.5
-    max_turn_error: float = 1.0
-    min_jump: float = 0.05
-    jump_ratio: float = 10.0
-    jump_speed: float = 20.0
-    jump_isolation: float = 5.0
-    max_jumps: float = 0.05
-    min_alternations: int = 10
-    far_from_zero: float = 0.05
-    min_samples: int = 10
-    min_travel: float = 1e-3
-    commanded_rate: float = 200.0
-
-    def longest_gap(self, period: float) -> float:
-        """Longest time between messages of this usual period that is no gap, both in [ns]."""
-        if self.max_gap is not None:
-            return self.max_gap * NS_PER_S
-        return max(self.gap_time * NS_PER_S, self.gap_periods * period)
-
-
 @dataclass(frozen=True, eq=False)
 class Samples:
     """Samples of one recording.
@@ -259,6 +193,8 @@ class Samples:
         Stamp of the recording's first message [ns].
     joint_names : tuple of str
         Names of the joints.
+    max_gap : float or None
+        See :func:`longest_gap`.
     """
 
     times: IntArray
@@ -266,12 +202,18 @@ class Samples:
     received: IntArray
     first_stamp: int
     joint_names: tuple[str, ...]
+    max_gap: float | None
 
     @property
     def period(self) -> float:
         """Median period [ns], whatever the order of the samples."""
         steps = np.diff(np.sort(self.times))
         return float(np.median(steps[steps > 0]))
+
+    @property
+    def longest_gap(self) -> float:
+        """Longest time between samples that is no gap [ns]."""
+        return longest_gap(self.period, self.max_gap)
 
     def taken(self, rows: IntArray) -> Samples:
         """Some of the samples, in the order of `rows`."""
@@ -280,14 +222,35 @@ class Samples:
         )
         return replace(self, times=times, positions=positions, received=received)
 
-    def refuse_few(self, options: RepairOptions) -> None:
+    def refuse_few(self) -> None:
         """Raise a RecordingError if there are too few different times."""
         # Sorting is several times faster than np.unique, which hashes.
         n_samples = min(1, self.times.size) + count(np.diff(np.sort(self.times)))
-        if n_samples < options.min_samples:
+        if n_samples < MIN_SAMPLES:
             raise RecordingError(
-                f"there are {n_samples} usable samples, at least {options.min_samples} are needed"
+                f"there are {n_samples} usable samples, at least {MIN_SAMPLES} are needed"
             )
+
+
+def longest_gap(period: float, max_gap: float | None) -> float:
+    """Longest time between messages of a usual period that is no gap.
+
+    Parameters
+    ----------
+    period : float
+        The usual period [ns].
+    max_gap : float or None
+        That time [s]. By default it is `GAP_TIME`, or `GAP_PERIODS` usual periods where these are
+        longer.
+
+    Returns
+    -------
+    :
+        [ns].
+    """
+    if max_gap is not None:
+        return max_gap * NS_PER_S
+    return max(GAP_TIME * NS_PER_S, GAP_PERIODS * period)
 
 
 def count(mask: NDArray[Any]) -> int:

@@ -26,7 +26,7 @@ from mp_pca_planner.planning.plan import BASES, MODES, PlannerOptions
 from mp_pca_planner.primitives.alignment import ALIGNMENTS
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.primitive import COUPLINGS
-from mp_pca_planner.recordings.repair import RepairOptions
+from mp_pca_planner.recordings.repair.recording import GAP_PERIODS, GAP_TIME
 from mp_pca_planner.recordings.segmentation import SegmentationOptions
 
 OFFLINE = [name for name in COMMANDS if name != "planner_node"]
@@ -120,11 +120,11 @@ def test_defaults_are_those_of_the_library(helps: dict[str, str]) -> None:
         *(building.coupling, building.variance, building.n_phases),
         *(building.degree, building.align),
     ]
-    cutting, repair = SegmentationOptions(), RepairOptions()
+    cutting = SegmentationOptions()
     for default in (
         f"{cutting.min_rest}",
         f"{cutting.min_duration}",
-        f"{repair.gap_time}, or {repair.gap_periods} usual periods",
+        f"{GAP_TIME}, or {GAP_PERIODS} usual periods",
     ):
         assert f"(default: {default})" in helps["build_primitives"]
 

@@ -9,7 +9,8 @@ from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 
 from mp_pca_planner.evaluation.case_study import (
-    PAPER_OPTIONS,
+    DEGREE,
+    N_COMPONENTS,
     angle_components,
     bsplines,
     n_agreeing,
@@ -26,7 +27,7 @@ START, GOAL = MOTIONS[0].positions[[0, -1]]
 
 def test_every_choice_of_weights_meets_the_end_points():
     basis = paper_basis(angle_components(MOTIONS[1:]), START, GOAL)
-    assert basis.n_weights == 4 * (PAPER_OPTIONS.n_components - 2)
+    assert basis.n_weights == 4 * (N_COMPONENTS - 2)
     rng = np.random.default_rng(1)
     for _ in range(5):
         weights = rng.normal(size=basis.n_weights)
@@ -36,7 +37,7 @@ def test_every_choice_of_weights_meets_the_end_points():
 
 def test_motions_are_polynomials_of_the_fourth_order():
     basis = paper_basis(angle_components(MOTIONS), START, GOAL)
-    assert basis.mean_coefficients.shape[1] == PAPER_OPTIONS.degree + 1 == 5
+    assert basis.mean_coefficients.shape[1] == DEGREE + 1 == 5
 
 
 def test_the_mean_is_the_likeliest_motion_between_the_ends():

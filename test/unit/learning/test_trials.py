@@ -16,7 +16,7 @@ from worlds import ball_beside, least_distance
 
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.learning.refined_motion import AMPLITUDE, RefinedMotion
-from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions
+from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, parameter_bounds
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
@@ -141,7 +141,7 @@ def test_trials_of_an_earlier_release_are_read(tmp_path):
 
 
 def test_trials_go_on_from_a_refinement_that_ended_at_a_bound():
-    start = RefinementOptions().bounds(1) * [1.0 + 1e-12, 0.0, 0.0, 0.0, 0.0]
+    start = parameter_bounds(1) * [1.0 + 1e-12, 0.0, 0.0, 0.0, 0.0]
     learner = TrialLearner([motion()], ROBOT, ROBOT.limits(), start=start)
     assert len(learn(learner, 4).trials) == 4
 

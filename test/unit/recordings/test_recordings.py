@@ -19,8 +19,6 @@ from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import bag, find_recordings, stored_size
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.reading import inspect_recording
-from mp_pca_planner.recordings.repair import RepairOptions
-from mp_pca_planner.recordings.segmentation import SegmentationOptions
 
 REACHES = reaching([0.1, 1.1, 0.3])
 """Rest for 1 s and reach for 1 s in turn, 5 s in all: reaches at 1 s and at 3 s."""
@@ -159,7 +157,7 @@ def test_motion_never_spans_a_gap(tmp_path: Path) -> None:
 def test_a_recording_of_halves_is_rejected(tmp_path: Path, segment: str) -> None:
     messages = stamped(REACHES[:250])
     path = write_bag(tmp_path / "x", "mcap", messages[:130] + messages[185:])
-    (refusal,) = load_recordings([path], segment=segment, repair=RepairOptions(max_gap=0.4)).refused
+    (refusal,) = load_recordings([path], segment=segment, max_gap=0.4).refused
     assert re.search(r"cuts off each of its motions \(\d\).*from rest to rest", refusal.reason)
 
 
@@ -274,12 +272,13 @@ def test_a_copy_of_a_recording_counts_once(tmp_path: Path) -> None:
 
 
 def test_small_motions_are_left_out_with_a_note(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0, 1, 1.2, 0.1])))
-    options = SegmentationOptions(extent_ratio=0.5)
-    (report,) = load_recordings([path], segmentation=options).reports
+    short = reaching([1, 1.09], reach=0.4)
+    positions = np.concatenate([reaching([0, 1]), short, reaching([1.09, 0.1])])
+    path = write_bag(tmp_path / "x", "mcap", stamped(positions))
+    (report,) = load_recordings([path]).reports
     assert len(report.motions) == 2
     assert report.notes[1:] == (
-        "1 motions over less than 50% of the extent of the largest are left out",
+        "1 motions over less than 10% of the extent of the largest are left out",
     )
 
 
@@ -516,7 +515,7 @@ def test_longest_gap_reaches_the_repair(tmp_path: Path) -> None:
     messages = stamped(reaching([0.1, 1.1, 0.1]))
     path = write_bag(tmp_path / "x", "mcap", messages[:210] + messages[290:])
     assert load_recordings([path]).reports[0].repairs == {"gaps": 1}
-    assert load_recordings([path], repair=RepairOptions(max_gap=1.0)).reports[0].repairs == {}
+    assert load_recordings([path], max_gap=1.0).reports[0].repairs == {}
 
 
 def test_inspection_of_a_useless_recording_shows_its_defects(tmp_path: Path) -> None:

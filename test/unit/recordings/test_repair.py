@@ -21,7 +21,6 @@ from mp_pca_planner.recordings.repair import (
     OF_SAMPLES,
     REPAIRS,
     CleanRecording,
-    RepairOptions,
     repair,
 )
 from mp_pca_planner.recordings.repair.messages import COUNTS
@@ -504,8 +503,8 @@ def test_longest_gap_can_be_chosen(bag: Bag) -> None:
     messages = stamped(MOTION)
     path = write_bag(bag.folder / "x", bag.bag_format, messages[:100] + messages[180:])
     raw = read_joint_states(path, "/joint_states")
-    assert repair(raw, options=RepairOptions(max_gap=0.9)).repairs == {}
-    assert repair(raw, options=RepairOptions(max_gap=0.7)).repairs == {"gaps": 1}
+    assert repair(raw, max_gap=0.9).repairs == {}
+    assert repair(raw, max_gap=0.7).repairs == {"gaps": 1}
 
 
 def test_repairs_counted_before_a_refusal_are_kept(bag: Bag) -> None:

@@ -38,7 +38,7 @@ def motions_in(
 ) -> list[tuple[float, float]]:
     """Start and end [s] of each motion."""
     piece = smoothed(positions, rate)
-    thresholds = speed_thresholds(joint_speed(piece.velocities), options)
+    thresholds = speed_thresholds(joint_speed(piece.velocities))
     spans = find_motions(piece, thresholds, options)
     return [(float(piece.times[a]), float(piece.times[b])) for a, b in spans]
 
@@ -128,7 +128,7 @@ def test_recording_that_starts_and_ends_in_motion_is_used_to_its_ends() -> None:
 def test_stillness_yields_no_motion() -> None:
     still = np.random.default_rng(0).normal(scale=1e-3, size=(500, 2))
     moving = smoothed(reaching([0, 1]))
-    thresholds = speed_thresholds(joint_speed(moving.velocities), OPTIONS)
+    thresholds = speed_thresholds(joint_speed(moving.velocities))
     assert find_motions(smoothed(still), thresholds, OPTIONS) == []
     assert trim(smoothed(np.zeros((500, 2))), thresholds) is None
 
@@ -152,7 +152,7 @@ def test_no_motion_is_shorter_than_asked() -> None:
 
 def test_trim_keeps_all_between_the_outer_rests() -> None:
     piece = smoothed(reaching([0, 1, -0.5]))
-    span = trim(piece, speed_thresholds(joint_speed(piece.velocities), OPTIONS))
+    span = trim(piece, speed_thresholds(joint_speed(piece.velocities)))
     assert span is not None
     np.testing.assert_allclose(piece.times[list(span)], (1, 4), atol=0.12)
 
@@ -160,12 +160,10 @@ def test_trim_keeps_all_between_the_outer_rests() -> None:
 @pytest.mark.parametrize(
     "values",
     [
-        {"rest_ratio": 0.0},
-        {"turning_ratio": 1.0},
+        {"min_rest": 0.0},
         {"min_rest": -1.0},
         {"min_duration": float("nan")},
-        {"rest_ratio": 0.3},
-        {"passing_ratio": 0.7},
+        {"min_duration": float("inf")},
     ],
 )
 def test_senseless_options_are_refused_by_name(values: dict[str, float]) -> None:

@@ -8,9 +8,7 @@ from conftest import minimum_jerk
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.recordings.repair import Piece
-from mp_pca_planner.recordings.smoothing import SmoothingOptions, smooth
-
-OPTIONS = SmoothingOptions()
+from mp_pca_planner.recordings.smoothing import CUTOFF, MAX_RATE, MIN_RATE, smooth
 
 
 def sine(times: FloatArray, frequency: float, order: int = 0) -> FloatArray:
@@ -39,7 +37,7 @@ def test_there_is_no_delay() -> None:
 
 def test_noise_over_the_cutoff_is_taken_out() -> None:
     times = np.arange(0.0, 4.0, 0.002)
-    hum = 0.01 * sine(times, 6 * OPTIONS.cutoff)
+    hum = 0.01 * sine(times, 6 * CUTOFF)
     result = smooth(Piece(times, sine(times, 0.5) + hum), 500.0)
     inner = slice(100, -100)
     left = result.positions[inner] - sine(result.times[inner], 0.5)
@@ -47,7 +45,7 @@ def test_noise_over_the_cutoff_is_taken_out() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate", "expected"), [(10.0, OPTIONS.min_rate), (120.0, 120.0), (1000.0, OPTIONS.max_rate)]
+    ("rate", "expected"), [(10.0, MIN_RATE), (120.0, 120.0), (1000.0, MAX_RATE)]
 )
 def test_rate_of_the_result_is_that_of_the_recording_within_bounds(
     rate: float, expected: float
