@@ -29,19 +29,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from calibration import CALIBRATION_SIZES, Calibration, calibration
 from tables import Table, benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.evaluation.naturalness import (
     BSPLINES,
-    CALIBRATION_SIZES,
     RHOS,
-    Calibration,
     Comparison,
     Prediction,
     Predictor,
-    calibration,
     compare,
     planned,
 )
@@ -154,12 +152,34 @@ def _table(comparison: Comparison) -> Table:
         row.append(f"{1e3 * comparison.rms(name, 'tip'):.0f}")
         row.append(f"{np.mean(comparison.column(name, 'peak')):.3f}")
         row.append(f"{np.median(comparison.column(name, 'deviation')):.2f}")
-        row += [f"{comparison.relative_to_demonstrated(name, q):.2f}" for q in RELATIVE]
+        row += [f"{relative_to_demonstrated(comparison, name, q):.2f}" for q in RELATIVE]
         has_efforts = BSPLINES in comparison.results
         row.append(f"{comparison.effort_ratio(name):.2f}" if has_efforts else "")
         rows.append(row)
     columns = [x for q in MEASURES for x in (q, "difference")]
     return ["", *columns, "tip [mm]", "peak", "deviation", *ENDS, "effort"], rows
+
+
+def relative_to_demonstrated(
+    comparison: Comparison, method: str, quantity: str, share: float = 0.95
+) -> float:
+    """Quantile of a method's speed, acceleration or jerk, relative to that demonstrated.
+
+    Demonstrations count with their largest value at any time: they may be cut off at a speed.
+    """
+    of_motions = [_demonstrated(motion, quantity) for motion in comparison.motions]
+    return float(np.quantile(comparison.column(method, quantity), share)) / float(
+        np.quantile(of_motions, share)
+    )
+
+
+def _demonstrated(motion: Demonstration, quantity: str) -> float:
+    """Largest speed, acceleration or jerk of a demonstration at any time."""
+    curves = {"speed": motion.velocities, "acceleration": motion.accelerations}
+    curve = curves.get(quantity)
+    if curve is None:
+        curve = np.gradient(motion.accelerations, motion.times, axis=0)
+    return float(np.abs(curve).max())
 
 
 def peers() -> dict[str, Predictor]:

@@ -36,6 +36,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..robot.model import Robot
@@ -139,8 +140,7 @@ def analyse(control: ControlLoop, errors: ErrorModel) -> Stability:
     gains = norm_gains, row_gains = _peak_gains(loop)
     changes = _parameter_changes(loop, directions, errors)
     loop_gain = float((norm_gains.sum(axis=1) @ changes.max(axis=0)).max())
-    remainder = _Remainder(loop, control, errors)
-    rest = _rest(loop, remainder, known, gains, changes, _friction(loop, errors))
+    rest = _rest(loop, control, errors, known, gains, changes)
     slowest, damping, radius = poles(loop, _N_POLE_TIMES)
     bound = effort_bound = None
     reserve = _reserve(np.abs(loop.feedforward), limits)
@@ -286,22 +286,23 @@ def _alive(x: FloatArray, n: int) -> int:
 
 def _rest(
     loop: NominalLoop,
-    remainder: _Remainder,
+    control: ControlLoop,
+    errors: ErrorModel,
     known: tuple[FloatArray, FloatArray],
     gains: tuple[FloatArray, FloatArray],
     changes: FloatArray,
-    friction: FloatArray,
 ) -> FloatArray | None:
     """Bounds ‖w‖ of each interval that map into themselves; None if there are none."""
     (values, known_norms), (norm_gains, row_gains) = known, gains
     peaks = np.maximum.reduceat(values, loop.edges)
-    rest = np.zeros(len(changes))
+    friction, rest = _friction(loop, errors), np.zeros(len(changes))
     for _ in range(_MAX_ROUNDS):
         z = peaks + np.einsum("ljc,j->lc", row_gains, rest)
         norms = known_norms + np.einsum("ljc,j->lc", norm_gains, rest)
         if not z.max() < _MAX_BOUND:
             return None
-        needed = np.sum(changes * norms, axis=1) + remainder(z) + friction
+        remainder = _remainder(loop, control, errors, z)
+        needed = np.sum(changes * norms, axis=1) + remainder + friction
         if np.all(needed <= rest):
             return rest
         # Slightly larger bounds than needed, so that the iteration ends inside of its own image.
@@ -316,37 +317,40 @@ def _friction(loop: NominalLoop, errors: ErrorModel) -> FloatArray:
     return np.asarray(np.maximum.reduceat(np.sqrt(squares), loop.edges))
 
 
-class _Remainder:
-    """Bound on the nonlinear remainder, for a box of errors in each interval."""
+def _remainder(
+    loop: NominalLoop, control: ControlLoop, errors: ErrorModel, z: FloatArray
+) -> FloatArray:
+    """Bound on the nonlinear remainder ‖r‖ in each interval, shape (n_intervals,).
 
-    def __init__(self, loop: NominalLoop, control: ControlLoop, errors: ErrorModel) -> None:
-        rows = np.minimum(loop.edges + len(loop.times) // len(loop.edges) // 2, len(loop.times) - 1)
-        rng = np.random.default_rng(0)
-        self._n = loop.n
-        self._signs = rng.choice([-1.0, 1.0], size=(_N_CORNERS, 1, 3 * loop.n))
-        self._states = np.concatenate([values[rows] for values in loop.middle], axis=1)
-        self._robot, self._law = control.model, control.law
-        self._factor = _SAFETY * (1.0 + errors.inertia)
-        self._linear, self._efforts = loop.linear[rows], loop.middle_efforts[rows]
-        self._inverse_root = loop.inverse_root[rows]
+    Parameters
+    ----------
+    z : array, shape (n_intervals, 3 n)
+        Largest errors of each interval.
+    """
+    n, law = loop.n, control.law
+    middles = loop.edges + len(loop.times) // len(loop.edges) // 2
+    rows = np.minimum(middles, len(loop.times) - 1)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(_N_CORNERS, 1, 3 * n))
+    corners = signs * z
+    deviation = _deviation(loop, control.model, rows, corners)
+    if law.kind == COMPUTED_TORQUE:
+        # Inverse dynamics within the law, as a function of the measured errors.
+        e, rate = corners[..., :n], corners[..., n : 2 * n]
+        command = -(law.position_gains * e + law.velocity_gains * rate)
+        measured = np.concatenate([corners[..., : 2 * n], command], axis=2)
+        deviation = np.abs(deviation) + np.abs(_deviation(loop, control.model, rows, measured))
+    weighted = np.einsum("kij,ckj->cki", loop.inverse_root[rows], deviation)
+    factor = _SAFETY * (1.0 + errors.inertia)
+    return np.asarray(factor * np.linalg.norm(weighted, axis=2).max(axis=0))
 
-    def __call__(self, z: FloatArray) -> FloatArray:
-        """‖r‖ for errors z, shape (n_intervals, 3 n), of each interval."""
-        errors = self._signs * z
-        deviation = self._deviation(errors)
-        if self._law.kind == COMPUTED_TORQUE:
-            # Inverse dynamics within the law, as a function of the measured errors.
-            e, rate = errors[..., : self._n], errors[..., self._n : 2 * self._n]
-            command = -(self._law.position_gains * e + self._law.velocity_gains * rate)
-            measured = np.concatenate([errors[..., : 2 * self._n], command], axis=2)
-            deviation = np.abs(deviation) + np.abs(self._deviation(measured))
-        weighted = np.einsum("kij,ckj->cki", self._inverse_root, deviation)
-        return np.asarray(self._factor * np.linalg.norm(weighted, axis=2).max(axis=0))
 
-    def _deviation(self, errors: FloatArray) -> FloatArray:
-        """τ(d − z) − τ(d) + linear part, shape (n_corners, n_intervals, n)."""
-        n = self._n
-        states = (self._states - errors).reshape(-1, 3 * n)
-        tau = self._robot.inverse_dynamics(states[:, :n], states[:, n : 2 * n], states[:, 2 * n :])
-        linear = np.einsum("kij,ckj->cki", self._linear, errors)
-        return np.asarray(tau.reshape(linear.shape) - self._efforts + linear)
+def _deviation(
+    loop: NominalLoop, model: Robot, rows: NDArray[np.int64], errors: FloatArray
+) -> FloatArray:
+    """τ(d − z) − τ(d) + linear part at some samples, shape (n_corners, n_intervals, n)."""
+    n = loop.n
+    desired = np.concatenate([values[rows] for values in loop.middle], axis=1)
+    states = (desired - errors).reshape(-1, 3 * n)
+    tau = model.inverse_dynamics(states[:, :n], states[:, n : 2 * n], states[:, 2 * n :])
+    linear = np.einsum("kij,ckj->cki", loop.linear[rows], errors)
+    return np.asarray(tau.reshape(linear.shape) - loop.middle_efforts[rows] + linear)

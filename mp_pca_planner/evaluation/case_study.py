@@ -196,22 +196,6 @@ FREE_ENDS = (FREE_BSPLINES, PAPER)
 
 
 @dataclass(frozen=True, eq=False)
-class Raising:
-    """One motion planned by several methods.
-
-    Attributes
-    ----------
-    motion : Demonstration
-        The person's motion.
-    predictions : dict of str to Prediction
-        By method.
-    """
-
-    motion: Demonstration
-    predictions: dict[str, Prediction]
-
-
-@dataclass(frozen=True, eq=False)
 class CaseStudy:
     """Results of the case study.
 
@@ -223,8 +207,10 @@ class CaseStudy:
         Of the joint angles, joint by joint: [P] Table 2 and Fig. 2.
     shares_by_activity : dict of str to array, shape (n_joints, 4)
         Shares of the variance for all motions of each activity.
-    raising : Raising
-        [P] Table 3, Figs. 3 and 4.
+    raising : Demonstration
+        The motion with the largest rise of the hand.
+    raised : dict of str to Prediction
+        The same motion planned by several methods: [P] Table 3, Figs. 3 and 4.
     held_out : Comparison
         Each of the motions planned with primitives of the others.
     other_activities : Comparison or None
@@ -234,7 +220,8 @@ class CaseStudy:
     motions: tuple[Demonstration, ...]
     components: tuple[PrincipalComponents, ...]
     shares_by_activity: dict[str, FloatArray]
-    raising: Raising
+    raising: Demonstration
+    raised: dict[str, Prediction]
     held_out: Comparison
     other_activities: Comparison | None
 
@@ -353,6 +340,8 @@ def study(
     sets: dict[str, list[Demonstration]] = {}
     for motion in motions:
         sets.setdefault(motion.label, []).append(motion)
+    highest = _highest_rise(held_out, robot, tip)
+    planned_highest = held_out.predictions[highest]
     return CaseStudy(
         motions=tuple(chosen),
         components=tuple(angle_components(chosen)),
@@ -361,7 +350,8 @@ def study(
             for label, members in sorted(sets.items())
             if label and len(members) >= min_of_activity
         },
-        raising=_highest_rise(held_out, robot, tip),
+        raising=held_out.motions[highest],
+        raised={name: planned_highest[name] for name in TABLE_3_METHODS},
         held_out=held_out,
         other_activities=other_activities[0] if other_activities else None,
     )
@@ -376,10 +366,8 @@ def variance_shares(components: Sequence[PrincipalComponents]) -> FloatArray:
     return shares
 
 
-def _highest_rise(held_out: Comparison, robot: Robot, tip: str) -> Raising:
-    """The motion with the largest rise of the hand."""
-    motions = held_out.motions
-    heights = [robot.frame_positions(m.positions[[0, -1]], [tip])[:, 0, 2] for m in motions]
-    highest = int(np.argmax([end - start for start, end in heights]))
-    found = held_out.predictions[highest]
-    return Raising(motions[highest], {name: found[name] for name in TABLE_3_METHODS})
+def _highest_rise(held_out: Comparison, robot: Robot, tip: str) -> int:
+    """Index of the motion with the largest rise of the hand."""
+    ends = [motion.positions[[0, -1]] for motion in held_out.motions]
+    heights = [robot.frame_positions(q, [tip])[:, 0, 2] for q in ends]
+    return int(np.argmax([end - start for start, end in heights]))

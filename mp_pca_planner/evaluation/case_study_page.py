@@ -106,7 +106,7 @@ def less_than_paper(study: CaseStudy) -> list[str]:
 
 def table_3(study: CaseStudy) -> Table:
     """The arm-raising motion, beside the paper's."""
-    found = study.raising.predictions
+    found = study.raised
     paper = {f"paper: {name}": Prediction(np.zeros(0), *TABLE_3[name]) for name in TABLE_3}
     rows = [_effort_row(name, found[name], found[BSPLINES]) for name in TABLE_3_METHODS]
     for name in paper:
@@ -245,7 +245,6 @@ def _like_for_like(study: CaseStudy) -> str:
 def facts(study: CaseStudy, source: str) -> dict[str, Any]:
     """All results as numbers, of JSON types."""
     names = study.motions[0].joint_names
-    raising = study.raising
     other = study.other_activities
     return {
         "source": source,
@@ -264,11 +263,9 @@ def facts(study: CaseStudy, source: str) -> dict[str, Any]:
             for activity, shares in study.shares_by_activity.items()
         },
         "table_3": {
-            "recording": raising.motion.recording,
-            "start_time_s": raising.motion.start_time,
-            "ours": {
-                name: _cost(p.effort, p.solve_time) for name, p in raising.predictions.items()
-            },
+            "recording": study.raising.recording,
+            "start_time_s": study.raising.start_time,
+            "ours": {name: _cost(p.effort, p.solve_time) for name, p in study.raised.items()},
             "paper": {name: _cost(*values) for name, values in TABLE_3.items()},
         },
         "time_ratio_pca_over_bspline": {
@@ -355,7 +352,7 @@ def case_study_page(
         title="Case study: movement primitives of arm motions",
         study=study,
         source=source,
-        raising=study.raising.motion,
+        raising=study.raising,
         verdict=verdict(study),
         tables={"naturalness_other_activities": None, **tables(study)},
         below_paper=less_than_paper(study),
@@ -366,13 +363,10 @@ def case_study_page(
 
 def _chains(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, FloatArray]:
     """Origins of the frames, shape (n_frames, n_points, 3), by the label of the motion."""
-    raising = study.raising
     n_frames = 61
     chosen = np.linspace(0, 1000, n_frames).round().astype(int)
-    positions = {
-        name: raising.predictions[name].positions[chosen] for name in (BSPLINES, PAPER, OURS)
-    }
-    positions["the person"] = raising.motion.time_normalised(n_frames)
+    positions = {name: study.raised[name].positions[chosen] for name in (BSPLINES, PAPER, OURS)}
+    positions["the person"] = study.raising.time_normalised(n_frames)
     return {name: robot.frame_positions(q, frames) for name, q in positions.items()}
 
 
@@ -393,6 +387,6 @@ def _place(comparison: Comparison, name: str) -> tuple[float, float]:
 def _animation(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, Any]:
     chains = _chains(study, robot, frames)
     return {
-        "duration": study.raising.motion.duration,
+        "duration": study.raising.duration,
         "chains": [[name, np.round(chain, 4).tolist()] for name, chain in chains.items()],
     }

@@ -24,12 +24,10 @@ from ..motion.interpolation import hermite_functions
 from ..planning.likeness import NATURAL
 from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
-from ..primitives.alignment import align, aligned_positions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
 from ..primitives.differences import FINE_PHASES, MEASURES, PHASES, by_way, differences
 from ..primitives.pace import fit_paces
-from ..primitives.prediction import FREEDOM
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..robot.limits import JointLimits
@@ -44,9 +42,6 @@ error of the phase of peak speed; RMS of the weights' deviations from the expect
 deviations; effort J [N²·m²·s]; time to find it [s], where it is optimised; largest speed [rad/s],
 and largest acceleration [rad/s²] and jerk [rad/s³] in the first and last tenth of the duration. NaN
 where there is no robot."""
-
-CALIBRATION_SIZES = (3, 5, 8, 12, 20)
-"""Numbers of demonstrations for which the predicted standard deviations are checked."""
 
 DEFAULT_RHO = NATURAL
 RHOS = (0.0, 0.01, 0.03, 0.1, 0.3)
@@ -111,16 +106,6 @@ class Comparison:
     def rms(self, method: str, quantity: str) -> float:
         """RMS over the motions."""
         return float(np.sqrt(np.mean(self.column(method, quantity) ** 2)))
-
-    def relative_to_demonstrated(self, method: str, quantity: str, share: float = 0.95) -> float:
-        """Quantile of a method's speed, acceleration or jerk, relative to that demonstrated.
-
-        Demonstrations count with their largest value at any time: they may be cut off at a speed.
-        """
-        of_motions = [_demonstrated(motion, quantity) for motion in self.motions]
-        return float(np.quantile(self.column(method, quantity), share)) / float(
-            np.quantile(of_motions, share)
-        )
 
     def effort_ratio(self, method: str) -> float:
         """Median effort as a multiple of that of B-splines."""
@@ -216,97 +201,6 @@ def compare(
     return Comparison(tuple(motions), results, reference, tuple(every))
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """How well predicted standard deviations describe the errors of motions left out.
-
-    Attributes
-    ----------
-    n_demonstrations : int
-        Number of demonstrations of each primitive.
-    within : tuple of float
-        Shares of the errors within the predicted intervals of 68, 95 and 99.7 %, which are those
-        of one, two and three standard deviations of a Gaussian.
-    in_span : float
-        Share of the left-out requests with an in-span score below 3.
-    error_ratio : float
-        RMS error of left-out motions in path, in units of the expected one.
-    """
-
-    n_demonstrations: int
-    within: tuple[float, float, float]
-    in_span: float
-    error_ratio: float
-
-
-def calibration(
-    motions: Sequence[Demonstration],
-    options: PrimitiveOptions = _OPTIONS,
-    *,
-    sizes: Sequence[int] = CALIBRATION_SIZES,
-    n_draws: int = 10,
-    n_tested: int = 3,
-) -> list[Calibration]:
-    """Predict motions from a few others, drawn at random.
-
-    Errors are those of the joint angles at a quarter, half and three quarters of the path.
-
-    Parameters
-    ----------
-    motions :
-        Motions of the same joints.
-    options :
-        How primitives are built.
-    sizes :
-        Numbers of demonstrations; those that leave no motion are skipped.
-    n_draws, n_tested :
-        Number of primitives for each size, and of motions left out of each.
-    """
-    found = []
-    for size in sizes:
-        rng, rows = np.random.default_rng(size), []
-        for _ in range(n_draws if size < len(motions) else 0):
-            order = rng.permutation(len(motions))
-            primitive = build_primitive([motions[i] for i in order[:size]], "some", options)
-            tested = [motions[i] for i in order[size:][:n_tested]]
-            rows += [_standardised(motion, primitive) for motion in tested]
-        if rows:
-            errors, scores, squares, expected = map(np.array, zip(*rows, strict=True))
-            one, two, three = (float(np.mean(np.abs(errors) < x)) for x in _interval_bounds())
-            ratio = float(np.sqrt(squares.mean() / np.mean(expected**2)))
-            in_span = float(np.mean(scores < 3.0))
-            found.append(Calibration(size, (one, two, three), in_span, ratio))
-    return found
-
-
-def _interval_bounds() -> FloatArray:
-    """Bounds of the predicted intervals of 68, 95 and 99.7 %, in standard deviations."""
-    from scipy.stats import norm, t  # imported late, because the import is slow
-
-    bounds = t.ppf(norm.cdf([1.0, 2.0, 3.0]), FREEDOM)
-    return np.asarray(bounds * np.sqrt((FREEDOM - 2.0) / FREEDOM))
-
-
-def _standardised(
-    motion: Demonstration, primitive: MovementPrimitive
-) -> tuple[FloatArray, float, float, float]:
-    """Errors in standard deviations, in-span score, and mean square and expected error."""
-    phases = np.array([0.25, 0.5, 0.75])
-    start, goal = motion.positions[[0, -1]]
-    expected = primitive.model.predict(start, goal, motion.duration)
-    (warp,) = align([motion], "arc_length")
-    straight = start + hermite_functions(phases)[:, 3:4] * (goal - start)
-    predicted = straight + primitive.basis.shape(expected.weights, phases)
-    errors = aligned_positions(motion, warp, phases) - predicted
-    functions = primitive.basis.functions(phases)
-    covariance = expected.variance * expected.covariance
-    variances = np.einsum("pjk,kl,pjl->pj", functions, covariance, functions)
-    variances += np.mean(primitive.fit_residual**2, axis=0) + 1e-12
-    both = by_way(expected_motion(primitive, motion)) - by_way(motion.time_normalised(1001))
-    score, usual = expected.in_span_score, primitive.expected_error(expected)
-    return errors / np.sqrt(variances), score, float(np.mean(both**2)), usual
-
-
 def _predictions(
     motion: Demonstration, primitive: MovementPrimitive, robot: Robot | None, rhos: Sequence[float]
 ) -> dict[str, Prediction]:
@@ -388,15 +282,6 @@ def _highest(positions: FloatArray, duration: float) -> tuple[float, float, floa
         n = round(share * len(curves))
         highest.append(float(max(curves[:n].max(), curves[-n:].max())))
     return highest[0], highest[1], highest[2]
-
-
-def _demonstrated(motion: Demonstration, quantity: str) -> float:
-    """Largest speed, acceleration or jerk of a demonstration at any time."""
-    curves = {"speed": motion.velocities, "acceleration": motion.accelerations}
-    curve = curves.get(quantity)
-    if curve is None:
-        curve = np.gradient(motion.accelerations, motion.times, axis=0)
-    return float(np.abs(curve).max())
 
 
 def _peak_phase(positions: FloatArray) -> float:

@@ -66,26 +66,26 @@ def test_the_arm_raising_motion_lifts_the_hand_most(found):
         np.diff(robot.frame_positions(m.positions[[0, -1]], ["wrist"])[:, 0, 2])[0]
         for m in found.motions
     ]
-    assert found.raising.motion is found.motions[int(np.argmax(rises))]
+    assert found.raising is found.motions[int(np.argmax(rises))]
 
 
 def test_all_methods_go_from_end_to_end(found):
-    for prediction in found.raising.predictions.values():
+    for prediction in found.raised.values():
         np.testing.assert_allclose(
-            prediction.positions[[0, -1]], found.raising.motion.positions[[0, -1]], atol=1e-6
+            prediction.positions[[0, -1]], found.raising.positions[[0, -1]], atol=1e-6
         )
 
 
 def test_our_plan_is_nearer_than_bsplines_which_take_less_effort(found):
     assert found.closer_than_bsplines("time") == 1.0
-    predictions = found.raising.predictions
+    predictions = found.raised
     assert predictions[BSPLINES].effort < predictions[OURS].effort
 
 
 def test_rows_say_which_motions_end_at_rest(found):
     header, rows = tables(found)["table_3"]
     ends = {row[0]: row[header.index("ends")] for row in rows}
-    for name, prediction in found.raising.predictions.items():
+    for name, prediction in found.raised.items():
         rates = np.abs(np.diff(prediction.positions, axis=0))[[0, -1]].max()
         assert (ends[name] == "at rest") == (rates < 1e-5), name
 

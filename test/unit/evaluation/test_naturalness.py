@@ -5,6 +5,8 @@
 import numpy as np
 import pytest
 from arm import arm_demonstrations, arm_robot
+from calibration import calibration
+from naturalness import relative_to_demonstrated
 
 from mp_pca_planner.evaluation.naturalness import (
     BSPLINES,
@@ -13,7 +15,6 @@ from mp_pca_planner.evaluation.naturalness import (
     QUANTITIES,
     Comparison,
     Prediction,
-    calibration,
     compare,
     planned,
 )
@@ -113,7 +114,9 @@ def test_too_few_motions_are_refused():
 
 
 def test_predicted_deviations_describe_the_errors_of_motions_left_out() -> None:
-    few, more = calibration(arm_demonstrations(16), sizes=(5, 12, 20), n_draws=6)
+    few, more = calibration(
+        arm_demonstrations(16), PrimitiveOptions(), sizes=(5, 12, 20), n_draws=6
+    )
     assert (few.n_demonstrations, more.n_demonstrations) == (5, 12)
     for one in (few, more):
         assert one.within[0] < one.within[1] <= one.within[2]
@@ -129,4 +132,4 @@ def test_jerk_at_the_ends_is_relative_to_the_largest_demonstrated() -> None:
         for motion in comparison.motions
     ]
     np.testing.assert_allclose(comparison.column(MINIMUM_JERK, "jerk"), straight, rtol=1e-2)
-    assert 0.0 < comparison.relative_to_demonstrated(EXPECTED, "jerk") < 3.0
+    assert 0.0 < relative_to_demonstrated(comparison, EXPECTED, "jerk") < 3.0
