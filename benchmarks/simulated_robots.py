@@ -20,7 +20,7 @@ from tables import benchmark_parser, show
 from mp_pca_planner.evaluation.problems import robot_file
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.robot.model import Robot
-from mp_pca_planner.simulation import SimulatedRobot
+from mp_pca_planner.simulation.robot import SimulatedRobot
 
 PAYLOAD = 3.0
 DURATION = 1.5

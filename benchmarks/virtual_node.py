@@ -37,7 +37,7 @@ from mp_pca_planner.execution.tracking.measured import MeasuredStates
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.simulation import SimulatedRobot
+from mp_pca_planner.simulation.robot import SimulatedRobot
 
 STATE_PERIOD, WATCH_PERIOD = 2, 50  # in ticks of a millisecond
 JERK_OF_ACCELERATION = 20.0

@@ -20,7 +20,7 @@ from ..files import read_text, write_whole
 from ..robot.model import Robot
 from ..ros.nodes import spin_until, start_ros
 from ..ros.simulated_robot import SimulatedRobotNode
-from ..simulation import Faults, SimulatedRobot
+from ..simulation.robot import Faults, SimulatedRobot
 from .common import check_output, report
 from .goal_arguments import angles_in_degrees, joint_values
 from .terminal import DONE, written_lines

@@ -11,8 +11,3 @@ A robot in virtual time, whose clock advances by 1 ms with each step::
         robot.step()
     robot.record.q, robot.record.clock, robot.rejections
 """
-
-from .controller import ControllerOptions
-from .robot import Faults, SimulatedRobot
-
-__all__ = ["ControllerOptions", "Faults", "SimulatedRobot"]

@@ -11,7 +11,8 @@ from referee import judge
 
 from mp_pca_planner.exceptions import SimulationError
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.simulation import ControllerOptions, Faults, SimulatedRobot
+from mp_pca_planner.simulation.controller import ControllerOptions
+from mp_pca_planner.simulation.robot import Faults, SimulatedRobot
 
 START = np.array([0.1, 0.2, 0.0, 0.8])
 SHIFT = np.array([0.6, -0.4, 0.5, 0.7])
