@@ -73,9 +73,6 @@ def _plan_lines(request: PlannedRequest, facts: Mapping[str, Any]) -> list[str]:
         f"solve time   {1e3 * plan.solve_time:.2f} ms, {facts['iterations']} iterations",
         f"goal error   {facts['goal_error']:.2g} rad or m",
     ]
-    if plan.via_phases:
-        phases = ", ".join(f"{phase:.3f}" for phase in plan.via_phases)
-        lines.append(f"vias         passed at phase {phases}, error {plan.via_error:.2g} rad or m")
     if plan.correction > 0.0:
         lines.append(
             f"correction   {plan.correction:.2g} rad or m beside "

@@ -72,12 +72,8 @@ class PlannedRequest:
     @property
     def passed(self) -> list[JointState]:
         """The start, the configurations at the vias, and the goal."""
-        motion = self.plan.motion
-        if self.plan.mode:
-            return [motion.start, *(segment.goal for segment in self.plan.motions)]
-        at_vias, _, _ = motion.evaluate(motion.duration * np.array(self.plan.via_phases))
-        vias = [JointState(motion.start.joint_names, q) for q in at_vias]
-        return [motion.start, *vias, motion.goal]
+        motions = self.plan.motions
+        return [motions[0].start, *(motion.goal for motion in motions)]
 
     @property
     def remarks(self) -> list[str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -237,18 +238,14 @@ def _clean(
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.max_gap), residuals
-    chosen = (options.topic, options.joints, options.state_field, options.salvage, options.max_gap)
-    ways = (options.moving_only, options.degrees)
-
-    def read() -> CleanRecording:
-        return read_recording(
-            path,
-            *chosen[:3],
-            salvage=options.salvage,
-            listed_only=options.moving_only,
-            degrees=options.degrees,
-            max_gap=options.max_gap,
-            progress=progress,
-        )
-
-    return options.cache.clean(path, repr((chosen, ways)), read), {}
+    chosen: dict[str, Any] = {
+        "topic": options.topic,
+        "joints": options.joints,
+        "state_field": options.state_field,
+        "salvage": options.salvage,
+        "listed_only": options.moving_only,
+        "degrees": options.degrees,
+        "max_gap": options.max_gap,
+    }
+    read = partial(read_recording, path, progress=progress, **chosen)
+    return options.cache.clean(path, repr(chosen), read), {}
