@@ -22,6 +22,8 @@ from .smoothing import smooth
 
 # Samples and seconds of a part that is used, and the gap that ends a part in usual intervals.
 _MIN_SAMPLES, _MIN_SECONDS, _MAX_GAP = 50, 1.0, 5.0
+# Resolution of the search for the start of a motion in a recording [s].
+_STEP = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class MeasuredMotion:
 
 
 def measured_states(
-    path: Path, joint_names: Sequence[str], topic: str | None = None
+    path: Path, joint_names: Sequence[str]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times from 0 [s], positions and efforts of a recording of joint states.
 
@@ -55,8 +57,6 @@ def measured_states(
         The recording, a bag.
     joint_names :
         Names of the n_joints joints; messages that lack one of them are left out.
-    topic :
-        Topic of the joint states; by default the only one.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def measured_states(
         finite.
     """
     with open_bag(path) as bag:
-        chosen = choose_topic([t for t in bag.topics if t.type == JOINT_STATE], topic)
+        chosen = choose_topic([t for t in bag.topics if t.type == JOINT_STATE])
         rows = bag.read([chosen], lambda stored: _rows(bag, stored, joint_names))
     if len(rows) < 2:
         raise RecordingError(
@@ -159,9 +159,7 @@ class MeasuredExecution:
     started: float
 
 
-def measure_execution(
-    path: Path, trajectory: Trajectory, topic: str | None = None, step: float = 0.005
-) -> MeasuredExecution:
+def measure_execution(path: Path, trajectory: Trajectory) -> MeasuredExecution:
     """Find a trajectory's execution in a recording, and measure it.
 
     It starts where the recorded positions follow the desired ones best.
@@ -169,13 +167,9 @@ def measure_execution(
     Parameters
     ----------
     path : Path
-        The recording, of joint states with efforts.
+        The recording, with one topic of joint states with efforts.
     trajectory : Trajectory
         The executed motion.
-    topic : str, optional
-        Topic of the joint states; the only one by default.
-    step : float
-        Resolution of the search for the start of the motion in the recording [s].
 
     Raises
     ------
@@ -183,16 +177,16 @@ def measure_execution(
         If it can't be read, lacks positions or efforts of a joint, holds numbers that aren't
         finite, or is shorter than the trajectory.
     """
-    times, q, tau = measured_states(path, trajectory.joint_names, topic)
+    times, q, tau = measured_states(path, trajectory.joint_names)
     duration = float(trajectory.times[-1])
     spare = float(times[-1]) - duration
-    if spare < -step:
+    if spare < -_STEP:
         raise RecordingError(
             f"'{path}' lasts {times[-1]:.3f} s, but the executed motion {duration:.3f} s: "
             "record it from its start to its end"
         )
-    desired = interpolate(trajectory, step)
-    starts = np.arange(0.0, max(spare, 0.0) + step, step)
+    desired = interpolate(trajectory, _STEP)
+    starts = np.arange(0.0, max(spare, 0.0) + _STEP, _STEP)
     errors = [_distance(times - start, q, desired.times, desired.q) for start in starts]
     best = int(np.argmin(errors))
     grid = np.union1d(desired.times + starts[best], times)
