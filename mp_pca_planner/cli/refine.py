@@ -23,7 +23,7 @@ from .requests import PlannedRequest, collision_line, plan_request, status_line
 from .terminal import DONE, FAILED, PROGRAM, complain, flush, written_lines
 
 # Options of `plan` that sequences don't have.
-_ONLY_OF_SINGLE_MOTIONS = (*("goal_pose", "frame", "duration", "objective"),)
+_ONLY_OF_SINGLE_MOTIONS = ("goal_pose", "frame", "duration", "objective")
 
 
 def run(arguments: argparse.Namespace) -> int:
