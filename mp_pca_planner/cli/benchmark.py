@@ -38,7 +38,7 @@ from ..evaluation.run import (
     summarise_scenes,
     unsolved,
 )
-from ..exceptions import PlannerError, quote_names
+from ..exceptions import PlannerError, quote_names, unknown_name
 from ..motion.collision import CollisionModel
 from ..plotting.comparison import comparison_figure
 from ..plotting.page import picture
@@ -48,7 +48,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..resources import config_file
 from ..robot.collision import package_folders
 from ..robot.model import Robot
-from .common import check_output, named_peers, progress_bar, report
+from .common import check_output, progress_bar, report
 from .terminal import DONE, written_lines
 
 _COLUMNS = {
@@ -101,7 +101,7 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
     if arguments.seed == DEMONSTRATIONS_SEED:
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     check_output(arguments.plot, ".png", force=arguments.force)
-    peers = named_peers(arguments.peers, list(PEERS))
+    peers = _named_peers(arguments.peers, list(PEERS))
     scene = _scene(arguments, *robot_file(arguments.robot or HUMAN_ARM), arguments.limits)
     draw = random_problems if arguments.random_ends else held_out_problems
     problems = draw(scene, arguments.problems, arguments.seed)
@@ -126,6 +126,23 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
             for name, indices in facts["solved_by_bspline_only"].items()
         ),
     ]
+
+
+def _named_peers(text: str, known: Sequence[str]) -> list[str]:
+    """The methods that an option names: several, "all" or "none".
+
+    Raises
+    ------
+    PlannerError
+        If there is no such method.
+    """
+    if text in ("all", "none"):
+        return list(known) if text == "all" else []
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
+        if name not in known:
+            raise PlannerError(unknown_name("peer", name, [*known, "all", "none"]))
+    return list(dict.fromkeys(names))
 
 
 def _compared(
@@ -164,7 +181,7 @@ def _in_scenes(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]
     """Results among obstacles, and lines of text on them."""
     if arguments.plot is not None or arguments.random_ends:
         raise PlannerError("--plot and --random-ends are not accepted with --scenes: remove them")
-    peers = named_peers(arguments.peers, list(SCENE_PEERS))
+    peers = _named_peers(arguments.peers, list(SCENE_PEERS))
     max_time = arguments.time_limit or 1.0
     problems = scene_problems(arguments.scenes, arguments.problems)
     first = problems[0]

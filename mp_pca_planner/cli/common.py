@@ -188,20 +188,3 @@ def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:
         shown = [name for name in known(values) if name not in INTERNAL]
         return [f"  {name:<18} {values[name]}" for name in shown]
     return [f"  {name:<19} {short(value)}" for name, value in known(values, REPORTED).items()]
-
-
-def named_peers(text: str, known: Sequence[str]) -> list[str]:
-    """The methods that an option names: several, "all" or "none".
-
-    Raises
-    ------
-    PlannerError
-        If there is no such method.
-    """
-    if text in ("all", "none"):
-        return list(known) if text == "all" else []
-    names = [name.strip() for name in text.split(",")]
-    for name in names:
-        if name not in known:
-            raise PlannerError(unknown_name("peer", name, [*known, "all", "none"]))
-    return list(dict.fromkeys(names))
