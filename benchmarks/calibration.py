@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import norm, t
 
 from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.primitives.alignment import align, aligned_positions
-from mp_pca_planner.primitives.boundary import hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.cross_validation import expected_motion
 from mp_pca_planner.primitives.differences import by_way
