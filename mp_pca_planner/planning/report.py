@@ -189,6 +189,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     status, message = _status(context, outcome, solve_time, score, corrections)
     ends = np.cumsum([motion.duration for motion in motions])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
+    selection, deviation = _selection(goal, outcome), _deviation_score(best)
     outside, error = _outside_and_error(context, best, score)
     return Plan(
         status=status,
@@ -198,7 +199,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         primitives=tuple([segment.primitive.name for segment in request.segments]),
         solution=best.solution,
         considered=max([len(segment.selection.considered) for segment in request.segments]),
-        selection=_selection(goal, outcome),
+        selection=selection,
         in_span_score=score,
         outside=outside,
         expected_error=error,
@@ -210,7 +211,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         shortest_duration=outcome.stated,
         n_components_used=max([basis.n_components for basis in best.bases]),
         correction=max(corrections, default=0.0),
-        deviation_score=_deviation_score(best),
+        deviation_score=deviation,
         naturalness=best.naturalness,
         solve_time=solve_time,
         mode=outcome.mode,

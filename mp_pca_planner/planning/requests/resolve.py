@@ -78,8 +78,7 @@ def resolve(
     here = in_order(start, context.robot.joint_names)
     # A start may be a little outside the limits of position.
     inside = nearest_start(here.positions, context.limits)
-    within = inside, here.velocities, here.accelerations
-    _check_within_limits("present", here.joint_names, within, context.limits)
+    _check_within_limits("present", here, inside, context.limits)
     _check_path(context, "start", here)
     if not isinstance(goal, SequenceGoal) and goal.duration is not None:
         context.check_duration("the duration is", goal.duration)
@@ -169,7 +168,7 @@ def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
 
 
 def _check_end(context: Context, there: JointState) -> None:
-    _check_within_limits("goal", there.joint_names, there.values, context.limits)
+    _check_within_limits("goal", there, there.positions, context.limits)
     if not context.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
         moving = there.joint_names[int(np.abs(there.velocities).argmax())]
         raise GoalError(
@@ -299,7 +298,7 @@ def _route(
             what = f"target {number}"
             positions = completed(aim, route.states[-1], robot, what).positions
             there = JointState(here.joint_names, positions)
-            _check_within_limits(what, there.joint_names, there.values, limits)
+            _check_within_limits(what, there, there.positions, limits)
             _check_path(context, what, there)
             longer.append(route.to(there, selector))
         named_all = len(aim.joint_names) == robot.n_joints
@@ -410,16 +409,17 @@ def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
 
 
 def _check_within_limits(
-    what: str, names: Sequence[str], state: tuple[FloatArray, ...], limits: JointLimits
+    what: str, state: JointState, positions: FloatArray, limits: JointLimits
 ) -> None:
-    """Reject an end of a motion whose positions, velocities or accelerations violate a limit."""
-    values, (low, high) = np.array(state), _bounds(limits)
+    """Reject an end of a motion, with the positions that count, that violates a limit."""
+    values = np.array([positions, state.velocities, state.accelerations])
+    low, high = _bounds(limits)
     inside = (low <= values) & (values <= high)
     if inside.all():
         return
     k, j = np.argwhere(~inside)[0].tolist()
     raise GoalError(
-        f"the {what} {_QUANTITIES[k]} of joint '{names[j]}' is {values[k, j]:.9g}, "
+        f"the {what} {_QUANTITIES[k]} of joint '{state.joint_names[j]}' is {values[k, j]:.9g}, "
         f"outside its limits [{low[k, j]:.9g}, {high[k, j]:.9g}] in {_UNITS[k]}"
     )
 

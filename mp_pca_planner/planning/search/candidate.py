@@ -294,7 +294,8 @@ def motions_at(
     """The motions that unknowns stand for, with ends that are corrected to reach poses exactly."""
     if program.links is None:
         unknowns, goal = program.segments[0].unknowns, request.goal
-        weights = [unknowns.weights(x)]
+        n = unknowns.n_weights
+        weights = [x[:n] * unknowns.scales[:n]]
         if request.pose is not None:
             boundary, _ = unknowns.boundary_at(x)
             goal = JointState(goal.joint_names, boundary[GOAL_POSITION])
@@ -377,6 +378,7 @@ def _described(
     """
     parts = program.parts(found.unknowns)
     assert parts is not None
+    weights = [motion.weights for motion in motions]
     natural = effort = expected = 0.0
     for segment, terms, (own, _) in zip(program.segments, program.terms, parts, strict=True):
         course, _ = segment.at(own)
@@ -384,7 +386,6 @@ def _described(
             natural += term.at(course).cost
         effort += segment.effort(own)
         expected += segment.effort(segment.expected)
-    weights = [motion.weights for motion in motions]
     return MotionSolution(
         weights=np.concatenate(weights),
         objective_cost=float("nan") if setting.is_shortest else found.cost - natural,
