@@ -16,6 +16,7 @@ from gallery import example
 
 from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.plotting.page import picture
+from mp_pca_planner.plotting.style import LINES, palette_line
 
 N_PHASES, N_SHOWN, N_COMPONENTS = 101, 16, 3
 
@@ -39,23 +40,24 @@ def main() -> None:
     with picture(path, force=True) as figure:
         figure.set_size_inches(9.0, 2.4)
         axes = figure.subplots(1, 4)
-        titles = ("demonstrations", "− minimum jerk", "components", "a new motion")
+        titles = ("demonstrations", "minus minimum jerk", "components", "a new motion")
         for number, (one, title) in enumerate(zip(axes, titles, strict=True), start=1):
             one.set_title(f"{number}. {title}", fontsize=9)
             one.set_xlabel("share of the duration", fontsize=8)
             one.tick_params(labelsize=7)
-        for one, curves, style in (
-            (axes[0], motions, {"color": "0.6", "linewidth": 0.8}),
-            (axes[1], shapes, {"color": "0.6", "linewidth": 0.8}),
-            (axes[2], [shape[:, joint] for shape in components], {}),
-        ):
+        for one, curves in ((axes[0], motions), (axes[1], shapes)):
             for q in curves:
-                one.plot(phases, np.rad2deg(q), **style)
+                one.plot(phases, np.rad2deg(q), **LINES["demonstration"])
+        for k, shape in enumerate(components):
+            axes[2].plot(phases, np.rad2deg(shape[:, joint]), **palette_line("", k, 1.8))
         straight = start + rise * (goal - start)
-        axes[3].plot(phases, np.rad2deg(straight), ":", label="minimum jerk")
+        axes[3].plot(phases, np.rad2deg(straight), **LINES["minimum jerk"])
         share = planned.times / planned.duration
-        axes[3].plot(share, np.rad2deg(planned.positions[:, joint]), label="plan")
-        axes[3].legend(fontsize=7)
+        plan = palette_line("plan", 0)
+        axes[3].plot(share, np.rad2deg(planned.positions[:, joint]), **plan)
+        low, high = axes[3].get_ylim()
+        axes[3].set_ylim(low, high + 0.4 * (high - low))  # room for the legend
+        axes[3].legend(fontsize=7, loc="upper center")
         axes[0].set_ylabel(f"{primitive.joint_names[joint]} [deg]", fontsize=8)
 
 
