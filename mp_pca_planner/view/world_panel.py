@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray
 from ..robot.world import Box, Cylinder, Obstacle, Shape, Sphere, World
 from .robot_shapes import surface
-from .stage import Rgb, Stage, add_mesh
+from .stage import Rgb, Stage, add_mesh, part
 
 NAME = "World"
 _NOTHING = "none"
@@ -220,7 +220,7 @@ class WorldPanel:
         self._editor, self._is_open = WorldEditor(world), False
         self._drawn = DrawnWorld(stage, self._on_picked)
         gui = stage.server.gui
-        gui.add_markdown(_TEXT)
+        gui.add_html(part("lines", [_TEXT]))
         kinds = gui.add_button_group("Add", KINDS)
         self._choice: Any = gui.add_dropdown("Obstacle", (_NOTHING,))
         self._sizes: list[Any] = []
