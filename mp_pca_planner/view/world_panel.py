@@ -158,8 +158,8 @@ class DrawnWorld:
         node = f"{self._parent(obstacle.frame)}/obstacle{self._n_drawn}"
         root = scene.add_frame(node, show_axes=False)
         nodes = [self._add_shape(f"{node}/{i}", shape) for i, shape in enumerate(parts)]
-        for part in nodes:
-            part.on_click(lambda _: self._pick(obstacle.name))
+        for mesh in nodes:
+            mesh.on_click(lambda _: self._pick(obstacle.name))
         self._drawn[obstacle.name] = root, nodes
         self.place(obstacle.name, pose)
 
@@ -176,8 +176,8 @@ class DrawnWorld:
     def mark(self, chosen: str) -> None:
         """Draw one obstacle in another colour than the others."""
         for name, (_, parts) in self._drawn.items():
-            for part in parts:
-                part.color = _CHOSEN if name == chosen else _OBSTACLE
+            for mesh in parts:
+                mesh.color = _CHOSEN if name == chosen else _OBSTACLE
 
     def _parent(self, frame: str) -> str:
         """The node of a link of the robot; that of the world for an empty name."""
