@@ -237,12 +237,16 @@ class Stage:
             section_color=(140, 143, 148),
             position=(0.0, 0.0, min(float(low[2]), 0.0)),
         )
-        centre = 0.5 * (low + high)
-        camera = self.server.initial_camera
-        # The robot appears above the middle: on phones, the panel covers the lower part.
-        aim = centre - np.array([0.0, 0.0, 0.12 * size])
-        camera.look_at = tuple(aim)
-        camera.position = tuple(aim + size * np.array([0.75, -0.65, 0.35]))
+        centre, camera = 0.5 * (low + high), self.server.initial_camera
+        camera.position, camera.look_at = _view(centre, size)
+
+        @self.server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            with self.caught():
+                if client.camera.aspect < 1.0:
+                    # On phones, the panel covers the lower half.
+                    view = _view(centre, size, drop=0.42, distance=1.15)
+                    client.camera.position, client.camera.look_at = view
 
     def path(self, positions: FloatArray) -> FloatArray:
         """Positions of the end effector along configurations, shape (n_steps, 3) [m]."""
@@ -306,3 +310,23 @@ class Stage:
                 react(event.phase == "end")
 
         handle.on_update(call)
+
+
+def _view(
+    centre: FloatArray, size: float, drop: float = 0.12, distance: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Where a camera is and what it looks at, each of shape (3,) [m].
+
+    Parameters
+    ----------
+    centre : array, shape (3,)
+        The middle of what is seen [m].
+    size : float
+        Its diagonal [m].
+    drop : float
+        How far below the middle the camera looks, in diagonals.
+    distance : float
+        How far away it is; 1 is usual.
+    """
+    aim = centre - np.array([0.0, 0.0, drop * size])
+    return aim + distance * size * np.array([0.75, -0.65, 0.35]), aim

@@ -352,6 +352,19 @@ def test_on_a_phone_the_panel_is_a_sheet_that_folds_to_one_row(browser, page):
     tab.close()
 
 
+def test_on_a_phone_the_whole_robot_is_above_the_sheet(browser, page):
+    tab = opened(browser, page, PHONE)
+    until(page.server.get_clients)
+    sheet = tab.locator('.mantine-Paper-root[style*="max-height: 60%"]').bounding_box()
+    robot, request = page.stage.robot, page.plan.answer.request
+    ends = np.array([request.start, request.goal])
+    places = robot.frame_positions(ends, robot.frame_names).reshape(-1, 3)
+    until(lambda: max(on_screen(page, place)[1] for place in places) < sheet["y"])
+    pixels = np.array([on_screen(page, place) for place in places])
+    assert np.all(pixels > 0.0) and np.all(pixels[:, 0] < PHONE[0])
+    tab.close()
+
+
 # Several people
 
 
