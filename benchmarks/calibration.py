@@ -109,5 +109,5 @@ def _standardised(
     variances = np.einsum("pjk,kl,pjl->pj", functions, covariance, functions)
     variances += np.mean(primitive.fit_residual**2, axis=0) + 1e-12
     both = by_way(expected_motion(primitive, motion)) - by_way(motion.time_normalised(1001))
-    score, usual = expected.in_span_score, primitive.expected_error(expected)
+    score, usual = expected.in_span_score, primitive.prediction_error(expected)
     return errors / np.sqrt(variances), score, float(np.mean(both**2)), usual

@@ -97,7 +97,7 @@ def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
 def _usual_error(primitive: MovementPrimitive) -> float:
     """Median of the expected errors at the ends of the demonstrations [rad or m]."""
     ends = primitive.boundary_states[:: -(-len(primitive.durations) // 200), [0, 3]]
-    return float(np.median([primitive.expected_error(primitive.model.predict(*x)) for x in ends]))
+    return float(np.median([primitive.prediction_error(primitive.model.predict(*x)) for x in ends]))
 
 
 def _primitive_text(name: str, primitive: MovementPrimitive, most: int = 10) -> list[str]:

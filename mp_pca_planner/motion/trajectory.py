@@ -133,6 +133,7 @@ class Trajectory:
         """Plot the motion on Matplotlib Axes; return an array of these.
 
         Without `axes`, a new pyplot figure is drawn: ``plt.savefig("motion.png")`` writes it.
+        With the array of another motion's figure, this motion is drawn over the other.
         """
         figures = import_module("..plotting.motion", __package__)
         return figures.plot_trajectory(self, axes)

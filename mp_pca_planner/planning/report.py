@@ -596,7 +596,7 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
         ends = np.array(segment.shifted(context.robot, motion.start, motion.goal))
         primitive = segment.primitive
         expected = primitive.model.predict(ends[0], ends[1], motion.duration)
-        errors.append(primitive.expected_error(expected))
+        errors.append(primitive.prediction_error(expected))
         demonstrated = primitive.boundary_states[:, [0, 3]]
         low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
         beyond = np.maximum(low - ends, ends - high)

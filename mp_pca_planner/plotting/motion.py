@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray, by_name
-from ..exceptions import PlannerError, printable
+from ..exceptions import PlannerError, printable, quote_names, shown
 from ..motion.interpolation import quintics
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
@@ -169,6 +169,7 @@ def motion_figure(
                 plot_motion(axes, motion, quantity, [name], prismatic=prismatic, lines=[entry])
             drawn_limits += _show_limits(axes, quantity, name, limits, prismatic)
             axes.set_xlim(0.0, duration)
+            axes.set_label(quantity)  # for motions that are drawn over these, see _draw_over
             if not prismatic:
                 label_left(axes)
         _show_context(column[0], context, next(iter(motions.values())), name, prismatic)
@@ -375,12 +376,19 @@ def plot_plan(plan: Plan, axes: Axes | Sequence[Axes] | None = None) -> NDArray[
         The plan.
     axes : Axes or sequence of Axes, optional
         Where to plot positions, velocities and efforts, as many as there are Axes, each of all
-        joints. By default a new pyplot figure, see :func:`plan_figure`.
+        joints. Or the array of another plan's or trajectory's figure, shape
+        (n_joints, n_quantities), to draw one motion over the other. By default a new pyplot
+        figure, see :func:`plan_figure`.
 
     Returns
     -------
     axes : array of Axes
         The Axes, shape (n_joints, n_quantities) of a new figure.
+
+    Raises
+    ------
+    PlannerError
+        If `axes` is none of these, or the figure shows other joints.
     """
     if axes is None:
         with styled_figure(interactive=True) as figure:
@@ -408,12 +416,58 @@ def plot_trajectory(
     -------
     axes : array of Axes
         The Axes, shape (n_joints, n_quantities) of a new figure.
+
+    Raises
+    ------
+    PlannerError
+        As for :func:`plot_plan`.
     """
     if axes is None:
         with styled_figure(interactive=True) as figure:
             panels = motion_figure(figure, {"motion": trajectory}, "", None, prismatic)
             return np.array(panels)
-    given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
-    for one, quantity in zip(given, ("positions", "velocities", "efforts"), strict=False):
+    from matplotlib.axes import Axes
+
+    given = np.atleast_1d(np.asarray(axes, dtype=object))
+    if not given.size or not all(isinstance(one, Axes) for one in given.flat):
+        raise PlannerError(f"axes must be Axes of Matplotlib, got {shown(axes)}")
+    if given.ndim == 2 and all(one.get_label() in QUANTITIES for one in given.flat):
+        _draw_over(given, trajectory, prismatic)
+        return given
+    given, quantities = given.ravel(), ("positions", "velocities", "efforts")
+    if given.size > len(quantities):
+        raise PlannerError(
+            f"axes must be one to three Axes, for {', '.join(quantities)}, or the whole array that "
+            f"plot() returned; got {given.size} Axes"
+        )
+    for one, quantity in zip(given, quantities, strict=False):
         plot_motion(one, trajectory, quantity, prismatic=prismatic)
     return given
+
+
+def _draw_over(
+    panels: NDArray[np.object_], trajectory: Trajectory, prismatic: Collection[str]
+) -> None:
+    """Draw a motion on the panels of another one, shape (n_joints, n_quantities)."""
+    joints = [column[0].get_title() for column in panels]
+    names = [printable(name) for name in trajectory.joint_names]
+    if sorted(joints) != sorted(names):
+        raise PlannerError(
+            f"the axes show the joints {quote_names(joints)}, but the motion moves "
+            f"{quote_names(names)}"
+        )
+    for joint, column in zip(joints, panels, strict=True):
+        name = trajectory.joint_names[names.index(joint)]
+        is_metric = column[0].get_ylabel() == _scale("positions", [name], [name])[1]
+        for axes in column:
+            values = getattr(trajectory, axes.get_label())
+            if values is None:
+                continue
+            factor, _ = _scale(axes.get_label(), [name], [name] if is_metric else prismatic)
+            drawn = factor * values[:, names.index(joint)]
+            (low, high), (begin, end) = axes.get_ylim(), axes.get_xlim()
+            colour = COLOURS[len(axes.lines) % len(COLOURS)]
+            axes.plot(trajectory.times, drawn, **line("", colour, width=1.2) | {"label": None})
+            margin = 0.05 * (high - low)
+            axes.set_ylim(min(low, drawn.min() - margin), max(high, drawn.max() + margin))
+            axes.set_xlim(begin, max(end, trajectory.duration))

@@ -92,7 +92,13 @@ def demonstrations_of(
 ) -> list[Demonstration]:
     """Demonstrations from arrays, see :meth:`.MovementPrimitive.fit`."""
     motions = list(positions)
-    is_shared = bool(np.isscalar(next(iter(times), 0.0)))  # type: ignore[arg-type]
+    try:
+        is_shared = bool(np.isscalar(next(iter(times), 0.0)))  # type: ignore[arg-type]
+    except TypeError:
+        raise PrimitiveError(
+            f"times must be the times of the samples [s], got {shown(times)}: "
+            "times=0.01 * numpy.arange(n_samples) if they are 0.01 s apart"
+        ) from None
     own_times: list[Any] = [times] * len(motions)
     if not is_shared:
         own_times = list(times)  # type: ignore[arg-type]

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 
 _MAX_DRAWS = 10_000
+# Joints hardly turn further [rad]: more looks like degrees, as in demonstrations.
+_MAX_ANGLE = 12.0
 
 
 class DemonstrationSet(Protocol):
@@ -224,6 +226,11 @@ class MovementPrimitive:
         RecordingError
             If the arrays can't be used.
 
+        Warns
+        -----
+        UserWarning
+            If there is a single demonstration.
+
         Examples
         --------
         >>> import numpy as np
@@ -239,10 +246,17 @@ class MovementPrimitive:
 
         options = PrimitiveOptions(coupling=coupling, n_components=components, align=align)
         found: Any = getattr(demonstrations, "demonstrations", demonstrations)
-        if times is not None:
-            return build_primitive(demonstrations_of(found, times, joint_names), name, options)
         several = found if isinstance(found, Sequence) else [found]
-        return build_primitive(several, name, options)
+        if times is not None:
+            several = demonstrations_of(found, times, joint_names)
+        primitive = build_primitive(several, name, options)
+        if len(several) == 1:
+            warnings.warn(
+                f"primitive '{name}': one demonstration says nothing about variation, so its "
+                "samples equal its predictions and its expected error is unknown",
+                stacklevel=2,
+            )
+        return primitive
 
     def predict(
         self, start: StateLike, goal: StateLike, duration: float | None = None
@@ -265,7 +279,7 @@ class MovementPrimitive:
             If an end point is none of these or not finite, or the duration is out of its range.
         """
         ends, expected = self._predicted(start, goal, duration)
-        _warn_if_unusual(self.name, expected.in_span_score)
+        _warn_if_unusual(self.name, expected.in_span_score, ends)
         return self._motion(ends, expected, expected.weights)
 
     def in_span_score(
@@ -313,7 +327,7 @@ class MovementPrimitive:
             raise GoalError(f"at most {_MAX_DRAWS} motions are drawn at once, got {n}")
         check_number(seed, "the seed", GoalError, 0, is_whole=True)
         ends, expected = self._predicted(start, goal, None)
-        _warn_if_unusual(self.name, expected.in_span_score)
+        _warn_if_unusual(self.name, expected.in_span_score, ends)
         covariance = expected.variance * expected.covariance
         rng = np.random.default_rng(seed)
         errors = np.zeros((n, len(covariance)))
@@ -422,12 +436,44 @@ class MovementPrimitive:
             shares[self.joint_names[joint]].append(float(variance / self.total_variance[joint]))
         return shares
 
-    def expected_error(self, expected: ConditionalDistribution) -> float:
-        """RMS difference in path between a prediction and what would be demonstrated.
+    def expected_error(
+        self, start: StateLike, goal: StateLike, duration: float | None = None
+    ) -> float:
+        """RMS difference in path between the prediction and what would be demonstrated.
 
-        Over the phases and the joints [rad or m]; NaN for a primitive of one demonstration, which
-        says nothing about its errors.
+        A plan states it as `expected_error`, for its ends and its duration.
+
+        Parameters
+        ----------
+        start, goal, duration :
+            As of :meth:`predict`.
+
+        Returns
+        -------
+        error : float
+            Over the phases and the joints [rad or m]; NaN for a primitive of one demonstration,
+            which says nothing about its errors.
+
+        Raises
+        ------
+        GoalError
+            See :meth:`predict`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import mp_pca_planner as mp
+        >>> t = np.linspace(0.0, 1.0, 51)
+        >>> rise = 10 * t**3 - 15 * t**4 + 6 * t**5
+        >>> lifts = [np.column_stack([a * rise, a * rise**2]) for a in (0.5, 1.0, 1.5)]
+        >>> reach = mp.MovementPrimitive.fit(lifts, times=t)
+        >>> reach.expected_error([0.0, 0.0], [0.8, 0.8]) < 0.1
+        True
         """
+        return self.prediction_error(self._predicted(start, goal, duration)[1])
+
+    def prediction_error(self, expected: ConditionalDistribution) -> float:
+        """What :meth:`expected_error` returns, for a prediction of the model."""
         if len(self.durations) < 2:
             return float("nan")
         series = self.component_coefficients / np.sqrt(2.0 * np.arange(self.degree + 1) + 1.0)
@@ -474,11 +520,13 @@ class MovementPrimitive:
         return {k: getattr(self if hasattr(self, k) else self.model, k) for k in ARRAY_SHAPES}
 
 
-def _warn_if_unusual(name: str, score: float) -> None:
+def _warn_if_unusual(name: str, score: float, ends: FloatArray) -> None:
     """Warn the caller of a method of a primitive if a request is far from its demonstrations."""
     if score > UNUSUAL_IN_SPAN_SCORE:
+        is_far = np.abs(ends).max() > _MAX_ANGLE
+        question = ": are these degrees? Positions are in radians (or m)" if is_far else ""
         warnings.warn(
             f"the request is unlike the demonstrations of '{name}' (in-span score {score:.1f}, "
-            "about 1 is usual), so the motion may look unlike them",
+            f"about 1 is usual), so the motion may look unlike them{question}",
             stacklevel=3,
         )

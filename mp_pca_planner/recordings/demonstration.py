@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
-from ..arrays import FloatArray, check_number, check_type, frozen_array, set_frozen, unique_names
+from ..arrays import (
+    MAX_SIZE,
+    FloatArray,
+    check_number,
+    check_type,
+    float_array,
+    frozen_array,
+    set_frozen,
+    unique_names,
+)
 from ..exceptions import RecordingError
 from ..input_limits import INPUT_LIMITS
 
@@ -23,6 +32,8 @@ MIN_SAMPLES = 5
 
 # Time between samples from which on times are probably not in seconds: 2 kHz in milliseconds.
 _SUSPICIOUS_PERIOD = 0.5
+# Longest motion that is given as arrays [s], twelve days: longer ones are in other units.
+_MAX_SPAN = 1e6
 
 
 def milliseconds_note(name: str, times: FloatArray) -> str:
@@ -175,14 +186,31 @@ class Demonstration:
         names = unique_names(joint_names, f"joints of '{recording}'", RecordingError)
         t = frozen_array(times, (None,), f"times of '{recording}'", RecordingError)
         shape = (t.size, len(names))
-        q = frozen_array(positions, shape, f"positions of '{recording}'", RecordingError)
+        q = float_array(positions, f"positions of '{recording}'", RecordingError)
+        if q.shape != shape:
+            raise RecordingError(
+                f"positions of '{recording}' must have the shape (samples, joints) = {shape}, got "
+                f"{q.shape}{_shape_hint(q.shape, t.size)}"
+            )
+        q = frozen_array(q, shape, f"positions of '{recording}'", RecordingError)
         if t.size < MIN_SAMPLES or np.diff(t).min() <= 0.0:
             raise RecordingError(
                 f"the times of '{recording}' must be {MIN_SAMPLES} or more and strictly increase"
             )
+        span, period = float(t[-1] - t[0]), float(np.median(np.diff(t)))
+        if span > _MAX_SPAN:
+            raise RecordingError(
+                f"the times of '{recording}' span {span:.3g} s: times must be in seconds, and "
+                "these look like nanoseconds (or milliseconds)"
+            )
+        if span * len(names) > MAX_SIZE * period:
+            raise RecordingError(
+                f"the times of '{recording}' are too uneven: they span {span:.3g} s, but half of "
+                f"them are at most {period:.3g} s apart"
+            )
         if note := milliseconds_note(recording, t):
             warnings.warn(note, stacklevel=2)
-        found = smooth(Piece(t - t[0], q), 1.0 / float(np.median(np.diff(t))))
+        found = smooth(Piece(t - t[0], q), 1.0 / period)
         return cls(
             names,
             found.times - found.times[0],
@@ -257,3 +285,12 @@ class Demonstration:
             for name in ("positions", "velocities", "accelerations")
         }
         return replace(self, times=times, **curves)
+
+
+def _shape_hint(shape: tuple[int, ...], n_times: int) -> str:
+    """What is probably wrong with the shape of positions; empty if that is unknown."""
+    if len(shape) != 2 or shape[0] == n_times:
+        return ""
+    if shape[1] == n_times:
+        return ": transpose them"
+    return f": there are {n_times} times for {shape[0]} samples"

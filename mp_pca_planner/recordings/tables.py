@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -82,6 +83,8 @@ def _read_csv(path: Path) -> RawJointStates:
         )
     if not rows.strip():
         raise RecordingError(f"'{path}' holds no samples")
+    # Some programs write an unknown number as an empty cell; repair drops it.
+    rows = re.sub(r"(?<=,)(?=[ \t\r]*(?:,|$))", "nan", rows, flags=re.MULTILINE)
     with reading(f"the table '{path}'", RecordingError):
         values = np.loadtxt(io.StringIO(rows), delimiter=",", ndmin=2, dtype=np.float64)
     if values.shape[1] != len(header):
@@ -122,7 +125,7 @@ def _read_dataset(
 
 def _read_parquet(path: Path, column: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Episode, time [s] and values of each frame, episode by episode."""
-    parquet = require("pyarrow.parquet", "lerobot", "LeRobot datasets")
+    parquet = require("pyarrow.parquet", "lerobot", "reading a LeRobot dataset")
     files = sorted(path.glob("data/*/*.parquet"))
     if not files:
         raise RecordingError(f"'{path}' holds no data/*/*.parquet: download the whole dataset")

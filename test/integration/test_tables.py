@@ -104,6 +104,23 @@ def test_a_table_that_is_none_is_refused_by_name(tmp_path: Path, text: str, word
     assert words in str(refused.value)
 
 
+def test_an_empty_cell_is_an_unknown_number(tmp_path: Path) -> None:
+    lines = write_csv(tmp_path / "gaps.csv").read_text().splitlines()
+    for row, column in ((50, 1), (60, len(JOINT_NAMES))):
+        cells = lines[row].split(",")
+        cells[column] = ""
+        lines[row] = ",".join(cells)
+    texts = {"empty": "\n".join(lines), "nan": "\n".join(lines).replace(",,", ",nan,")}
+    texts["nan"] = texts["nan"].replace(",\n", ",nan\n")
+    found = []
+    for name, text in texts.items():
+        (tmp_path / f"{name}.csv").write_text(text)
+        found.append(mp.load_demonstrations(tmp_path / f"{name}.csv").demonstrations)
+    assert found[0] and len(found[0]) == len(found[1])
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one.positions, other.positions)
+
+
 def test_times_in_milliseconds_are_noted(tmp_path: Path) -> None:
     table = np.column_stack([1e3 * SECONDS, RECORDING.positions])
     header = ",".join(["time", *JOINT_NAMES])

@@ -98,6 +98,60 @@ def test_predictions_far_from_the_demonstrations_warn_with_their_score() -> None
         assert caught[0].filename == __file__
 
 
+def test_a_request_in_degrees_is_asked_about() -> None:
+    _, primitive, _, _ = planned()
+    start, goal = primitive.boundary_states[0, [0, 3]]
+    with pytest.warns(UserWarning, match="are these degrees"):
+        primitive.predict(start, [45.0, 10.0, 5.0, 30.0])
+    with pytest.warns(UserWarning, match="unlike them$"):
+        primitive.predict(start, goal + 5.0)
+
+
+def test_the_expected_error_of_a_request_is_that_of_its_plan() -> None:
+    _, primitive, _, planner = planned()
+    start, goal = primitive.boundary_states[0, [0, 3]]
+    plan = planner.plan(start=start, goal=goal)
+    error = primitive.expected_error(start, goal, plan.duration)
+    np.testing.assert_allclose(error, plan.expected_error, rtol=1e-6)
+    assert primitive.expected_error(start, {"elbow": goal[3]}) > 0.0
+
+
+def test_a_primitive_of_one_demonstration_gives_a_warning() -> None:
+    demonstrations, _, _, _ = planned()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mp.MovementPrimitive.fit(demonstrations[:2])
+    with pytest.warns(UserWarning, match="one demonstration says nothing") as caught:
+        one = mp.MovementPrimitive.fit(demonstrations[:1])
+    assert caught[0].filename == __file__
+    ends = one.boundary_states[0, [0, 3]]
+    np.testing.assert_array_equal(one.sample(1, *ends)[0].positions, one.predict(*ends).positions)
+    assert np.isnan(one.expected_error(*ends))
+
+
+def test_times_in_nanoseconds_and_uneven_times_are_rejected() -> None:
+    t = np.linspace(0.0, 1.0, 51)
+    with pytest.raises(mp.PlannerError, match="span 1e.09 s: times must be in seconds"):
+        mp.Demonstration.from_arrays(["elbow"], 1e9 * t, np.sin(t)[:, None])
+    uneven = np.append(1e-6 * t[:-1], 9e5)
+    with pytest.raises(mp.PlannerError, match="too uneven"):
+        mp.Demonstration.from_arrays(["elbow"], uneven, np.sin(t)[:, None])
+
+
+def test_arrays_of_another_shape_are_named() -> None:
+    t = np.linspace(0.0, 1.0, 51)
+    q = np.column_stack([np.sin(t), np.cos(t)])
+    fit = mp.MovementPrimitive.fit
+    for names in (None, ["a", "b"]):
+        with pytest.raises(mp.PlannerError, match=r"\(samples, joints\).*: transpose them"):
+            fit([q.T], times=t, joint_names=names)
+    with pytest.raises(mp.PlannerError, match="there are 50 times for 51 samples"):
+        fit([q], times=t[:-1])
+    for period in (0.01, np.array(0.01)):
+        with pytest.raises(mp.PlannerError, match="times must be the times of the samples"):
+            fit([q], times=period)
+
+
 def test_times_that_look_like_milliseconds_give_a_warning() -> None:
     t = np.linspace(0.0, 1.0, 51)
     with warnings.catch_warnings():

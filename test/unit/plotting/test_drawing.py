@@ -529,6 +529,38 @@ def test_plan_is_plotted_on_axes_that_are_given(pyplot: Any, plan: Plan) -> None
     assert plot_plan(plan, two)[1].get_ylabel() == "velocity [deg/s]"
 
 
+def test_motions_are_drawn_over_each_other(pyplot: Any, plan: Plan) -> None:
+    primitive = arm_primitive()
+    ends = primitive.boundary_states[0, [0, 3]]
+    for panels in (primitive.predict(*ends).plot(), plan.plot()):
+        labels = [axes.get_ylabel() for axes in panels.flat]
+        drawn = primitive.sample(2, *ends)
+        for motion in drawn:
+            assert motion.plot(panels) is panels
+        assert [axes.get_ylabel() for axes in panels.flat] == labels
+        for column, name in zip(panels, plan.trajectory.joint_names, strict=True):
+            assert column[0].get_title() == name
+            for axes, quantity in zip(column, ("positions", "velocities"), strict=False):
+                for curve, motion in zip(axes.lines[-2:], drawn, strict=True):
+                    values = getattr(motion, quantity)[:, motion.joint_names.index(name)]
+                    np.testing.assert_allclose(curve.get_ydata(), np.rad2deg(values))
+                    assert axes.get_xlim()[1] >= motion.duration
+        colours = [curve.get_color() for curve in panels[0, 0].lines[-2:]]
+        assert len(set(colours)) == 2
+
+
+def test_axes_that_do_not_fit_are_rejected_in_one_sentence(pyplot: Any, plan: Plan) -> None:
+    panels = plan.plot()
+    other = Trajectory(["knee"], [0.0, 1.0], *np.zeros((3, 2, 1)))
+    with pytest.raises(PlannerError, match="show the joints .*the motion moves 'knee'"):
+        other.plot(panels)
+    with pytest.raises(PlannerError, match="one to three Axes.*got 4 Axes"):
+        other.plot(pyplot.subplots(4)[1])
+    for wrong in ("figure", [1, 2], panels[0, 0].figure, []):
+        with pytest.raises(PlannerError, match="^axes must be Axes of Matplotlib"):
+            other.plot(wrong)
+
+
 def test_primitive_is_plotted_in_a_new_figure_and_on_axes_that_are_given(pyplot: Any) -> None:
     shown = arm_primitive()
     panels = plot_primitive(shown)
