@@ -240,7 +240,7 @@ def without_cut_off(
         raise RecordingError(
             f"an end of the recording, a gap or a jump cuts off each of its motions ({len(cuts)}): "
             "record from rest to rest; if the recording is one motion without rests, pass "
-            "--segment none"
+            "--segment none (segment='none' in Python)"
         )
     return kept
 
