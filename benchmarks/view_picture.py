@@ -30,11 +30,11 @@ def main() -> None:
     content = content_of(arguments.robot)
     content = replace(content, world=wall(content), frame=content.robot.frame_names[-1])
     with ViewPage(content, port=0) as page, chromium() as browser:
+        page.player.seek(0.4)  # without a GPU, a browser is slow while the robot moves
         tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
-        tab.set_default_timeout(60e3)
+        tab.set_default_timeout(180e3)
         tab.goto(page.url)
         tab.get_by_text("Motion found").wait_for()
-        page.player.seek(0.4)
         tab.get_by_text("Playback", exact=True).click()
         tab.get_by_role("checkbox", name="Ghosts").check()
         for button in tab.locator("button.mantine-Notification-closeButton").all():
