@@ -99,7 +99,4 @@ def _expected_error_words(request: PlannedRequest) -> str:
     if np.isnan(error):
         return "learned from one demonstration, so its error is unknown"
     unit = primitive_unit(primitive)
-    return (
-        f"the predicted motion would differ from a demonstration by {unit.number(error)} "
-        f"{unit.name} RMS"
-    )
+    return f"the predicted motion's expected error is {unit.number(error)} {unit.name} RMS"

@@ -71,24 +71,25 @@ class Collision:
         return replace(self, time=moment - began, first_time=first - began, last_time=last - began)
 
     def __str__(self) -> str:
-        return (
-            f"{self.bodies} from {self.first_time:.3f} s on "
-            f"(deepest at {self.time:.3f} s, {self.place})"
-        )
+        found, depth = self._words
+        return f"{found} from {self.first_time:.3f} s on (deepest at {self.time:.3f} s, {depth})"
 
     @property
-    def place(self) -> str:
-        """Depth and point of the penetration, as text."""
+    def at_rest(self) -> str:
+        """Text on the collision of a robot that does not move."""
+        found, depth = self._words
+        return f"{found}{' ' if self.penetration >= self.margin else ', '}{depth}"
+
+    @property
+    def _words(self) -> tuple[str, str]:
+        """Texts: what is wrong with the two bodies, and how deep and where."""
+        found, apart = f"'{self.links[0]}' and '{self.links[1]}'", self.margin - self.penetration
         x, y, z = self.point
-        return f"by {1e3 * self.penetration:.1f} mm, near ({x:.3f}, {y:.3f}, {z:.3f}) m"
-
-    @property
-    def bodies(self) -> str:
-        """The two bodies and what is wrong with them, as text."""
-        names = f"'{self.links[0]}' and '{self.links[1]}'"
-        if self.margin == 0.0:
-            return f"{names} collide"
-        return f"{names} are nearer than the margin of {1e3 * self.margin:.3g} mm"
+        where = f"near ({x:.3f}, {y:.3f}, {z:.3f}) m"
+        if apart <= 0.0:
+            return f"{found} collide", f"by {-1e3 * apart + 0.0:.1f} mm, {where}"
+        found += f" are nearer than the margin of {1e3 * self.margin:.3g} mm"
+        return found, f"{1e3 * apart:.1f} mm apart, {where}"
 
 
 class CollisionModel(CollisionGeometry):

@@ -118,8 +118,8 @@ class Plan:
         Distance of the request from the demonstrations (about 1: like them, above 3: unlike them);
         the largest of the segments.
     outside : str
-        The joint whose start or goal is furthest outside its demonstrated range; empty if none
-        is far outside.
+        The joints, three at most, whose start or goal is far outside its demonstrated range; empty
+        if there are none.
     expected_error : float
         RMS difference in path to expect between the predicted motion and what would be demonstrated
         [rad or m]; the largest of the segments. NaN for a primitive of one demonstration.

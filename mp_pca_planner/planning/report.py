@@ -44,9 +44,11 @@ _AROUND = 0.05
 # Share of the planning time up to which there is time for the precise search.
 _SHARE_OF_SOLVING = 0.5
 
-# Distance from a demonstrated range, in standard deviations of its values, that is reported, and
-# the least of these deviations [rad or m].
-_FAR_OUTSIDE, _LEAST_SPREAD = 2.0, 0.1
+# Distance from a demonstrated range, in standard deviations of its values, that is reported, that
+# of requests unlike the demonstrations, and the least of these deviations [rad or m].
+_FAR_OUTSIDE, _OUTSIDE, _LEAST_SPREAD = 2.0, 0.5, 0.1
+# Ends outside their range that are named at most.
+_N_NAMED = 3
 # Share of the predicted effort that is no difference.
 _SAME_EFFORT = 1e-6
 # Naturalness from which on effort hardly moves the motion away from the prediction.
@@ -64,7 +66,9 @@ SENTENCES = {
     "effort": ": effort {effort:.4g} N²m²s, {share:.2g} % {side} that of the predicted motion",
     "same_effort": ": effort {effort:.4g} N²m²s, that of the predicted motion",
     "shortest": "shortest motion within the limits found",
-    "early": "time or iterations ran out before the optimum was found",
+    "early": (
+        "motion found, but not yet the best one: its share of the time, or its iterations, ran out"
+    ),
     "joined": "segments joined without optimisation",
     "joined_collision": (
         "segments joined without optimisation, because in the optimised motion {met}"
@@ -109,7 +113,8 @@ SENTENCES = {
     "least_duration": "{message}; the shortest duration that the limits allow is {seconds:.4g} s",
     "no_slow": "{message}; no slow motion was found: {reason}",
     "no_planner": "{message}; {missing}",
-    "end": "{end} is in collision: {bodies} {place}",
+    "end": "{end} is in collision: {collision}",
+    "leave": "; no motion is planned out of a collision: move the robot or the obstacle first",
     "beyond": "the motion ends at a velocity, and in the stop after it {met}",
     "missed": "the nearest motion misses a target by {missed:.3g} rad or m",
     "strays": "the nearest motion violates this constraint",
@@ -127,7 +132,7 @@ SENTENCES = {
     "margin": " (margin {margin:.3g} mm)",
     "unlike": "; nothing like this motion was demonstrated, so {what}",
     "around_unlike": "; the way around was not demonstrated, so {what}",
-    "cost_counts": "cost counts more than likeness",
+    "cost_counts": "its naturalness is only {rho:.3g}",
     "free": "its duration is free",
     "cleared": "; bodies that would collide otherwise are kept apart",
     "corrected": (
@@ -150,7 +155,7 @@ SENTENCES = {
     "cost": "'{name}' {cost:.4g}",
     # Lines of the table.
     "score": "  in-span score: {score:.2f} (about 1 is like the demonstrations, above 3 is unlike)",
-    "expected_error": "  prediction: {error:.2g} rad or m RMS from what would be demonstrated",
+    "expected_error": "  expected error of the predicted motion: {error:.2g} rad or m RMS",
     "kept": "kept, on a grid of 1 ms",
     "unlimited": "; some joints have no limit of {kinds}",
     # Remarks.
@@ -254,7 +259,7 @@ def _optimal(context: Context, best: Candidate) -> str:
         return SENTENCES["found"] + (its_effort if np.isfinite(effort) else "")
     name = "least"
     if rho > 0.0 and any(basis.n_components for basis in best.bases):
-        name = "close" if rho >= _CLOSE else "between"
+        name = "close" if rho >= _CLOSE and not _preferences(context, best) else "between"
     beside = ""
     if predicted > 0.0 and np.isfinite(effort):
         share = effort / predicted - 1.0
@@ -347,7 +352,8 @@ def _end_in_collision(context: Context, request: Request) -> str:
         assert model is not None
         still = Trajectory(names, [0.0], [state.positions], zero, zero)
         if found := model.collisions(still, precisely=False):
-            return SENTENCES["end"].format(end=name, bodies=found[0].bodies, place=found[0].place)
+            leave = SENTENCES["leave"] if state is request.start else ""
+            return SENTENCES["end"].format(end=name, collision=found[0].at_rest) + leave
     return ""
 
 
@@ -444,7 +450,7 @@ def _preferences(context: Context, best: Candidate) -> str:
     """What the planner chose because nothing like the motion was demonstrated."""
     options, request, chosen = context.options, best.request, []
     if options.naturalness is None and request.naturalness < NATURAL:
-        chosen.append(SENTENCES["cost_counts"])
+        chosen.append(SENTENCES["cost_counts"].format(rho=request.naturalness))
     if options.timing == AUTO and request.timing == FREE and request.duration_is_free:
         chosen.append(SENTENCES["free"])
     sentence = SENTENCES["around_unlike" if best.bases[0].is_detour else "unlike"]
@@ -586,12 +592,13 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
     Returns
     -------
     outside : str
-        Text on the end that is furthest outside its demonstrated range; empty if none is far.
+        Text on the ends that are far outside their demonstrated ranges; empty if none is. Requests
+        unlike the demonstrations are outside with one end at least, if only slightly.
     error : float
         The largest error to expect of a prediction [rad or m].
     """
-    least = 0.0 if score > UNUSUAL_IN_SPAN_SCORE else _FAR_OUTSIDE
-    found, errors = (least, ""), []
+    is_unusual = score > UNUSUAL_IN_SPAN_SCORE
+    found, errors = list[tuple[float, str]](), []
     for segment, motion in zip(best.request.segments, best.motions, strict=True):
         ends = np.array(segment.shifted(context.robot, motion.start, motion.goal))
         primitive = segment.primitive
@@ -601,16 +608,19 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
         low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
         beyond = np.maximum(low - ends, ends - high)
         beyond /= np.maximum(demonstrated.std(axis=0), _LEAST_SPREAD)
-        end, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
-        text = SENTENCES["outside_range"].format(
-            end=("start", "goal")[end],
-            joint=primitive.joint_names[j],
-            value=ends[end, j],
-            low=low[end, j],
-            high=high[end, j],
-        )
-        found = max(found, (float(beyond[end, j]), text))
-    return found[1], max(errors)
+        for end, j in np.argwhere(beyond > 0.0):
+            text = SENTENCES["outside_range"].format(
+                end=("start", "goal")[end],
+                joint=primitive.joint_names[j],
+                value=ends[end, j],
+                low=low[end, j],
+                high=high[end, j],
+            )
+            found.append((float(beyond[end, j]), text))
+    found.sort(reverse=True)
+    least = min(found[0][0], _OUTSIDE) if is_unusual and found else _FAR_OUTSIDE
+    named = [text for distance, text in found if distance >= least]
+    return "; ".join(named[:_N_NAMED]), max(errors)
 
 
 def _corrections(best: Candidate) -> list[float]:

@@ -3,6 +3,8 @@
 """Motions among obstacles, checked on a grid of 1 ms by plain calls of Pinocchio."""
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from worlds import plain_distances, random_world
 import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.learning.refinement import refine
-from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.motion.collision import Collision, CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import INFEASIBLE
@@ -107,8 +109,21 @@ def test_refusal_names_both_bodies_and_the_end_in_collision() -> None:
         world = mp.World([mp.Obstacle("ball", mp.Sphere(0.02, place))])
         plan = planner(world, margin=0.005).plan(goal, start)
         assert plan.status == INFEASIBLE
-        assert "'ball' are nearer than the margin of 5 mm by" in plan.message
         assert plan.message.startswith(f"the {name} is in collision: ")
+        (deep,) = re.findall(r"'ball' collide by (\S+) mm", plan.message)
+        bare = planner(world).plan(goal, start).message
+        assert f"'ball' collide by {deep} mm" in bare  # the margin is no depth
+        assert ("move the robot or the obstacle first" in plan.message) == (name == "start")
+
+
+def test_collisions_state_the_clearance_that_is_left_or_the_depth_without_the_margin() -> None:
+    near = Collision(0, ("a", "ball"), 0.5, 0.012, 0.3, 0.7, (1.0, 2.0, 3.0), margin=0.02)
+    found = "'a' and 'ball' are nearer than the margin of 20 mm"
+    where = "near (1.000, 2.000, 3.000) m"
+    assert near.at_rest == f"{found}, 8.0 mm apart, {where}"
+    assert str(near) == f"{found} from 0.300 s on (deepest at 0.500 s, 8.0 mm apart, {where})"
+    deep = replace(near, penetration=0.0472)
+    assert deep.at_rest == f"'a' and 'ball' collide by 27.2 mm, {where}"
 
 
 def test_world_of_the_front_door_is_avoided() -> None:

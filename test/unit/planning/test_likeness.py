@@ -74,7 +74,9 @@ def test_other_requests_get_less_effort_in_no_more_time(i):
     assert plan.naturalness == pytest.approx((3.0 / plan.in_span_score) ** 3)
     assert plan.effort_cost < shown.effort_cost
     assert plan.trajectory.duration <= shown.trajectory.duration * (1.0 + 1e-9)
-    assert f"{CHOSEN}, so cost counts more than likeness and its duration is free" in plan.message
+    chosen = f"its naturalness is only {plan.naturalness:.3g} and its duration is free"
+    assert plan.message.startswith("motion between the prediction and least effort found")
+    assert f"{CHOSEN}, so {chosen}" in plan.message
 
 
 def test_what_is_given_counts():
@@ -84,7 +86,7 @@ def test_what_is_given_counts():
     assert f"{CHOSEN}, so its duration is free" in plan.message
     plan = planned(unlike(), duration=2.5)
     assert plan.trajectory.duration == pytest.approx(2.5)
-    assert plan.message.endswith(f"{CHOSEN}, so cost counts more than likeness")
+    assert plan.message.endswith(f"{CHOSEN}, so its naturalness is only {plan.naturalness:.3g}")
 
 
 def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():

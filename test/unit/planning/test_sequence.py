@@ -208,7 +208,7 @@ def test_best_motion_so_far_is_returned_when_time_runs_out() -> None:
     assert stopped.is_executable
     assert stopped.status == "stopped_early"
     assert stopped.iterations == 1
-    assert "time or iterations ran out" in stopped.message
+    assert "not yet the best one" in stopped.message
     assert stopped.effort_cost == pytest.approx(quick.effort_cost)
     assert not stopped.limit_check.violations
 
