@@ -238,15 +238,18 @@ class Stage:
             position=(0.0, 0.0, min(float(low[2]), 0.0)),
         )
         centre, camera = 0.5 * (low + high), self.server.initial_camera
-        camera.position, camera.look_at = _view(centre, size)
+        camera.position, camera.look_at = view = _view(centre, size)
+
+        def show_on_phone(camera: viser.CameraHandle) -> None:
+            # On phones, the panel covers the lower half. A page that loads may drop the message.
+            with self.caught():
+                if camera.aspect < 1.0 and np.allclose(camera.position, view[0], atol=1e-3):
+                    camera.position, camera.look_at = _view(centre, size, 0.42, 1.15)
 
         @self.server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            with self.caught():
-                if client.camera.aspect < 1.0:
-                    # On phones, the panel covers the lower half.
-                    view = _view(centre, size, drop=0.42, distance=1.15)
-                    client.camera.position, client.camera.look_at = view
+            client.camera.on_update(show_on_phone)
+            show_on_phone(client.camera)
 
     def path(self, positions: FloatArray) -> FloatArray:
         """Positions of the end effector along configurations, shape (n_steps, 3) [m]."""
