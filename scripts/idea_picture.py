@@ -49,15 +49,17 @@ def main() -> None:
             for q in curves:
                 one.plot(phases, np.rad2deg(q), **LINES["demonstration"])
         for k, shape in enumerate(components):
-            axes[2].plot(phases, np.rad2deg(shape[:, joint]), **palette_line("", k, 1.8))
+            curve = palette_line(f"component {k + 1}", k, 1.8)
+            axes[2].plot(phases, np.rad2deg(shape[:, joint]), **curve)
         straight = start + rise * (goal - start)
         axes[3].plot(phases, np.rad2deg(straight), **LINES["minimum jerk"])
         share = planned.times / planned.duration
         plan = palette_line("plan", 0)
         axes[3].plot(share, np.rad2deg(planned.positions[:, joint]), **plan)
-        low, high = axes[3].get_ylim()
-        axes[3].set_ylim(low, high + 0.4 * (high - low))  # room for the legend
-        axes[3].legend(fontsize=7, loc="upper center")
+        for one, room in ((axes[2], 0.6), (axes[3], 0.4)):
+            low, high = one.get_ylim()
+            one.set_ylim(low, high + room * (high - low))  # for the legend
+            one.legend(fontsize=7, loc="upper center")
         axes[0].set_ylabel(f"{primitive.joint_names[joint]} [deg]", fontsize=8)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of motions and plans: positions, velocities, accelerations and efforts over time."""
+"""Figures of motions and plans: positions, velocities, accelerations, torques over time."""
 
 from __future__ import annotations
 
@@ -226,7 +226,7 @@ def _scale(quantity: str, names: Sequence[str], prismatic: Collection[str]) -> t
         "positions": (unit.factor, f"position [{unit.name}]"),
         "velocities": (unit.factor, f"velocity [{unit.speed}]"),
         "accelerations": (unit.factor, f"acceleration [{unit.speed}²]"),
-        "efforts": (1.0, f"effort [{unit.effort}]"),
+        "efforts": (1.0, unit.torque),  # the effort is a cost of the motion
     }[quantity]
 
 

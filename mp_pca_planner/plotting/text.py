@@ -17,12 +17,14 @@ if TYPE_CHECKING:
 
 
 class Unit(NamedTuple):
-    """A unit of positions, with those of speeds and efforts that belong to it.
+    """A unit of positions, with that of speeds and the label of torques that belong to it.
 
     Attributes
     ----------
-    name, speed, effort : str
-        Names of the units of positions, speeds and efforts.
+    name, speed : str
+        Names of the units of positions and speeds.
+    torque : str
+        Label of the axis of torques or forces, with their unit.
     factor : float
         Value of one radian or metre in this unit.
     decimals : int
@@ -31,7 +33,7 @@ class Unit(NamedTuple):
 
     name: str
     speed: str
-    effort: str
+    torque: str
     factor: float = 1.0
     decimals: int = 4
 
@@ -44,9 +46,9 @@ class Unit(NamedTuple):
         return f"{self.factor * value:.{self.decimals - 2}f}"
 
 
-DEGREES = Unit("deg", "deg/s", "N·m", float(np.rad2deg(1.0)), 2)
-METRES = Unit("m", "m/s", "N")
-MIXED = Unit("rad or m", "rad/s or m/s", "N·m or N")
+DEGREES = Unit("deg", "deg/s", "torque [N·m]", float(np.rad2deg(1.0)), 2)
+METRES = Unit("m", "m/s", "force [N]")
+MIXED = Unit("rad or m", "rad/s or m/s", "torque or force [N·m or N]")
 
 
 def unit_of(joint_names: Collection[str], prismatic: Collection[str]) -> Unit:

@@ -238,13 +238,16 @@ def limit_shares(trajectory: Trajectory, limits: JointLimits) -> dict[str, Float
     dense = interpolate(trajectory)
     away = np.abs(dense.q - 0.5 * (low + high)).max(axis=0)
     shares = {"position": np.where(bounded, away / (0.5 * (high - low)), 0.0)}
-    values = {"velocity": dense.v, "acceleration": dense.a, "jerk": dense.jerk}
+    values = {
+        "velocity": (dense.v, limits.velocity),
+        "acceleration": (dense.a, limits.acceleration),
+        "jerk": (dense.jerk, limits.jerk),
+    }
     if trajectory.efforts is not None:
-        values["effort"] = trajectory.efforts
-    for quantity, value in values.items():
-        limit = getattr(limits, quantity)
+        values["torque"] = trajectory.efforts, limits.effort  # the effort is a cost of the motion
+    for name, (value, limit) in values.items():
         if np.any(np.isfinite(limit)):
-            shares[quantity] = np.abs(value).max(axis=0) / limit
+            shares[name] = np.abs(value).max(axis=0) / limit
     return shares
 
 

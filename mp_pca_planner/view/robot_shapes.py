@@ -223,6 +223,21 @@ class _ShapeReader:
         return mesh, not is_plain
 
 
+def glb(mesh: Any) -> bytes:
+    """A mesh with its own colours, as a binary glTF file.
+
+    Without a material, browsers would draw it as metal: black, except where a lamp is mirrored.
+    """
+    return bytes(mesh.export(file_type="glb", tree_postprocessor=_make_matte))
+
+
+def _make_matte(tree: dict[str, Any]) -> None:
+    tree["materials"] = [{"pbrMetallicRoughness": {"metallicFactor": 0.0}}]
+    for mesh in tree["meshes"]:
+        for primitive in mesh["primitives"]:
+            primitive["material"] = 0
+
+
 def surface(shape: Shape) -> Any:
     """The surface of a shape in its own frame, a trimesh.Trimesh."""
     make = trimesh.creation

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from itertools import product
 from typing import Any
 
 import jinja2  # noqa: F401  # missing, it is reported before the page is made
@@ -21,7 +22,7 @@ from ..exceptions import PlannerError, printable
 from ..plotting.page import environment
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .robot_shapes import RobotShape, RobotShapes
+from .robot_shapes import RobotShape, RobotShapes, glb
 
 Rgb = tuple[int, int, int]
 
@@ -33,6 +34,12 @@ LOG = logging.getLogger("mp_pca_planner.view")
 
 # Faces of a mesh above which its convex hull is drawn; browsers without a GPU need that.
 _MAX_FACES = 40_000
+
+# From what it sees to a camera, in diagonals of that.
+_DIRECTION = np.array([0.75, -0.65, 0.35])
+
+# Where a phone shows the robot, in halves of its width and height from the middle, right and down.
+_PHONE_SIDE, _PHONE_HEIGHTS = 0.9, (-0.85, -0.2)
 
 _COMPLAINT_TIME = 10.0  # for which an error is shown, and not repeated [s]
 
@@ -124,7 +131,7 @@ def add_mesh(scene: viser.SceneApi, name: str, mesh: Any, colour: Rgb, **more: A
 def _add_shape(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
     mesh = shape.mesh if len(shape.mesh.faces) <= _MAX_FACES else shape.hull
     if shape.colour is None and mesh is shape.mesh:
-        scene.add_mesh_trimesh(name, mesh)
+        scene.add_glb(name, glb(mesh))
         return
     red, green, blue, opacity = shape.colour or (0.8, 0.8, 0.8, 1.0)
     colour = round(255 * red), round(255 * green), round(255 * blue)
@@ -237,14 +244,18 @@ class Stage:
             section_color=(140, 143, 148),
             position=(0.0, 0.0, min(float(low[2]), 0.0)),
         )
-        centre, camera = 0.5 * (low + high), self.server.initial_camera
-        camera.position, camera.look_at = view = _view(centre, size)
+        aim = 0.5 * (low + high) - np.array([0.0, 0.0, 0.12 * size])
+        first = aim + size * _DIRECTION
+        points = np.array([corner for box in corners for corner in product(*box.T)])
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = first, aim
 
         def show_on_phone(camera: viser.CameraHandle) -> None:
-            # On phones, the panel covers the lower half. A page that loads may drop the message.
+            # The panel covers the lower half of a phone. A page that loads may drop the message.
             with self.caught():
-                if camera.aspect < 1.0 and np.allclose(camera.position, view[0], atol=1e-3):
-                    camera.position, camera.look_at = _view(centre, size, 0.42, 1.15)
+                if camera.aspect < 1.0 and np.allclose(camera.position, first, atol=1e-3):
+                    view = view_above_sheet(points, camera.aspect, camera.fov)
+                    camera.position, camera.look_at = view
 
         @self.server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
@@ -315,21 +326,37 @@ class Stage:
         handle.on_update(call)
 
 
-def _view(
-    centre: FloatArray, size: float, drop: float = 0.12, distance: float = 1.0
+def view_above_sheet(
+    points: FloatArray, aspect: float, fov: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Where a camera is and what it looks at, each of shape (3,) [m].
+    """The nearest camera with all points above the sheet of a phone, and what it looks at.
 
     Parameters
     ----------
-    centre : array, shape (3,)
-        The middle of what is seen [m].
-    size : float
-        Its diagonal [m].
-    drop : float
-        How far below the middle the camera looks, in diagonals.
-    distance : float
-        How far away it is; 1 is usual.
+    points : array, shape (n_points, 3)
+        The points [m].
+    aspect : float
+        Width of the screen, relative to its height.
+    fov : float
+        Vertical angle that the camera sees [rad].
+
+    Returns
+    -------
+    position, look_at : array, shape (3,)
+        In [m].
     """
-    aim = centre - np.array([0.0, 0.0, drop * size])
-    return aim + distance * size * np.array([0.75, -0.65, 0.35]), aim
+    forward = -_DIRECTION / np.linalg.norm(_DIRECTION)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(forward, right), forward])
+    x, y, depth = axes @ points.T
+    # A camera at (u, v, z) along the axes sees a point at ((x - u), (y - v)) / (depth - z). Each
+    # bound of that is one of u or v, linear in z. The largest z where they meet is the nearest.
+    half = np.tan(0.5 * fov)
+    side, (top, bottom) = half * _PHONE_SIDE * aspect, half * np.array(_PHONE_HEIGHTS)
+    left_end, right_end = np.max(x - side * depth), np.min(x + side * depth)
+    low_end, high_end = np.max(y - bottom * depth), np.min(y - top * depth)
+    z = min((right_end - left_end) / (2.0 * side), (high_end - low_end) / (bottom - top))
+    middle = [0.5 * (left_end + right_end), 0.5 * (low_end + high_end + (bottom + top) * z), z]
+    position = np.array(middle) @ axes
+    return position, position + (np.mean(depth) - z) * forward

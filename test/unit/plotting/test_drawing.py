@@ -168,6 +168,14 @@ def test_picture_of_a_motion_shows_the_motion_and_what_it_is_compared_with(tmp_p
     assert n_pixels(compared, ORANGE) > 500
 
 
+def test_torques_and_forces_are_not_called_as_the_cost_of_a_motion_is() -> None:
+    labels = ("torque [N·m]", "force [N]")
+    for prismatic, label in zip(((), names(2)), labels, strict=True):
+        with styled_figure() as figure:
+            panels = motion_figure(figure, {"a": trajectory()}, "", prismatic=prismatic)
+        assert panels[0][-1].get_ylabel() == label
+
+
 def test_efforts_have_panels_only_if_there_are_efforts(tmp_path: Path) -> None:
     for name, with_efforts in (("with.png", True), ("without.png", False)):
         draw_motion(tmp_path / name, trajectory(with_efforts=with_efforts))

@@ -67,17 +67,20 @@ def test_shares_of_limits():
                 "max_velocity": 3.0,
                 "max_jerk": 120.0,
             },
-            "b": {"max_velocity": 4.0},
+            "b": {"max_velocity": 4.0, "max_effort": 8.0},
         },
     )
     # Minimum jerk in 1 s: its speed is 15/8 in the middle, its jerk 60 at the ends.
     rest = np.zeros((2, 2))
-    moved = Trajectory(["a", "b"], [0.0, 1.0], [[1.0, 0.0], [2.0, 9.0]], rest, rest)
+    moved = Trajectory(
+        ["a", "b"], [0.0, 1.0], [[1.0, 0.0], [2.0, 9.0]], rest, rest, [[0.0, 6.0], [0.0, -2.0]]
+    )
     shares = limit_shares(moved, limits)
     np.testing.assert_allclose(shares["position"], [0.5, 0.0])
     np.testing.assert_allclose(shares["velocity"], np.array([1.0, 9.0]) * 15 / 8 / [3.0, 4.0])
     np.testing.assert_allclose(shares["jerk"], [0.5, 0.0])
-    assert set(shares) == {"position", "velocity", "jerk"}
+    np.testing.assert_allclose(shares["torque"], [0.0, 0.75])
+    assert set(shares) == {"position", "velocity", "jerk", "torque"}
 
 
 def test_a_bar_fills_up_to_its_share_and_is_red_beyond_the_limit():
