@@ -46,14 +46,15 @@ N_COMPONENTS = 4
 DEGREE = 4
 """Degree of their polynomials ([P] Section 4)."""
 
+MAX_ROUNDS = 3
+"""Largest number of rounds of starts of a search."""
+
 # Samples of a motion.
 _N_PHASES = 101
 # Standard deviations of random starts, in turn, in units of the usual weights.
 _SPREADS = (1.0, 2.0, 4.0, 8.0)
 # Usual weights of B-splines [rad], similar to those of the paper's components.
 _BSPLINE_SCALE = 0.2
-# Largest number of rounds of starts.
-_MAX_ROUNDS = 3
 # Relative difference of efforts that count as the same.
 _AGREEMENT = 0.01
 
@@ -154,7 +155,7 @@ def _least_effort(
     problem = MotionProgram([segment], [[]], [[]], [None], None, [])
     starts, best = list[tuple[float, float]](), None
     with one_blas_thread():
-        for k in range(n_starts * _MAX_ROUNDS):
+        for k in range(n_starts * MAX_ROUNDS):
             x = _SPREADS[k % len(_SPREADS)] * rng.normal(size=unknowns.scales.size) * (k > 0)
             found = solve(problem, x)
             # The first start includes the time to set up the program.

@@ -27,7 +27,7 @@ def comparison_figure(
     title: str,
     curve: Mapping[str, tuple[float, float]] | None = None,
 ) -> None:
-    """Plot clouds of positive points, each with its median, and one method from ρ = 0 to ∞.
+    """Plot clouds of positive points, each with its median, and the planner from ρ = 0 to ∞.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def comparison_figure(
     title : str
         Title of the figure.
     curve : mapping of str to (float, float), optional
-        By value of ρ, the points of the method that has it.
+        By value of ρ, the points of the planner.
     """
     n = len(COLOURS)
     style: Line = {"markersize": 11, "markeredgecolor": BLACK}
@@ -48,8 +48,9 @@ def comparison_figure(
         line(label, COLOURS[i % n], "", marker=_MARKERS[i % len(_MARKERS)], **style)
         for i, label in enumerate(clouds)
     ]
+    planner = line("planner, from ρ = 0 to ∞", BLACK, width=2.2, marker="o")
     figure.set_size_inches(11.0, 7.0)
-    add_header(figure, title, medians)
+    add_header(figure, title, medians if curve is None else [*medians, planner])
     axes = figure.subplots()
     for median, points in zip(medians, clouds.values(), strict=True):
         values = np.array(points, dtype=np.float64)
@@ -57,7 +58,7 @@ def comparison_figure(
         axes.plot(*values.T, **median | small)
         axes.plot(*np.median(values, axis=0), **median)
     if curve is not None:
-        axes.plot(*np.array(list(curve.values())).T, color=BLACK, linewidth=2.2, marker="o")
+        axes.plot(*np.array(list(curve.values())).T, **planner)
         _label(axes, curve)
         axes.margins(0.15, 0.2)
     axes.set(xlabel=x, ylabel=y)

@@ -18,7 +18,7 @@ from mp_pca_planner.evaluation.case_study import (
     study,
     variance_shares,
 )
-from mp_pca_planner.evaluation.case_study_page import tables
+from mp_pca_planner.evaluation.case_study_page import tables, verdict
 from mp_pca_planner.evaluation.naturalness import BSPLINES, EXPECTED, compare
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.recordings.demonstration import Demonstration
@@ -136,6 +136,26 @@ def test_one_activity_is_not_compared_with_others():
     )
     assert alone.other_activities is None
     assert progress == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_the_first_sentence_compares_like_with_like_in_the_numbers_of_the_table(found):
+    header, rows = tables(found)["table_3_all_motions"]
+    splines, ours = (
+        dict(zip(header, row, strict=True))
+        for row in rows
+        if row[0] in (BSPLINES, "planned, ρ = 0")
+    )
+    for name in ("ends", "starts"):
+        assert splines[name] == ours[name]
+    first = verdict(found)[0]
+    assert f"{ours['time ratio']} of the time" in first
+    assert f"{ours['ratio']} times their effort (paper: 0.648 and 1.85)" in first
+
+
+def test_generated_motions_are_not_called_those_of_a_person(output):
+    for file in ("case_study.html", "case_study.json"):
+        text = (output / file).read_text(encoding="utf-8")
+        assert "the person's" not in text and "people's" not in text
 
 
 COMMAND = ("case_study", "--motions", "4", "--starts", "5")
