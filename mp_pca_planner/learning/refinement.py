@@ -21,7 +21,7 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_executable, check_limits
 from ..planning.motion import Motion
 from ..planning.options import ClearanceOptions
-from ..planning.program.clearance import Clearances, least_distances
+from ..planning.program.clearance import least_distances, with_phases_of
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .refined_motion import (
@@ -440,15 +440,16 @@ class ClearanceConstraints:
 
     def __init__(self, segments: Sequence[Motion], collision: CollisionModel | None) -> None:
         self._model = collision
-        self._clearances: list[Clearances] = []
+        # Of each segment.
+        self._phases, self._least = list[FloatArray](), list[FloatArray]()
         self._pairs = np.zeros(0, dtype=np.intp)
         if collision is not None:
             phases = np.linspace(0.0, 1.0, ClearanceOptions().n_phases + 1)
             for one in segments:
                 q, _, _ = one.evaluate(phases * one.duration)
                 # Bodies may come as near to each other as in the original.
-                least = least_distances(q, collision)
-                self._clearances.append(Clearances(phases[1:-1], least))
+                self._least.append(least_distances(q, collision))
+                self._phases.append(phases[1:-1])
 
     def add(self, motion: RefinedMotion, collisions: Sequence[Collision]) -> None:
         """Constrain the pairs of some collisions of a motion."""
@@ -457,7 +458,8 @@ class ClearanceConstraints:
             own = [one.within(end - duration, end) for one in collisions]
             met = [one for one in own if one is not None]
             if met:
-                self._clearances[i] = self._clearances[i].during(met, duration)
+                n_more = ClearanceOptions().n_more
+                self._phases[i] = with_phases_of(met, self._phases[i], duration, n_more)
         self._pairs = np.union1d(self._pairs, [one.pair for one in collisions]).astype(np.intp)
 
     def values_and_jacobian(
@@ -468,12 +470,10 @@ class ClearanceConstraints:
         if not self._pairs.size:
             return values[0], rows[0]
         assert self._model is not None
-        for i, (part, one) in enumerate(
-            zip(_by_segment(parameters), self._clearances, strict=True)
-        ):
-            states = segment_states(segments[i], part, one.phases)
+        for i, part in enumerate(_by_segment(parameters)):
+            states = segment_states(segments[i], part, self._phases[i])
             near = self._model.near(states.values[0], ClearanceOptions().reach)
-            values.append((near.bounds - one.least)[:, self._pairs].ravel())
+            values.append((near.bounds - self._least[i])[:, self._pairs].ravel())
             slopes = np.zeros((*near.bounds.shape, parameters.size))
             own = slice(i * N_PARAMETERS, (i + 1) * N_PARAMETERS)
             by_parameter = states.by_parameter[0][near.configurations]

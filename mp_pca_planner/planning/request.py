@@ -63,7 +63,7 @@ class RequestSegment:
         self, robot: Robot, start: JointState, goal: JointState
     ) -> tuple[FloatArray, FloatArray]:
         """Positions of states, with continuous joints turned towards the demonstrations."""
-        mean = self.primitive.model.mean[: self.primitive.n_joints]
+        mean = self.primitive.model.mean[: start.positions.size]
         turns = np.round((mean - start.positions) / (2.0 * np.pi))
         shift = np.where(robot.continuous, 2.0 * np.pi * turns, 0.0)
         return start.positions + shift, goal.positions + shift

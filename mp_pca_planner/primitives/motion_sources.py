@@ -36,13 +36,8 @@ class MotionSource(NamedTuple):
 
     @classmethod
     def of_facts(cls, facts: Mapping[str, Any]) -> MotionSource:
-        """The source with these :attr:`facts`, of which the checksum may be missing."""
+        """The source with these facts (see :func:`source_rows`); the checksum may be missing."""
         return cls(*(facts.get(name, "") for name in _FACTS))
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """The attributes by their names in the metadata of a primitive."""
-        return dict(zip(_FACTS, self, strict=True))
 
     @property
     def identity(self) -> tuple[str, float, float]:
@@ -51,9 +46,13 @@ class MotionSource(NamedTuple):
 
 
 def source_rows(sources: Iterable[MotionSource]) -> NDArray[np.bytes_]:
-    """Facts on sources as rows of JSON: objects of Python take several times the memory."""
+    """Sources as rows of JSON: objects of Python take several times the memory.
+
+    Each row has the facts of a source, by their names in the metadata of a primitive.
+    """
     encode = json.JSONEncoder(sort_keys=True).encode
-    return np.array([encode(source.facts) for source in sources], dtype=np.bytes_)
+    rows = [encode(dict(zip(_FACTS, source, strict=True))) for source in sources]
+    return np.array(rows, dtype=np.bytes_)
 
 
 class MotionSources(Sequence[Any]):
@@ -64,7 +63,7 @@ class MotionSources(Sequence[Any]):
     rows : array of bytes, shape (n_demonstrations,)
         The rows.
     as_facts : bool
-        Whether the items are :attr:`.MotionSource.facts`.
+        Whether the items are the facts.
     """
 
     def __init__(self, rows: NDArray[np.bytes_], *, as_facts: bool = False) -> None:

@@ -476,10 +476,11 @@ class MovementPrimitive:
         """What :meth:`expected_error` returns, for a prediction of the model."""
         if len(self.durations) < 2:
             return float("nan")
-        series = self.component_coefficients / np.sqrt(2.0 * np.arange(self.degree + 1) + 1.0)
-        rows = series.reshape(self.n_components, -1)
+        n_components, n_joints, n_functions = self.component_coefficients.shape
+        series = self.component_coefficients / np.sqrt(2.0 * np.arange(n_functions) + 1.0)
+        rows = series.reshape(n_components, n_joints * n_functions)
         square = expected.variance * float(np.sum((rows @ rows.T) * expected.covariance))
-        return float(np.sqrt(square / self.n_joints + np.mean(self.fit_residual**2)))
+        return float(np.sqrt(square / n_joints + np.mean(self.fit_residual**2)))
 
     def nearest_demonstrations(self, ends: FloatArray) -> NDArray[np.intp]:
         """Indices of the demonstrations by the distance of their ends from given ones.

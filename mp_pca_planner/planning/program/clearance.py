@@ -9,7 +9,6 @@ spread phases, later also at the phases of further collisions.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,32 +21,12 @@ from .constraints import Findings
 from .segment import Course, StateMap, Unknowns, state_map
 
 
-@dataclass(frozen=True, eq=False)
-class Clearances:
-    """Phases and least distances of clearance constraints.
-
-    Attributes
-    ----------
-    phases : array, shape (n_phases,)
-        Phases of the constraints, increasing.
-    least : array, shape (n_pairs,)
-        Least distance of each pair beside its margin [m].
-    options : ClearanceOptions
-        Options.
-    """
-
-    phases: FloatArray
-    least: FloatArray
-    options: ClearanceOptions = ClearanceOptions()
-
-    def during(self, collisions: Sequence[Collision], duration: float) -> Clearances:
-        """The same with further phases, those of the collisions of a motion."""
-        more = [
-            np.linspace(one.first_time, one.last_time, self.options.n_more) / duration
-            for one in collisions
-        ]
-        phases = np.unique(np.concatenate([self.phases, *more]))
-        return Clearances(phases, self.least, self.options)
+def with_phases_of(
+    collisions: Sequence[Collision], phases: FloatArray, duration: float, n_more: int
+) -> FloatArray:
+    """Phases of clearance constraints, and some during each collision of a motion, increasing."""
+    more = [np.linspace(one.first_time, one.last_time, n_more) / duration for one in collisions]
+    return np.unique(np.concatenate([phases, *more]))
 
 
 def least_distances(
@@ -85,8 +64,10 @@ class Clearance:
         Positions at its start and goal, None where they are free.
     options : ClearanceOptions
         Options.
-    clearances : Clearances, optional
-        Phases and least distances; no constraints unless given.
+    phases : array, shape (n_phases,), optional
+        Phases of the constraints, increasing; no constraints unless given.
+    least : array, shape (n_pairs,), or float
+        Least distance of each pair beside its margin [m].
 
     Attributes
     ----------
@@ -101,14 +82,15 @@ class Clearance:
         basis: Basis,
         ends: Sequence[FloatArray | None],
         options: ClearanceOptions,
-        clearances: Clearances | None = None,
+        phases: FloatArray | None = None,
+        least: FloatArray | float = 0.0,
     ) -> None:
         self._for = model, unknowns, basis, ends, options
-        self._clearances = clearances
+        self._phases, self._least = phases, least
         self.lower = self.upper = np.zeros(0)
-        if clearances is not None:
-            self._states = state_map(unknowns, basis, clearances.phases, 0)
-            self.lower = np.repeat(clearances.least, clearances.phases.size)
+        if phases is not None:
+            self._states = state_map(unknowns, basis, phases, 0)
+            self.lower = np.repeat(least, phases.size)
             self.upper = np.full(self.lower.size, np.inf)
 
     def everywhere(self) -> Clearance:
@@ -118,16 +100,17 @@ class Clearance:
         phases = phases[ends[0] is not None : None if ends[1] is None else -1]
         fixed = np.array([end for end in ends if end is not None]).reshape(-1, unknowns.n_joints)
         least = least_distances(fixed, model, options)
-        return Clearance(*self._for, Clearances(phases, least, options))
+        return Clearance(*self._for, phases, least)
 
     def refined(self, found: Findings) -> Clearance:
         """Constraints after a first collision; more phases after a further one."""
         if not found.collisions:
             return self
-        if self._clearances is None:
+        if self._phases is None:
             return self.everywhere()
-        more = self._clearances.during(found.collisions, found.duration)
-        return Clearance(*self._for, more)
+        n_more = self._for[4].n_more
+        phases = with_phases_of(found.collisions, self._phases, found.duration, n_more)
+        return Clearance(*self._for, phases, self._least)
 
     def at(self, course: Course) -> Distances:
         """The distances of a motion."""
