@@ -19,9 +19,11 @@ import numpy as np
 from tables import benchmark_parser, show
 
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
-from mp_pca_planner.planning.motion import effort_of
+from mp_pca_planner.planning.motion import cost_of
+from mp_pca_planner.planning.objectives import Effort
 from mp_pca_planner.planning.plan import OPTIMAL, REAL_TIME, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.program.tables import Tables
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
@@ -46,7 +48,8 @@ def main() -> None:
         path = [JointState(JOINT_NAMES, q) for q in ends[rng.choice(len(ends), 6, replace=False)]]
         goal = SequenceGoal(tuple(path[1:]))
         single = [stopping.plan(JointGoal(b), a).motion for a, b in pairwise(path)]
-        stops.append(sum(effort_of(robot, motion) for motion in single))
+        effort = [(1.0, Effort())]
+        stops.append(sum(cost_of(robot, one, Tables(one.basis), effort) for one in single))
         quick.append(planner.plan(goal, path[0], REAL_TIME))
         best.append(planner.plan(goal, path[0], OPTIMAL))
         passing = np.cumsum([motion.duration for motion in single])

@@ -15,7 +15,7 @@ from ..motion.goal import JointState
 from ..motion.interpolation import boundary_values, quintics
 from ..primitives.basis import Basis
 from ..robot.model import Robot
-from .objectives import Effort, Nodes, Objective
+from .objectives import Nodes, Objective
 from .program.tables import Tables
 
 
@@ -94,19 +94,6 @@ class Motion:
 def rank_of(cost: float) -> float:
     """The cost in a ranking: a cost that is not a number counts as infinite."""
     return float("inf") if np.isnan(cost) else cost
-
-
-def effort_of(robot: Robot, motion: Motion) -> float:
-    """½∫‖τ‖²dt of a motion [N²·m²·s].
-
-    Parameters
-    ----------
-    robot : Robot
-        The model.
-    motion : Motion
-        The motion.
-    """
-    return cost_of(robot, motion, Tables(motion.basis), [(1.0, Effort())])
 
 
 def cost_of(

@@ -573,9 +573,10 @@ def _novelty(context: Context, best: Candidate) -> float:
     is_fixed = not (request.mode or request.duration_is_free)
     scores = []
     for segment, motion in zip(request.segments, best.motions, strict=True):
-        duration = motion.duration if is_fixed else None
-        ends = segment.shifted(context.robot, motion.start, motion.goal)
-        scores.append(segment.primitive.model.in_span_score(*ends, duration))
+        duration, model = motion.duration if is_fixed else None, segment.primitive.model
+        start, goal = motion.start.positions, motion.goal.positions
+        ends = model.turned(start, goal, context.robot.continuous)
+        scores.append(model.in_span_score(*ends, duration))
     return max(scores)
 
 
@@ -600,8 +601,8 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
     is_unusual = score > UNUSUAL_IN_SPAN_SCORE
     found, errors = list[tuple[float, str]](), []
     for segment, motion in zip(best.request.segments, best.motions, strict=True):
-        ends = np.array(segment.shifted(context.robot, motion.start, motion.goal))
-        primitive = segment.primitive
+        primitive, start, goal = segment.primitive, motion.start.positions, motion.goal.positions
+        ends = np.array(primitive.model.turned(start, goal, context.robot.continuous))
         expected = primitive.model.predict(ends[0], ends[1], motion.duration)
         errors.append(primitive.prediction_error(expected))
         demonstrated = primitive.boundary_states[:, [0, 3]]

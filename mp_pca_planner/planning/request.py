@@ -20,7 +20,6 @@ from ..exceptions import TrajectoryError
 from ..motion.goal import JointState, Pose
 from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from ..robot.model import Robot
 from .likeness import NATURAL
 from .options import DEMONSTRATED
 
@@ -58,15 +57,6 @@ class RequestSegment:
     primitive: MovementPrimitive
     expected: ConditionalDistribution
     duration: float
-
-    def shifted(
-        self, robot: Robot, start: JointState, goal: JointState
-    ) -> tuple[FloatArray, FloatArray]:
-        """Positions of states, with continuous joints turned towards the demonstrations."""
-        mean = self.primitive.model.mean[: start.positions.size]
-        turns = np.round((mean - start.positions) / (2.0 * np.pi))
-        shift = np.where(robot.continuous, 2.0 * np.pi * turns, 0.0)
-        return start.positions + shift, goal.positions + shift
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,24 +127,6 @@ class RequestIndex:
         sizes = means.shape[1] - 1, means.shape[1]
         self._precisions = {size: _marginal(precisions, size) for size in sizes}
 
-    def turns(self, start: FloatArray, among: Indices | slice = slice(None)) -> FloatArray:
-        """Angles from a start to the nearest full turns of the demonstrations.
-
-        Parameters
-        ----------
-        start : array, shape (n_joints,)
-            Positions [rad or m].
-        among : array of int or slice
-            Indices of the n_among primitives; all by default.
-
-        Returns
-        -------
-        turns : array, shape (n_among, n_joints)
-            Multiples of 2π [rad] to be added to the start and the goal.
-        """
-        turns = np.round((self._means[among, : start.size] - start) / tau)
-        return np.where(self._continuous, tau * turns, 0.0)
-
     def scores(self, request: FloatArray) -> FloatArray:
         """In-span scores of a request, shape (n_primitives,).
 
@@ -155,7 +137,8 @@ class RequestIndex:
         """
         n, size = self._continuous.size, request.size
         deviations = request - self._means[:, :size]
-        deviations[:, : 2 * n] += np.tile(self.turns(request[:n]), 2)
+        turns = np.round((self._means[:, :n] - request[:n]) / tau)
+        deviations[:, : 2 * n] += np.tile(np.where(self._continuous, tau * turns, 0.0), 2)
         products = deviations[:, None] @ self._precisions[size]
         squares = np.einsum("pi,pi->p", products[:, 0], deviations)
         return np.asarray(np.sqrt(squares / size))

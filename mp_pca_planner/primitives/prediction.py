@@ -217,6 +217,22 @@ class ConditionalModel:
         request = np.concatenate([start, goal, [] if duration is None else [math.log(duration)]])
         return in_span_score(request, self.mean, self.request_precision)
 
+    def turned(
+        self, start: FloatArray, goal: FloatArray, continuous: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """End points by full turns of continuous joints, with the start near the demonstrated ones.
+
+        Parameters
+        ----------
+        start, goal : array, shape (n_joints,)
+            End points [rad or m].
+        continuous : array of bool, shape (n_joints,)
+            Which joints are continuous.
+        """
+        turns = np.round((self.mean[: start.size] - start) / math.tau)
+        shift = np.where(continuous, math.tau * turns, 0.0)
+        return start + shift, goal + shift
+
     @cached_property
     def mean(self) -> FloatArray:
         """Mean request, shape (2 n_joints + 1,)."""

@@ -168,10 +168,11 @@ class Selector:
             nearest, scores = self._index.nearest(request, self._options.max_considered)
             most = max(self._max_score or np.inf, float(scores.min()))
             chosen = nearest[is_near(scores, self._options) & (scores <= most)]
-        primitives = list(map(self.primitives.__getitem__, chosen.tolist()))
-        turns, found = self._index.turns(start, chosen), []
-        for i, primitive, turn in zip(chosen.tolist(), primitives, turns, strict=True):
-            expected = primitive.model.predict(start + turn, goal + turn, duration)
+        found = []
+        for i in chosen.tolist():
+            primitive = self.primitives[i]
+            ends = primitive.model.turned(start, goal, self._robot.continuous)
+            expected = primitive.model.predict(*ends, duration)
             cost = float("nan") if len(chosen) == 1 else self._cost(i, start, goal, expected)
             found.append(Considered(primitive, expected, cost))
         if len(found) > 1:

@@ -343,8 +343,9 @@ def feasible_duration(
     if request.duration_is_free or best.is_hopeless or budget.is_over() or request.mode:
         return slow.duration, False
     segment, groups = request.segments[0], (((0,), False),)
-    ends = segment.shifted(context.robot, request.start, request.goal)
-    expected = segment.primitive.model.predict(*ends)
+    start, goal, model = request.start, request.goal, segment.primitive.model
+    ends = model.turned(start.positions, goal.positions, context.robot.continuous)
+    expected = model.predict(*ends)
     segment = replace(segment, expected=expected, duration=expected.duration)
     free = replace(request, segments=(segment,), groups=groups)
     for width in range(context.bases.n_widths):

@@ -11,9 +11,11 @@ from patience import PATIENT
 
 import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
-from mp_pca_planner.planning.motion import Motion, effort_of, rank_of
+from mp_pca_planner.planning.motion import Motion, cost_of, rank_of
+from mp_pca_planner.planning.objectives import Effort
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.program.tables import Tables
 from mp_pca_planner.planning.report import selection_reason
 from mp_pca_planner.planning.requests.selection import Considered, Selection, Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -64,10 +66,11 @@ def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
             continue
         n_several += 1
         ends = JointState(robot.joint_names, start), JointState(robot.joint_names, goal)
-        efforts = [
-            effort_of(robot, Motion(*ends, e.duration, c.primitive.basis, e.weights))
-            for c, e in ((c, c.expected) for c in found)
-        ]
+        efforts = []
+        for one in found:
+            basis, expected = one.primitive.basis, one.expected
+            motion = Motion(*ends, expected.duration, basis, expected.weights)
+            efforts.append(cost_of(robot, motion, Tables(basis), [(1.0, Effort())]))
         assert efforts == sorted(efforts)
         assert [c.cost for c in found] == pytest.approx(efforts, rel=1e-9)
     assert n_several
