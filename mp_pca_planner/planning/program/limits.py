@@ -61,6 +61,8 @@ class Limits:
     groups : array of int, shape (n_inequalities,)
         Constraints of one quantity of one joint, in the order of the phases, are of one group,
         which is n_joints · (index in `QUANTITIES`) + joint.
+    states : StateMap or None
+        Bounded positions and their derivatives as functions of the unknowns.
     """
 
     def __init__(
@@ -74,7 +76,7 @@ class Limits:
     ) -> None:
         self._for = robot, tables, unknowns, limits, ends
         self._tables, self._joint_names = tables, limits.joint_names
-        self._states: StateMap | None = None
+        self.states: StateMap | None = None
         if chosen is not None and not chosen.any():
             self.lower = self.upper = self._effort_units = np.zeros(0)
             self._group_of_row = self._effort_joints = np.zeros(0, dtype=np.intp)
@@ -97,7 +99,7 @@ class Limits:
         if n_state_rows:
             orders, own = quantities[of_states], joints[of_states]
             hermite, shapes = tables.on_grid(orders, own)
-            self._states = StateMap(unknowns, hermite, shapes, orders, own, units[of_states])
+            self.states = StateMap(unknowns, hermite, shapes, orders, own, units[of_states])
         self._effort_joints, self._effort_units = joints[of_efforts], units[of_efforts]
 
     def _widen(self, outside: FloatArray, joints: NDArray[np.intp]) -> None:
@@ -166,10 +168,6 @@ class Limits:
         """The bounded quantities of a motion."""
         return LimitsAt(self, course)
 
-    def states(self) -> StateMap | None:
-        """Bounded positions and their derivatives as functions of the unknowns."""
-        return self._states
-
     def efforts(self, node_efforts: FloatArray) -> FloatArray:
         """Bounded efforts from those at the nodes, shape (n_effort_joints * n_points,)."""
         if not self._effort_joints.size:
@@ -196,7 +194,7 @@ class LimitsAt:
 
     def __init__(self, limits: Limits, course: Course) -> None:
         self._limits, self._course = limits, course
-        states, map_ = np.zeros((0, 0)), limits.states()
+        states, map_ = np.zeros((0, 0)), limits.states
         self._slopes = None
         if map_ is not None:
             states = map_.values(course.x)
