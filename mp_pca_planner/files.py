@@ -247,7 +247,13 @@ def workspace_beside(target: Path) -> Iterator[Path]:
     """A hidden folder beside a file to write; removed afterwards.
 
     Folders left by killed processes are removed too; a running process holds a lock on its own.
+
+    Raises
+    ------
+    PlannerError
+        If a device or a pipe has the name of the file.
     """
+    _check_kind(target)
     for other in target.parent.glob(f"{_WORKSPACE}*"):
         with suppress(OSError):
             lock = _lock(other)
@@ -341,14 +347,24 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
     Raises
     ------
     PlannerError
-        If it exists and may not be overwritten, or its folder doesn't exist or is read-only.
+        If it exists and may not be overwritten, is a device or a pipe, or its folder doesn't exist
+        or is read-only.
     """
     if os.path.lexists(path) and not overwrite:
         raise exists_already(path)
+    _check_kind(path)
     if not os.path.isdir(path.parent):
         raise PlannerError(f"'{path}' can't be written: there is no folder '{path.parent}'")
     if not os.access(path.parent, os.W_OK):
         raise PlannerError(f"'{path}' can't be written: its folder may not be changed")
+
+
+def _check_kind(path: Path) -> None:
+    """Reject a device or a pipe: a file in its place would take it from the whole machine."""
+    is_file = path.is_file() or path.is_dir()
+    is_link_to_stream = path.is_symlink() and path.absolute().parent == Path("/dev")
+    if is_link_to_stream or (path.exists() and not is_file):
+        raise PlannerError(f"'{path}' is a device or a pipe, expected the name of a file")
 
 
 def exists_already(path: Path) -> PlannerError:

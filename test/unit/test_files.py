@@ -6,12 +6,14 @@ import errno
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import PlannerError
@@ -28,6 +30,7 @@ from mp_pca_planner.files import (
     write_whole,
 )
 from mp_pca_planner.input_limits import INPUT_LIMITS
+from mp_pca_planner.motion.trajectory import Trajectory
 
 # Reading
 
@@ -126,6 +129,38 @@ def test_a_file_that_could_not_be_written_is_refused_before_the_work(tmp_path):
         check_writable(tmp_path / "there", overwrite=False)
     with pytest.raises(PlannerError, match="no folder '.*nowhere'"):
         check_writable(tmp_path / "nowhere" / "file", overwrite=False)
+
+
+@pytest.mark.parametrize("what", ["pipe", "socket", "link to a pipe"])
+@pytest.mark.parametrize("name", ["motion", "motion.csv"])  # a bag, and a file
+def test_a_device_or_a_pipe_is_never_replaced(tmp_path, monkeypatch, what, name):
+    monkeypatch.chdir(tmp_path)  # names of sockets are short
+    if what == "socket":
+        with socket.socket(socket.AF_UNIX) as made:
+            made.bind(name)
+    elif what == "pipe":
+        os.mkfifo(name)
+    else:
+        os.mkfifo("pipe")
+        os.symlink("pipe", name)
+    before, states = os.lstat(name), np.zeros((2, 1))
+    motion = Trajectory(["joint"], [0.0, 1.0], states, states, states)
+    for write in (
+        lambda: check_writable(Path(name), overwrite=True),
+        lambda: write_whole(name, b"", overwrite=True),
+        lambda: motion.save(name, overwrite=True),
+    ):
+        with pytest.raises(PlannerError, match="is a device or a pipe"):
+            write()
+    after = os.lstat(name)
+    assert (after.st_ino, after.st_mode) == (before.st_ino, before.st_mode)
+
+
+@pytest.mark.parametrize("name", ["null", "stdout", "stderr"])
+def test_a_stream_of_the_machine_is_no_output_file(name):
+    # Only the check: a defect must not destroy the device.
+    with pytest.raises(PlannerError, match="is a device or a pipe"):
+        check_writable(Path("/dev") / name, overwrite=True)
 
 
 def test_a_new_file_gets_the_usual_permissions(tmp_path):
