@@ -16,9 +16,17 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
+from ..execution.options import ServingOptions
 from ..execution.serving.execution import MotionOutcome
 from ..motion.goal import JointState, Pose, SequenceGoal
-from ..ros.client import READY, GoalClient, check_node_name, is_served, report_values
+from ..ros.client import (
+    READY,
+    GoalClient,
+    check_node_name,
+    continues,
+    is_served,
+    report_values,
+)
 from ..ros.goal_messages import to_pose_message, to_sequence_message
 from ..ros.nodes import NoAnswerError
 from .common import print_json, report_lines
@@ -29,6 +37,7 @@ _SERVICES = {"reload": "reload_primitives"}
 """Names of services that differ from their command's."""
 
 _MARGIN = 30.0  # s from the end of the motion to its report, where --wait is not given
+_RESUMPTION_MARGIN = _MARGIN + ServingOptions.resumption_timeout  # where it may go on later
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -93,19 +102,26 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
         client.wait_for_diagnostics(lambda values: values["text"] == READY, arguments.wait)
     answer = client.send(message, arguments.timeout, with_trajectory=False)
     found, lines = answer.report, report_lines(answer.values, is_verbose=arguments.verbose)
-    facts = {"message": found.message, **answer.values}
+    facts: dict[str, Any] = {"message": found.message, **answer.values}
     if not arguments.json:
         say(found.message, *lines)
         flush()
     status = DONE if is_served(found) else FAILED
-    if arguments.wait != 0.0:
-        execution = client.execution(answer, arguments.wait or _MARGIN)
-        if execution is not None:
-            values = report_values(execution)
-            facts["execution"] = {"message": execution.message, **values}
-            status = DONE if values["outcome"] == MotionOutcome.ARRIVED else FAILED
-            if not arguments.json:
-                say(execution.message)
+    margin, earlier = arguments.wait or _MARGIN, list[dict[str, str]]()
+    execution = None if arguments.wait == 0.0 else client.execution(answer, margin)
+    while execution is not None:
+        values = report_values(execution)
+        facts["execution"] = {"message": execution.message, **values}
+        status = DONE if values["outcome"] == MotionOutcome.ARRIVED else FAILED
+        if not arguments.json:
+            say(execution.message)
+            flush()
+        if not continues(execution):
+            break
+        earlier.append(facts["execution"])
+        facts["earlier_executions"] = earlier
+        margin = arguments.wait or _RESUMPTION_MARGIN
+        execution = client.execution(answer, margin, len(earlier))
     if arguments.json:
         print_json(facts)
     return REFUSED if found.level == DiagnosticStatus.ERROR else status

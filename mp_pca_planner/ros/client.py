@@ -106,6 +106,11 @@ def is_served(report: DiagnosticStatus) -> bool:
     return report.level != DiagnosticStatus.ERROR and not is_overtaken
 
 
+def continues(report: DiagnosticStatus) -> bool:
+    """Whether the robot goes on to the goal of a motion by itself, so that a report follows."""
+    return report_values(report).get("continues") == "true"
+
+
 def report_values(report: DiagnosticStatus) -> dict[str, str]:
     """The values of a report by name."""
     return {pair.key: pair.value for pair in report.values}
@@ -306,10 +311,12 @@ class GoalClient(NodeInOwnContext):
         stamp.sec, stamp.nanosec = divmod(time.time_ns(), NS_PER_S)
         return self.send(message, timeout, with_trajectory=False)
 
-    def execution(self, answer: Answer, margin: float = 30.0) -> DiagnosticStatus | None:
+    def execution(
+        self, answer: Answer, margin: float = 30.0, n_before: int = 0
+    ) -> DiagnosticStatus | None:
         """The report on the execution of a motion; None if nothing was published or none comes.
 
-        None comes of a node without such reports.
+        None comes of a node without such reports. Another one follows a report that `continues`.
 
         Parameters
         ----------
@@ -317,6 +324,9 @@ class GoalClient(NodeInOwnContext):
             The answer to its goal.
         margin : float
             Longest time from the end of the motion to its report [s].
+        n_before : int
+            Number of reports on the goal before this one; a motion after another one to the same
+            goal counts as long as the first.
 
         Raises
         ------
@@ -334,8 +344,13 @@ class GoalClient(NodeInOwnContext):
         def own() -> list[DiagnosticStatus]:
             return [one for one in self.executions if report_values(one)["goal_stamp"] == stamp]
 
-        self.wait(lambda: bool(own()), duration + margin, "did not report the execution")
-        return own()[0]
+        pending = "; the robot may continue by itself, 'mp-pca stop' cancels that"
+        complaint = "did not report the execution"
+        try:
+            self.wait(lambda: len(own()) > n_before, duration + margin, complaint)
+        except NoAnswerError as error:
+            raise NoAnswerError(f"{error}{pending}") if n_before else error from None
+        return own()[n_before]
 
     def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
         self._trajectory_received = _time_received(facts)

@@ -160,6 +160,7 @@ def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
     values = {name: getattr(report, name) for name in names}
     if report.controller:
         values["controller"] = report.controller
+    values["continues"] = str(report.continues).lower()
     values["goal_stamp"] = to_stamp_text(report.goal)
     level = DiagnosticStatus.OK if report.outcome.is_good else DiagnosticStatus.ERROR
     return to_status("mp_pca_planner: execution", level, report.message, values)

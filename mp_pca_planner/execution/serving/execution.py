@@ -117,6 +117,9 @@ class ExecutionReport:
         Time of that distance since the motion was published [s].
     controller : str
         What the controller answered to its goal; empty if motions are sent on a topic.
+    continues : bool
+        Whether the robot goes on to the same goal by itself: on another motion, or once there is a
+        path. Another report follows then.
     """
 
     goal: Any
@@ -127,6 +130,7 @@ class ExecutionReport:
     largest_deviation: float
     deviation_time: float
     controller: str = ""
+    continues: bool = False
 
 
 @dataclass(eq=False)
@@ -153,11 +157,15 @@ class Resumption:
     tried: float = -math.inf
     world: World | None = None
 
+    def is_over(self, now: float, options: ServingOptions) -> bool:
+        """Whether the goal is dropped."""
+        return now - self.since >= options.resumption_timeout
+
     def is_due(self, now: float, world: World, options: ServingOptions) -> bool:
         """Whether to plan a motion now: the obstacles have changed, or that was long ago."""
         since = now - self.tried
         wait = options.resumption_period
-        return now - self.since < options.resumption_timeout and (
+        return not self.is_over(now, options) and (
             since >= wait or (world is not self.world and since >= 0.25 * wait)
         )
 
@@ -187,6 +195,10 @@ class Execution:
         The motion that was checked for such a collision last, and the obstacles.
     is_reported : bool
         Whether the outcome was reported.
+    is_to_continue : bool
+        Whether it was reported that the robot goes on to the goal after the stop.
+    published : float
+        When the motion was published [s]; for a stop that is repeated, the first one.
     last : Following or None
         How the robot followed the motion last, and stopped motions before it.
     largest_deviation, deviation_time : float
@@ -208,6 +220,8 @@ class Execution:
     threat: Threat | None = None
     checked: tuple[PublishedMotion, World] | None = None
     is_reported: bool = False
+    is_to_continue: bool = False
+    published: float = math.nan
     last: Following | None = None
     largest_deviation: float = 0.0
     deviation_time: float = 0.0
@@ -215,6 +229,9 @@ class Execution:
     how: How | None = None
     since: float = 0.0
     place: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.published = self.motion.time
 
     @classmethod
     def of_stop(
@@ -228,7 +245,7 @@ class Execution:
         stop = cls(None, motion, is_stop=True, reason=reason, is_reported=True)
         if stopped is not None:
             stop.name, stop.is_reported = stopped.name, stopped.is_reported
-            stop.last = stopped.last
+            stop.last, stop.is_to_continue = stopped.last, stopped.is_to_continue
         stop.resumption = resumption
         return stop
 
@@ -238,14 +255,27 @@ class Execution:
         last = self.last
         return last is not None and last.motion is self.motion and last.at_rest
 
-    def replaced(self, reason: str = "") -> ExecutionReport | None:
-        """The report on the motion when a newer one replaces it, for a reason; None if it had one.
+    def replaced(self, by: Execution) -> ExecutionReport | None:
+        """The report on the motion when another one replaces it; None if it had one.
 
         A stop counts as executed then.
         """
-        why = f"another motion, for {reason}" if reason else "the motion of a newer goal"
+        continues = self.name is not None and by.name is self.name
+        why = "the motion of a newer goal"
+        if continues:
+            reason = self.threat.reason if self.threat else "its goal is the same"
+            why = f"another motion, for {reason}"
+        self.resumption = None
         outcome = MotionOutcome.STOPPED if self.is_stop else MotionOutcome.REPLACED
-        return self._end(outcome, f"replaced by {why}")
+        return self._end(outcome, f"replaced by {why}", continues=continues)
+
+    def dropped(self, reason: str) -> ExecutionReport | None:
+        """The report that the robot doesn't go on to its goal, if it was said to; else None."""
+        is_to_continue, self.resumption, self.is_to_continue = self.is_to_continue, None, False
+        if not is_to_continue:
+            return None
+        self.is_reported = False
+        return self._end(MotionOutcome.STOPPED, f"stopped: the goal is dropped, because {reason}")
 
     def given_up(self, reason: str) -> ExecutionReport | None:
         """The report on a motion that can't be followed any more; None if it had one."""
@@ -289,6 +319,8 @@ class Execution:
             silence = f"joint_states are silent {options.max_hold:g} s after the end of the motion"
             return self.given_up(silence)
         if following.motion is not self.motion:
+            if now <= self.published + options.start_delay:
+                return None  # on a busy machine, the message comes late
             return self._end(
                 MotionOutcome.NEVER_STARTED,
                 "never started: the robot still follows the previous motion; check that the "
@@ -313,9 +345,11 @@ class Execution:
                 return None  # the result of the controller comes a little later
             if not self.is_stop:
                 return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
-            text = f"stopped: the robot is at rest {now - self.motion.time:.2f} s after the stop"
+            since = f"{now - self.motion.time:.2f} s after the stop"
+            more = "it continues to the goal once there is a path" if self.resumption else ""
+            text = f"stopped: the robot was seen at rest {since}"
             return self._end(
-                MotionOutcome.STOPPED, f"{text}; {self.reason}" if self.reason else text
+                MotionOutcome.STOPPED, "; ".join(filter(None, [text, self.reason, more]))
             )
         if self._never_started(following, now, options):
             return self._end(
@@ -361,10 +395,13 @@ class Execution:
         duration = self.last.motion.duration
         return min(self.last.progress.place / duration, 1.0) if duration > 0.0 else 1.0
 
-    def _end(self, outcome: MotionOutcome, message: str) -> ExecutionReport | None:
+    def _end(
+        self, outcome: MotionOutcome, message: str, *, continues: bool = False
+    ) -> ExecutionReport | None:
         if self.is_reported:
             return None
-        self.is_reported = True
+        continues |= self.resumption is not None
+        self.is_reported, self.is_to_continue = True, continues
         return ExecutionReport(
             self.name,
             outcome,
@@ -374,6 +411,7 @@ class Execution:
             self.largest_deviation,
             self.deviation_time,
             self.controller,
+            continues,
         )
 
 

@@ -77,12 +77,19 @@ class MotionMonitor:
             execution, now = self.follower.execution, self.follower.motion_time
             if execution is not None and self.follower.commanded is None:
                 self._end(execution.given_up("time was set back"))
+                self._end(execution.dropped("time was set back"))
             elif execution is not None:
                 report = execution.update(following, now, self.options)
                 self._end(report)
-                is_lost = report is not None and execution.is_stop and not report.outcome.is_good
-                if is_lost and following is not None and not following.at_rest:
-                    self.stop(model, execution.reason, execution.resumption)  # once more
+                is_lost = report is not None and not report.outcome.is_good
+                if following is not None and following.motion is not execution.motion:
+                    is_lost |= now <= execution.published + self.options.start_delay
+                if execution.is_stop and is_lost and following and not following.at_rest:
+                    self.stop(model, execution.reason, execution.resumption, execution.published)
+                resumption = execution.resumption
+                if resumption is not None and resumption.is_over(now, self.options):
+                    longest = self.options.resumption_timeout
+                    self._end(execution.dropped(f"no path was found for {longest:g} s"))
             threat = self.surroundings.threat
             if threat is not None and now > threat.last_time(self.options):
                 self.stop_before(threat, model)
@@ -103,6 +110,7 @@ class MotionMonitor:
             self.follower.expect(joint_names)
             if execution is not None:
                 self._end(execution.given_up(reason))
+                self._end(execution.dropped(reason))
         return True
 
     def release(self, model: Model, reason: str) -> None:
@@ -111,7 +119,7 @@ class MotionMonitor:
             execution = self.follower.execution
             if execution is None:
                 return
-            execution.resumption = None
+            self._end(execution.dropped(reason))
             if not (execution.is_stop or execution.is_reported):
                 self.stop(model, reason)
 
@@ -148,7 +156,13 @@ class MotionMonitor:
         is_due = found.is_due(self.follower.motion_time, self.surroundings.world, self.options)
         return found if is_due else None
 
-    def stop(self, model: Model, reason: str = "", resumption: Resumption | None = None) -> str:
+    def stop(
+        self,
+        model: Model,
+        reason: str = "",
+        resumption: Resumption | None = None,
+        began: float | None = None,
+    ) -> str:
         """Publish a trajectory that brings the robot to rest.
 
         Parameters
@@ -159,6 +173,8 @@ class MotionMonitor:
             Why, for the report of the execution.
         resumption :
             The goal to which the robot goes on afterwards.
+        began :
+            For a stop that is repeated, when the first one was published [s].
 
         Returns
         -------
@@ -175,8 +191,11 @@ class MotionMonitor:
             if stopped is not None:
                 stopped.resumption = None
             found = self._stops.find(model)
-            why = found.after(reason)
-            self.publish(Execution.of_stop(stopped, found.motion, why, resumption))
+            stop = Execution.of_stop(stopped, found.motion, found.after(reason), resumption)
+            stop.published = stop.published if began is None else began
+            self.publish(stop)
+            if resumption is None:
+                self._end(stop.dropped(reason or "the robot was stopped"))
         return found.message
 
     def publish(self, execution: Execution, world: World | None = None) -> None:
@@ -189,7 +208,9 @@ class MotionMonitor:
         self._send(motion)
         self.follower.command(motion, execution)
         if old is not None and not execution.is_stop:
-            self._end(old.replaced(old.threat.reason if old.threat else ""))
+            self._end(old.replaced(execution))
+            if execution.name is not old.name:
+                self._end(old.dropped("a newer goal came"))
 
     def hear(self, sent: Trajectory, answer: ControllerAnswer) -> bool:
         """Record what the controller answered to a trajectory that was sent as a goal.

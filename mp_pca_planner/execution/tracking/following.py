@@ -112,6 +112,9 @@ class Publication:
     previous : Progress or None
         The same if the controller has not accepted the newest motion; None once the measured
         positions confirm that.
+    refused : tuple of (Progress, Progress) or None
+        The last places on the newest motion and on the one before, if the robot was seen not to
+        follow the newest one, whose message may still be on its way.
     unconfirmed_since : float
         Time since when the accepted motion is unknown [s].
     is_lagging, is_arrived : bool
@@ -131,6 +134,7 @@ class Publication:
     is_arrived: bool = False
     execution: Execution | None = None
     concluded: tuple[float, Conclusion] = (-math.inf, Conclusion.ALIKE)
+    refused: tuple[Progress, Progress] | None = None
 
     @classmethod
     def after(
@@ -155,11 +159,50 @@ class Publication:
         current = Progress(motion, now, now - motion.began - lag * rate, rate)
         return cls(motion, current, previous, since, is_lagging, execution=execution)
 
-    def give_up(self) -> None:
-        """Record that the controller has not accepted the motion."""
+    def give_up(self, *, may_be_late: bool = False) -> None:
+        """Record that the controller has not accepted the motion, or that it may be late."""
+        self.refused = None
         if self.previous is not None:
+            self.refused = (self.current, self.previous) if may_be_late else None
             self.current, self.previous = self.previous, None
             self.is_arrived = self.is_lagging = False
+
+    def take_late(
+        self,
+        seen: Observation,
+        command: StatedCommand | None,
+        servo: ServoModel,
+        noise: float,
+        options: FollowingOptions,
+    ) -> bool:
+        """Record if the robot follows the newest motion after all, whose message was late.
+
+        Parameters
+        ----------
+        seen : Observation
+            The measured positions.
+        command : StatedCommand or None
+            What the controller states of its command.
+        servo, noise, options :
+            As for :meth:`confirm`.
+        """
+        if self.refused is None or not len(seen.samples.times):
+            return False
+        new, old = self.refused
+        when = float(seen.samples.times[-1])
+        if when > self.motion.time + options.late_start:
+            self.refused = None
+            return False
+        if command is not None:
+            found = command.on(self.motion, options)
+            is_taken = found is not None and command.near(self.current, options) is None
+        else:
+            samples = seen.samples.since(self.motion.began, servo.offset)
+            found = locate(new, samples, when, options)
+            is_taken = self._conclude(found, old, seen, servo, noise, options) is Conclusion.TAKEN
+        if found is not None and is_taken:
+            self.current, self.refused, self.is_arrived = found, None, False
+        return is_taken
 
     def confirm(
         self,
@@ -192,11 +235,31 @@ class Publication:
         times, previous = seen.samples.times, self.previous
         if previous is None or not len(times):
             return Conclusion.ALIKE
-        motion, when = self.current.motion, float(times[-1])
+        when = float(times[-1])
         if when < self.unconfirmed_since + options.visible_time:
             return Conclusion.ALIKE
         if when == self.concluded[0]:  # without new states, only the error of the place grows
             return self.concluded[1]
+        conclusion = self._conclude(found, previous, seen, servo, noise, options)
+        if conclusion is Conclusion.TAKEN:
+            self.previous = None
+        elif conclusion is Conclusion.REFUSED:
+            self.give_up(may_be_late=True)
+        else:
+            self.concluded = when, conclusion
+        return conclusion
+
+    def _conclude(
+        self,
+        found: Progress,
+        previous: Progress,
+        seen: Observation,
+        servo: ServoModel,
+        noise: float,
+        options: FollowingOptions,
+    ) -> Conclusion:
+        """Which motion measured positions show: see :meth:`confirm`."""
+        motion, when = found.motion, float(seen.samples.times[-1])
         is_over = seen.at_rest and when >= motion.began + motion.duration
         # At rest, the accelerations that the newest offset still contains have no effect.
         offsets = np.stack([servo.offset, servo.load] if is_over else [servo.offset])
@@ -213,7 +276,6 @@ class Publication:
         )
         margin = 4.0 * noise
         if between >= options.taken_distance + margin and max(to_new, to_due) < 0.5 * to_old:
-            self.previous = None
             return Conclusion.TAKEN
         at_rest = options.refused_rest_distance + margin
         refused = at_rest if seen.at_rest else options.refused_distance
@@ -225,11 +287,8 @@ class Publication:
         may_be_late = is_from_rest and when < self.unconfirmed_since + options.late_start
         is_on_old = rests_on_old or (to_new >= refused and to_old < 0.5 * to_new)
         if is_on_old and not may_be_late:
-            self.give_up()
             return Conclusion.REFUSED
-        are_different = between > options.same_distance
-        self.concluded = when, Conclusion.DOUBTFUL if are_different else Conclusion.ALIKE
-        return self.concluded[1]
+        return Conclusion.DOUBTFUL if between > options.same_distance else Conclusion.ALIKE
 
     def is_on_time(
         self, on_time: Progress, found: Progress, servo: ServoModel, options: FollowingOptions
@@ -405,18 +464,21 @@ class MotionFollower:
         with self.lock:
             execution = self.execution
             self.measured.clock.settle(is_idle=execution is None or execution.is_reported)
-            seen_last = self.commanded
+            is_known = self.commanded is not None
             if measured is None:
                 measured = self.measured.newest(settings.state_timeout)
             published = self.published
-            if seen_last is None or published is None:
+            if not is_known or published is None:
                 return None
-            now, motion = self.motion_time, seen_last.motion
             at_rest = not self.measured.velocities(measured).any()
             seen = Observation(measured, at_rest, self.measured.history())
-            on_time = Progress(motion, now, now - motion.began)
             command = self.stated_command(measured, settings)
-            if command is None or not published.motion.is_path_known:
+            if not published.motion.is_path_known:
+                command = None
+            published.take_late(seen, command, self.servo, self.noise, self.options)
+            now, motion = self.motion_time, published.current.motion
+            on_time = Progress(motion, now, now - motion.began)
+            if command is None:
                 following = self._follow(published, on_time, seen)
             else:
                 following = self._follow_command(published, command, on_time, seen)
@@ -433,8 +495,7 @@ class MotionFollower:
             return self._following(published, How.ON_TIME, on_time, seen)
         motion, samples = on_time.motion, seen.samples
         servo, options = self.servo, self.options
-        known = samples.times >= motion.began
-        window = MeasuredSamples(samples.times[known], samples.positions[known] - servo.offset)
+        window = samples.since(motion.began, servo.offset)
         found = locate(published.current, window, on_time.time, options)
         conclusion = published.confirm(found, seen, servo, self.noise, options)
         if conclusion is Conclusion.REFUSED:
@@ -464,7 +525,7 @@ class MotionFollower:
         if is_late:
             how = How.HELD if seen.at_rest else How.LAGGING
             return self._following(published, how, command, seen)
-        if known.any() and is_certain and published.motion.is_path_known:
+        if len(window.times) and is_certain and published.motion.is_path_known:
             servo.learn(motion, float(samples.times[-1]), seen.state.positions, lag)
         # For a motion that the controller started on receipt, the clock does not determine the
         # place.
@@ -494,7 +555,7 @@ class MotionFollower:
             is_from_rest = previous.motion.duration == 0.0
             late = options.late_start if is_from_rest else options.visible_time
             if command.time >= published.unconfirmed_since + late:
-                published.give_up()
+                published.give_up(may_be_late=True)
                 return None
         guesses = on_time, replace(current, place=current.place + servo.lag * current.rate)
         for guess in guesses:

@@ -155,6 +155,11 @@ class MeasuredSamples:
     times: FloatArray
     positions: FloatArray
 
+    def since(self, time: float, offset: FloatArray) -> MeasuredSamples:
+        """Those from a time on [s], without an offset of the positions [rad or m]."""
+        later = self.times >= time
+        return MeasuredSamples(self.times[later], self.positions[later] - offset)
+
     def contradiction(self, joint_names: Sequence[str], options: FollowingOptions) -> str:
         """Which positions change as those of no robot do; empty if all are plausible."""
         if len(self.times) < 2:

@@ -20,6 +20,7 @@ from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
 MARGIN, RADIUS = 0.01, 0.03
 MODEL = model(collision=True, obstacle_margin=MARGIN)
+SLOW = {name: {"max_velocity": 0.2, "max_acceleration": 3.0, "max_jerk": 60.0} for name in JOINTS}
 
 
 @pytest.fixture
@@ -68,6 +69,7 @@ def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node):
     assert clearance(node, world, came) >= MARGIN
     assert node.outcomes == ["replaced", "arrived"]
     first = node.execution_reports[0][1].message
+    assert [report.continues for _, report in node.execution_reports] == [True, False]
     assert first.startswith("replaced by another motion, for a new obstacle is on the path")
 
 
@@ -106,6 +108,42 @@ def test_robot_goes_on_to_its_goal_once_the_obstacle_that_stopped_it_is_gone(nod
     node.assert_rests_at(GOAL)
     assert node.outcomes == ["stopped", "arrived"]
     assert {report.goal for _, report in node.execution_reports} == {1}
+    assert [report.continues for _, report in node.execution_reports] == [True, False]
+
+
+@pytest.mark.parametrize("delay", [0.18, 0.2])
+def test_a_stop_whose_message_is_late_on_a_busy_machine_is_a_stop(delay):
+    node = Node(model(collision=True, obstacle_margin=MARGIN, limits=SLOW))
+    node.ask(GOAL)
+    node.run(4.0)
+    world = ball_at(GOAL)
+    node.robot.faults.delay = delay
+    assert use(node, world)
+    node.server.avoid_obstacle(node._model, not_cancelled)
+    node.run(3.0)
+    assert len(node.robot.taken) > 1 and not node.robot.record.v[-1].any()
+    node.robot.faults.delay = 0.0
+    use(node, World())
+    node.server.go_on(node._model, not_cancelled)
+    node.run(9.0)
+    node.assert_rests_at(GOAL)
+    assert node.outcomes == ["stopped", "arrived"]
+
+
+@pytest.mark.parametrize("delay", [0.15, 0.3])
+def test_a_detour_whose_message_is_late_on_a_busy_machine_is_followed(delay):
+    node = Node(model(collision=True, obstacle_margin=MARGIN))
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    node.robot.faults.delay = delay
+    use(node, ball_at(place_on_motion(node, 0.6)))
+    _, served = node.server.avoid_obstacle(node._model, not_cancelled)
+    assert served is not None
+    node.run(delay + 0.05)
+    node.robot.faults.delay = 0.0
+    node.run(8.0)
+    node.assert_rests_at(GOAL)
+    assert node.outcomes == ["replaced", "arrived"]
 
 
 def test_robot_goes_on_after_a_stop_of_the_thread_that_watches_it(node):
@@ -157,6 +195,10 @@ def test_robot_does_not_go_on_after(node, end):
     use(node, World())
     node.run(4.0)
     assert node.server.go_on(node._model, not_cancelled) == ("", None)
+    assert [report.continues for _, report in node.execution_reports[:2]] == [True, False]
+    dropped = node.execution_reports[1][1]
+    assert (dropped.goal, dropped.outcome) == (1, "stopped")
+    assert "the goal is dropped, because " in dropped.message
 
 
 def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):
@@ -204,7 +246,7 @@ def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node
     node.run(8.0)
     assert clearance(node, world, came) > 0.0
     assert not node.robot.record.v[-1].any()
-    expected = ["replaced", "never_started"] if fault == "refused" else ["stopped"]
+    expected = ["replaced", "stopped"] if fault == "refused" else ["stopped"]
     assert node.outcomes == expected
 
 
