@@ -188,12 +188,21 @@ def parse(command: str, argv: Sequence[str]) -> argparse.Namespace:
 
 
 def _check_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
-    """Exit with a suggestion if there is no such option; argparse would first name missing ones."""
+    """Exit with a suggestion if there is no such option; argparse would first name missing ones.
+
+    Of several goals, argparse would silently take the last.
+    """
     known = [name for name in parser._option_string_actions if name.startswith("--")]
-    for word in argv:
-        name = word.partition("=")[0]
-        if name.startswith("--") and name not in known and word != "--":
+    names = [word.partition("=")[0] for word in argv if word.startswith("--") and word != "--"]
+    for name in names:
+        if name not in known:
             parser.error(unknown_name("option", name, known).partition("; valid")[0])
+    for name in ("--goal", "--goal-pose"):
+        if names.count(name) > 1:
+            hint = "; pass places on the way with --via" if "--via" in known else ""
+            parser.error(
+                f"a motion has one goal, but {name} is given {names.count(name)} times{hint}"
+            )
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):

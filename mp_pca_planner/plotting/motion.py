@@ -291,7 +291,8 @@ def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
         By joint, the Axes of positions, velocities, accelerations if a limit of them is reached,
         and efforts if they are known.
     """
-    drawn = f"{len(plan.motions)} segments" if plan.mode else f"'{plan.primitive}'"
+    n = len(plan.motions)
+    drawn = f"{n} {'segment' if n == 1 else 'segments'}" if plan.mode else f"'{plan.primitive}'"
     title = f"{drawn}: {plan.message}"
     limits = None if plan.planner is None else plan.planner.limits
     motions, context = {"planned": plan.trajectory}, plan_context(plan)

@@ -107,6 +107,17 @@ def defaults(options: argparse.Namespace, *names: str) -> list[object]:
     return [getattr(options, name) for name in names]
 
 
+@pytest.mark.parametrize("command", ["plan", "sequence"])
+def test_a_second_goal_does_not_silently_replace_the_first(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ending:
+        parse(command, [*GOAL, "--goal=1"])
+    assert ending.value.code == 2
+    said = capsys.readouterr().err
+    assert "--goal is given 2 times; pass places on the way with --via" in said
+
+
 def test_defaults_are_those_of_the_library(helps: dict[str, str]) -> None:
     planning, errors = PlannerOptions(), ErrorModel()
     found = defaults(parse("plan", GOAL), "basis", "naturalness", "sample_period", "starts")
