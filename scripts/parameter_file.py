@@ -16,8 +16,9 @@ from mp_pca_planner.execution.parameters import DECLARATIONS, limit_declarations
 HEADER = """\
 Parameters of the node mp_pca_planner: all of them, with their defaults. Units are SI and radians. \
 Values can be changed while the node runs (`ros2 param set`); they hold from the next goal on, and \
-wrong ones are rejected. Numbers need a decimal point (2.0, not 2) except for whole numbers. \
-scripts/parameter_file.py writes this file."""
+wrong ones are rejected. The wheels have no `ros2`: change this file, and start the node again \
+with `mp-pca planner_node --ros-args --params-file planner.yaml`. Numbers need a decimal point \
+(2.0, not 2) except for whole numbers. scripts/parameter_file.py writes this file."""
 LIMITS = """\
 Limits of single joints, which override those above. They are declared for the joints of the \
 primitives; 0.0: as in the limits file or the URDF. For a joint called elbow:"""

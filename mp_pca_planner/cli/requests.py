@@ -52,6 +52,8 @@ class PlannedRequest:
         Its plan.
     asked : list of str
         The texts of the vias and the goal.
+    frame : str
+        The link whose positions are reported.
     angles : tuple of str
         Joints that are printed in degrees, as they were given.
     note : str
@@ -61,6 +63,7 @@ class PlannedRequest:
     planner: Planner
     plan: Plan
     asked: list[str]
+    frame: str
     angles: tuple[str, ...] = ()
     note: str = ""
 
@@ -74,6 +77,12 @@ class PlannedRequest:
         """The start, the configurations at the vias, and the goal."""
         motions = self.plan.motions
         return [motions[0].start, *(motion.goal for motion in motions)]
+
+    @property
+    def end_positions(self) -> FloatArray:
+        """Positions of the frame at the start and the goal in the base frame, shape (2, 3) [m]."""
+        ends = self.plan.trajectory.positions[[0, -1]]
+        return self.planner.robot.frame_positions(ends, [self.frame])[:, 0]
 
     @property
     def remarks(self) -> list[str]:
@@ -101,13 +110,17 @@ class PlannedRequest:
             "start": start,
             "goal": goal,
             **({"vias": vias} if vias else {}),
+            "end_effector": {
+                "frame": self.frame,
+                **dict(zip(("start", "goal"), self.end_positions, strict=True)),
+            },
             "remarks": self.remarks,
             "joint_names": list(trajectory.joint_names),
             **({} if check is None else {"collision": collision_words(check, trajectory)}),
         }
 
     def lines(self) -> list[str]:
-        """Lines of text: remarks, and the start, the vias and the goal by joint name."""
+        """Lines of text: remarks; start, vias and goal by joint name; the end effector's ends."""
         passed = self.passed
         unit = " [deg or m]" if self.angles else ""
         labels = ["start", *(f"via {k}" for k in range(1, len(passed) - 1)), "goal"]
@@ -119,6 +132,8 @@ class PlannedRequest:
                 values = getattr(state, rate)
                 if np.any(values):
                     lines.append(f"{'':<12} {rate} {self._named(state, values)}")
+        ends = (" ".join(f"{x:.3f}" for x in position) for position in self.end_positions)
+        lines.append(f"end effector '{self.frame}' from {' to '.join(ends)} [m, base frame]")
         return lines
 
     def _named(self, state: JointState, values: FloatArray) -> str:
@@ -144,6 +159,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     limits, collision = robot.limits(arguments.limits or {}), _collision_model(arguments, robot)
     start, angles = start_state(arguments, robot), angles_in_degrees(arguments, robot)
     note = moveit_factors_note(arguments.limits)
+    frame = getattr(arguments, "frame", None) or robot.end_effector
     if arguments.command == "sequence" or (arguments.command == "refine" and arguments.via):
         options = PlannerOptions(
             naturalness=arguments.naturalness,
@@ -155,11 +171,11 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         read = partial(target, robot, angles)
         goal, asked = sequence_goal(arguments, read, "--goal"), [*arguments.via, arguments.goal]
         plan = planner.plan(goal, start, arguments.mode)
-        return PlannedRequest(planner, plan, asked, angles, note)
+        return PlannedRequest(planner, plan, asked, frame, angles, note)
     options = _options(arguments, robot)
     single = Planner(robot, primitives, limits, options, collision)
     plan = single.plan(planned_goal(arguments, robot), start)
-    return PlannedRequest(single, plan, asked_texts(arguments, robot), angles, note)
+    return PlannedRequest(single, plan, asked_texts(arguments, robot), frame, angles, note)
 
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:

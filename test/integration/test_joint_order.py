@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from arm import JOINTS, arm_demonstrations
 
@@ -81,6 +82,20 @@ def test_start_and_goal_are_printed_by_name_in_the_order_of_lists(command: str, 
     found = lines(run(command, "--start", START, "--goal", GOAL))
     assert found["start"] == START_BY_NAME
     assert found["goal"] == GOAL_BY_NAME
+
+
+@pytest.mark.parametrize("command", ["plan", "sequence", "refine"])
+def test_the_end_effector_is_where_the_joints_bring_it(command: str, run: Run) -> None:
+    facts = json.loads(run(command, "--start", START, "--goal", GOAL, "--json"))["end_effector"]
+    robot = Robot.from_file(URDF, JOINTS)
+    q = [[-0.2, 0.1, 0.5, -0.4], [-1.2, 0.1, 0.5, -0.9]]
+    expected = robot.frame_positions(np.array(q), [robot.end_effector])[:, 0]
+    assert facts["frame"] == robot.end_effector
+    np.testing.assert_allclose([facts["start"], facts["goal"]], expected, atol=1e-6)
+    text = run(command, "--start", START, "--goal", GOAL)
+    start, goal = (" ".join(f"{x:.3f}" for x in position) for position in expected)
+    line = f"end effector '{robot.end_effector}' from {start} to {goal} [m, base frame]"
+    assert line in text.splitlines()
 
 
 def test_vias_and_rates_are_printed_by_name(run: Run) -> None:

@@ -8,6 +8,7 @@ similar to the demonstrations.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -35,7 +36,9 @@ from .selection import Selector
 # Largest positions, velocities and accelerations where there is no limit [SI].
 _NO_ROBOT = 1e6
 _QUANTITIES = ("position", "velocity", "acceleration")
-_UNITS = ("radians (or metres)", "rad/s (or m/s)", "rad/s² (or m/s²)")
+_METRES = ("metres", "m/s", "m/s²")
+_RADIANS = ("radians", "rad/s", "rad/s²")
+_DEGREES = ("degrees", "deg/s", "deg/s²")
 # Targets within this distance of each other count as the same [rad or m].
 _SAME = 1e-6
 
@@ -78,7 +81,7 @@ def resolve(
     here = in_order(start, context.robot.joint_names)
     # A start may be a little outside the limits of position.
     inside = nearest_start(here.positions, context.limits)
-    _check_within_limits("present", here, inside, context.limits)
+    _check_within_limits(context, "present", here, inside)
     _check_path(context, "start", here)
     if not isinstance(goal, SequenceGoal) and goal.duration is not None:
         context.check_duration("the duration is", goal.duration)
@@ -168,7 +171,7 @@ def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
 
 
 def _check_end(context: Context, there: JointState) -> None:
-    _check_within_limits("goal", there, there.positions, context.limits)
+    _check_within_limits(context, "goal", there, there.positions)
     if not context.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
         moving = there.joint_names[int(np.abs(there.velocities).argmax())]
         raise GoalError(
@@ -287,7 +290,7 @@ def _route(
     For poses, the configurations with the least sum of squared in-span scores are chosen, by
     dynamic programming.
     """
-    robot, limits = context.robot, context.limits
+    robot = context.robot
     routes = [_Route(0.0, (here,))]
     for number, aim in enumerate(targets, first_number):
         if isinstance(aim, Pose):
@@ -298,7 +301,7 @@ def _route(
             what = f"target {number}"
             positions = completed(aim, route.states[-1], robot, what).positions
             there = JointState(here.joint_names, positions)
-            _check_within_limits(what, there, there.positions, limits)
+            _check_within_limits(context, what, there, there.positions)
             _check_path(context, what, there)
             longer.append(route.to(there, selector))
         named_all = len(aim.joint_names) == robot.n_joints
@@ -409,19 +412,28 @@ def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
 
 
 def _check_within_limits(
-    what: str, state: JointState, positions: FloatArray, limits: JointLimits
+    context: Context, what: str, state: JointState, positions: FloatArray
 ) -> None:
     """Reject an end of a motion, with the positions that count, that violates a limit."""
     values = np.array([positions, state.velocities, state.accelerations])
-    low, high = _bounds(limits)
+    low, high = _bounds(context.limits)
     inside = (low <= values) & (values <= high)
     if inside.all():
         return
     k, j = np.argwhere(~inside)[0].tolist()
-    raise GoalError(
-        f"the {what} {_QUANTITIES[k]} of joint '{state.joint_names[j]}' is {values[k, j]:.9g}, "
-        f"outside its limits [{low[k, j]:.9g}, {high[k, j]:.9g}] in {_UNITS[k]}"
+    name, value, bounds = state.joint_names[j], values[k, j], (low[k, j], high[k, j])
+    text = (
+        f"the {what} {_QUANTITIES[k]} of joint '{name}' is {value:.9g}, outside its limits "
+        f"[{bounds[0]:.9g}, {bounds[1]:.9g}] in "
     )
+    if name in context.robot.prismatic_joints:
+        raise GoalError(f"{text}{_METRES[k]}")
+    # The values may have been given in degrees, so the message states both.
+    given, least, most = (f"{math.degrees(x):.5g}" for x in (value, *bounds))
+    text += f"{_RADIANS[k]}; in {_DEGREES[k]}, {given}, outside [{least}, {most}]"
+    if k == 0 and abs(value) > 2.0 * math.pi:
+        text += "; commands read degrees with --degrees"
+    raise GoalError(text)
 
 
 @lru_cache(maxsize=8)

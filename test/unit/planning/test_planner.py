@@ -340,7 +340,13 @@ def test_the_summary_holds_the_public_keys():
     [
         (["elbow", "wrist"], [0.0, 0.0], "no joint is called 'wrist'.*'shoulder1'"),
         (["shoulder1"], [1e300], r"goal position of joint 'shoulder1' is 1e\+300"),
-        (["elbow"], [5.0], r"goal position of joint 'elbow' is 5, outside its limits \["),
+        (
+            ["elbow"],
+            [5.0],
+            r"goal position of joint 'elbow' is 5, outside its limits \[.*\] in radians; "
+            r"in degrees, 286.48, outside \[.*\]$",
+        ),
+        (["elbow"], [-50.0], r"'elbow' is -50, outside .*; commands read degrees with --degrees$"),
     ],
 )
 def test_a_goal_that_cannot_be_served_is_refused_by_joint(names, values, message):
