@@ -584,7 +584,7 @@ def test_plan_draws_the_motion(primitive, tmp_path):
         (["--start", START, "--goal", "elbow=-1,elbow=-2"], "given more than once"),
         (["--start", START, "--goal", "elbow=-1,2"], "must be name=value"),
         (["--start", START, "--goal", ""], "must be name=value"),
-        (["--start", START, "--goal", "elbow=9"], "in radians (or metres)"),
+        (["--start", START, "--goal", "elbow=9"], "in radians; in degrees, 515.66"),
         (
             ["--start", START, "--goal", GOAL, "--duration", "-1"],
             "number from 0.001 to 600 s",
