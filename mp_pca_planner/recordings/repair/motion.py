@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,19 @@ _JUMP_RATIO = 10.0
 # spike, which returns in the next sample, need not be as fast.
 _JUMP_SPEED = 20.0
 _JUMP_ISOLATION = 5.0
+# Joints that repeat their positions exactly before a jump were not measured if they moved at more
+# than this [/s] just before, and at more than this share of the speed that makes up for the jump,
+# and of the speed even earlier: a motion that ends slows down.
+_FROZEN_SPEED = 0.05
+_FROZEN_SHARE = 0.5
+# Each of these speeds is a mean over this time [s].
+_FROZEN_WINDOW = 0.1
+# A step of the clock is longer than this [s] and than this many periods. Joints move by less than
+# this share of their motion as long before and after it, which exceeds this extent [rad or m].
+_CLOCK_STEP = 0.1
+_CLOCK_PERIODS = 5.0
+_CLOCK_SHARE = 0.5
+_CLOCK_EXTENT = 0.05
 # From this share of jumping samples on there are two publishers.
 _MAX_JUMPS = 0.05
 
@@ -65,17 +79,45 @@ UNITS = Defect({}, refuse_degrees)
 
 
 def cut_at_gaps(samples: Samples, repairs: Counter[str]) -> list[Piece]:
-    """Cut a recording where no message comes for longer than the longest gap."""
-    max_gap = samples.longest_gap
+    """Cut a recording at gaps, and where the clock was set forward."""
     times = samples.times / NS_PER_S
-    cuts = np.flatnonzero(np.diff(times) > max_gap / NS_PER_S) + 1
-    repairs["gaps"] += cuts.size - repairs["clock_jumps"]
+    gaps = np.diff(times) > samples.longest_gap / NS_PER_S
+    steps = _clock_steps(times, samples.positions, samples.period / NS_PER_S) & ~gaps
+    repairs["gaps"] += count(gaps) - repairs["clock_jumps"]
+    repairs["clock_steps"] += count(steps)
+    cuts = np.flatnonzero(gaps | steps) + 1
     return long_pieces(Piece(times, samples.positions).cut(cuts.tolist()), repairs)
+
+
+def _clock_steps(times: FloatArray, positions: FloatArray, period: float) -> NDArray[np.bool_]:
+    """Intervals during which the joints hardly move, but move before and after them.
+
+    Taken for time, such an interval would be a rest within a motion.
+    """
+    intervals = np.diff(times)
+    stepped = np.zeros(intervals.size, dtype=bool)
+    holes = np.flatnonzero(intervals > max(_CLOCK_STEP, _CLOCK_PERIODS * period))
+    n_beside = np.ceil(intervals[holes] / period).astype(np.intp)
+    first, last = holes - n_beside, holes + 1 + n_beside
+    # Near an end of the recording there is nothing to compare with.
+    whole = (first >= 0) & (last < times.size)
+    holes, first, last, n_beside = holes[whole], first[whole], last[whole], n_beside[whole]
+    before = np.linalg.norm(positions[holes] - positions[first], axis=1)
+    after = np.linalg.norm(positions[last] - positions[holes + 1], axis=1)
+    across = np.linalg.norm(positions[holes + 1] - positions[holes], axis=1)
+    # Messages that were delayed and come in a burst after the hole show a motion faster than it is.
+    prompt = times[last] - times[holes + 1] > 0.5 * n_beside * period
+    noise = np.linalg.norm([noise_deviation(position) for position in positions.T])
+    extent = max(_CLOCK_EXTENT, NOISE_DEVIATIONS * float(noise))
+    moving = np.minimum(before, after)
+    stepped[holes] = prompt & (moving > extent) & (across < _CLOCK_SHARE * moving)
+    return stepped
 
 
 GAPS = Defect(
     {
         "gaps": "no message for longer than the longest gap: cut there",
+        "clock_steps": "the clock was set forward while the joints moved: cut there",
     },
     cut_at_gaps,
 )
@@ -153,7 +195,8 @@ def cut_at_jumps(pieces: Sequence[Piece], repairs: Counter[str]) -> list[Piece]:
         good = np.flatnonzero(~_spikes(piece.positions))
         n_spikes += piece.times.size - good.size
         smooth = Piece(taken(good, piece.times), taken(good, piece.positions))
-        parts += smooth.cut(_jumps(smooth))
+        own = smooth.cut(_jumps(smooth))
+        parts += [_without_frozen_end(*pair) for pair in pairwise(own)] + own[-1:]
     n_samples = sum(piece.times.size for piece in pieces)
     n_jumps = len(parts) - len(pieces)
     if n_spikes + n_jumps > _MAX_JUMPS * n_samples + 1:
@@ -163,7 +206,28 @@ def cut_at_jumps(pieces: Sequence[Piece], repairs: Counter[str]) -> list[Piece]:
         )
     repairs["spikes"] += n_spikes
     repairs["jumps"] += n_jumps
+    repairs["frozen"] += n_samples - n_spikes - sum(part.times.size for part in parts)
     return long_pieces(parts, repairs)
+
+
+def _without_frozen_end(piece: Piece, following: Piece) -> Piece:
+    """The piece without repeated positions at its end, if the joints moved before and after.
+
+    A driver that lost its robot repeats the last state. Taken for a rest, it would end a motion.
+    """
+    moves = np.flatnonzero((piece.positions != piece.positions[-1]).any(axis=1))
+    last = int(moves[-1]) + 1 if moves.size else 0  # the first sample of the repeated ones
+    windows = piece.times[last] - _FROZEN_WINDOW * np.array([2.0, 1.0])
+    earlier, first = np.searchsorted(piece.times, windows).tolist()
+    if not earlier < first < last:
+        return piece
+    places = [earlier, first, last]
+    times = np.append(piece.times[places], following.times[0])
+    positions = np.vstack([piece.positions[places], following.positions[:1]])
+    speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / np.diff(times)
+    if speeds[1] < max(_FROZEN_SPEED, _FROZEN_SHARE * max(speeds[0], speeds[2])):
+        return piece
+    return piece.cut([last + 1])[0]
 
 
 def _jump_length(position: FloatArray) -> float:
@@ -208,6 +272,7 @@ JUMPS = Defect(
     {
         "spikes": "message dropped: a joint is farther away in it than a motor could move it",
         "jumps": "a joint moves faster than a motor could: cut there",
+        "frozen": "message before such a jump dropped: it repeats positions of moving joints",
     },
     cut_at_jumps,
 )

@@ -161,6 +161,19 @@ def test_a_recording_of_halves_is_rejected(tmp_path: Path, segment: str) -> None
     assert re.search(r"cuts off each of its motions \(\d\).*from rest to rest", refusal.reason)
 
 
+def test_a_step_of_the_clock_and_frozen_positions_make_no_half_motions(tmp_path: Path) -> None:
+    stepped = stamped(REACHES)
+    for message in stepped[150:]:
+        message.stamp += 3 * S // 10
+    write_bag(tmp_path / "stepped", "mcap", stepped)
+    frozen = REACHES.copy()
+    frozen[140:185] = frozen[140]
+    write_bag(tmp_path / "frozen", "mcap", stamped(frozen))
+    for report in load_recordings([tmp_path]).reports:
+        assert [m.start > 2.59 for m in report.motions] == [True]
+        assert report.repairs["cut_off"] > 0
+
+
 def test_a_motion_of_which_the_recording_lacks_an_end_is_left_out(tmp_path: Path) -> None:
     for name, last in (("one", 250), ("both", None)):
         write_bag(tmp_path / name, "mcap", stamped(REACHES[150:last]))

@@ -364,6 +364,32 @@ def test_gap_cuts_and_keeps_the_time(bag: Bag) -> None:
     assert clean.pieces[1].times[0] == pytest.approx(1.8)
 
 
+def test_clock_that_is_set_forward_in_a_motion_cuts(bag: Bag) -> None:
+    messages = stamped(MOTION)
+    for message in messages[N // 2 :]:
+        message.stamp += int(0.3 * S)
+    clean = bag.repaired(messages)
+    assert clean.repairs == {"clock_steps": 1}
+    for piece, part in zip(clean.pieces, (MOTION[: N // 2], MOTION[N // 2 :]), strict=True):
+        np.testing.assert_array_equal(piece.positions, part)
+
+
+@pytest.mark.parametrize("noise", [0.0, np.deg2rad(1.0)])
+@pytest.mark.parametrize("defect", ["lost", "delayed", "step at rest"])
+def test_other_holes_are_no_steps_of_the_clock(bag: Bag, noise: float, defect: str) -> None:
+    rng = np.random.default_rng(2)
+    messages = stamped(MOTION + rng.normal(0.0, noise, MOTION.shape))
+    if defect == "lost":
+        del messages[130:160]
+    elif defect == "delayed":
+        for place, message in enumerate(messages[130:160]):
+            message.stamp = messages[160].stamp - (30 - place) * S // 2000
+    else:
+        for message in messages[50:]:
+            message.stamp += int(0.3 * S)
+    assert bag.repaired(messages).repairs == {}
+
+
 def test_slow_recording_has_no_gaps(bag: Bag) -> None:
     slow = reaching([0.1, 1.1], rate=5.0, reach=10.0)
     assert bag.repaired(stamped(slow, rate=1.5)).repairs == {}
@@ -385,6 +411,23 @@ def test_wrapping_angles_are_unwrapped_and_counted(bag: Bag) -> None:
     assert jumps > 0
     assert clean.repairs == {"wrapped": jumps}
     np.testing.assert_allclose(clean.pieces[0].positions, turning, atol=1e-12)
+
+
+def test_positions_that_freeze_in_a_motion_are_no_rest(bag: Bag) -> None:
+    frozen = MOTION.copy()
+    frozen[140:180] = frozen[140]
+    clean = bag.repaired(stamped(frozen))
+    assert clean.repairs == {"jumps": 1, "frozen": 39}
+    np.testing.assert_array_equal(clean.pieces[0].positions, MOTION[:141])
+    np.testing.assert_array_equal(clean.pieces[1].positions, MOTION[180:])
+
+
+def test_rest_of_a_coarse_encoder_before_a_jump_is_kept(bag: Bag) -> None:
+    coarse = np.round(MOTION / np.deg2rad(0.5)) * np.deg2rad(0.5)
+    coarse[280:, 1] += 0.7
+    clean = bag.repaired(stamped(coarse))
+    assert clean.repairs == {"jumps": 1}
+    np.testing.assert_array_equal(clean.pieces[0].positions, coarse[:280])
 
 
 def test_turns_at_once_are_taken_out(bag: Bag) -> None:
