@@ -280,7 +280,10 @@ def stated_pose(frame: str, text: str) -> Pose:
     """
     pose = _pose(frame, text, "--pose")
     if pose.orientation is None:
-        raise GoalError(f"--pose '{text}' has 3 numbers, but a pose has 7 (x y z qx qy qz qw)")
+        raise GoalError(
+            f"--pose '{text}' has 3 numbers, but a pose for the node has 7 (x y z qx qy qz qw): "
+            "its message always has an orientation; `plan --goal-pose` takes a position alone, too"
+        )
     return pose
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..exceptions import GoalError, quote_names
 from ..files import read_text, write_whole
 from ..robot.model import Robot
 from ..ros.nodes import spin_until, start_ros
@@ -78,7 +79,12 @@ def _start(robot: Robot, text: str | None, angles: Collection[str]) -> FloatArra
         middle = 0.5 * (limits.lower + limits.upper)
     start = np.where((limits.lower < 0.0) & (limits.upper > 0.0), 0.0, middle)
     names = robot.described_joints
-    given = {} if text is None else joint_values(text, names, "--start", angles=angles)
+    others = [name for name in robot.movable_joints if name not in names]
+    try:
+        given = {} if text is None else joint_values(text, names, "--start", angles=angles)
+    except GoalError as error:
+        more = f"; {quote_names(others)} mimic these, or are not in --joints" if others else ""
+        raise GoalError(f"{error}{more}") from None
     return np.array([given.get(n, q) for n, q in zip(robot.joint_names, start, strict=True)])
 
 

@@ -116,6 +116,15 @@ def report_values(report: DiagnosticStatus) -> dict[str, str]:
     return {pair.key: pair.value for pair in report.values}
 
 
+def _unreadiness(text: str) -> str:
+    """What a node with a sentence in its diagnostics failed to do."""
+    if text in ("", READY):
+        return "published no such diagnostics"
+    is_alone = text.startswith(("waiting for a robot", "waiting for joint_states"))
+    hint = "; is the driver of the robot, or 'mp-pca simulate', running?" * is_alone
+    return f"is not ready ({text}{hint})"
+
+
 def _time_received(facts: dict[str, int]) -> float:
     # Not every middleware reports the time.
     return 1e-9 * (facts["received_timestamp"] or time.time_ns())
@@ -282,10 +291,7 @@ class GoalClient(NodeInOwnContext):
         self.wait(
             lambda: self._diagnostics_received > called and is_expected(values()),
             timeout,
-            lambda: (
-                "published no such diagnostics"
-                + (f" (the newest: {values()['text']})" if self.diagnostics else "")
-            ),
+            lambda: _unreadiness(values()["text"] if self.diagnostics else ""),
         )
         return values()
 

@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, unknown_name
+from ..exceptions import GoalError, quote_names, unknown_name
 from ..execution.serving.assembly import Model
 from ..execution.serving.goal_planner import GoalRequest
 from ..files import reading
@@ -337,14 +337,23 @@ def _without_unmoved(
 ) -> tuple[JointGoal | SequenceGoal, tuple[str, ...]]:
     """The goal without the robot's joints that don't move here, and the names of these.
 
-    Messages of a whole robot name the joints of its gripper, too. A goal that names no other
-    joints is left as it is, and rejected later.
+    Messages of a whole robot name the joints of its gripper, too.
+
+    Raises
+    ------
+    GoalError
+        If it names no other joints.
     """
     states = goal.targets if isinstance(goal, SequenceGoal) else (goal.state,)
     names = next(state.joint_names for state in states if isinstance(state, JointState))
     still = set(robot.movable_joints) - set(robot.joint_names)
     kept = tuple(name for name in names if name not in still)
-    if len(kept) in (0, len(names)):
+    if names and not kept:
+        raise GoalError(
+            f"the primitives do not move {quote_names(names)} of the goal; a goal names at least "
+            f"one of {quote_names(robot.joint_names)}"
+        )
+    if len(kept) == len(names):
         return goal, ()
     reduced = tuple(in_order(state, kept) for state in states if isinstance(state, JointState))
     ignored = tuple(name for name in names if name in still)

@@ -194,6 +194,7 @@ def test_topic_rate_and_joints_are_those_asked_for():
         (["--rate", "0"], "'0' is not a number from 0.01 to 1000 Hz"),
         (["--payload", "-1"], "payload is -1.0, expected a number from 0"),
         (["--record", "commands.csv"], "must end in .npz"),
+        (["--joints", "elbow", "--start", "1,2"], "mimic these, or are not in --joints"),
     ],
 )
 def test_wrong_use_is_refused_in_one_line(options, reason):

@@ -90,7 +90,7 @@ def test_sequence_of_the_whole_robot_moves_the_arm_with_a_warning(client: NodeCl
 @pytest.mark.parametrize(
     ("names", "positions", "words"),
     [
-        (("finger",), [0.0], "no joint is called 'finger'"),
+        (("finger",), [0.0], "the primitives do not move 'finger' of the goal"),
         (("finger", "elbo"), [0.0, -1.0], "did you mean 'elbow'"),
         (("finger", "elbow"), [float("nan"), -1.0], "finite"),
     ],

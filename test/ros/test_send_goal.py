@@ -25,6 +25,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
         (["elbow=1@1", "--via", "elbow=2@2"], "increase"),
         (["elbow=1", "--via", "shoulder=2"], "no joint of the goal is called 'shoulder'"),
         (["elbow=1,wrist=2", "--via", "elbow=2"], "lacks 'wrist'"),
+        (["--pose", "0.5 0.2 0.5"], "`plan --goal-pose` takes a position alone"),
     ],
 )
 def test_goal_that_is_no_goal_is_refused_in_one_line(
@@ -45,6 +46,24 @@ def test_names_that_no_node_can_have_are_refused_in_one_line(
     output = capsys.readouterr().err
     assert output.count("\n") == 1
     assert "no node can be called" in output and option[1] in output
+
+
+def test_a_node_without_a_robot_is_asked_for_the_driver() -> None:
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    from mp_pca_planner.ros.client import GoalClient, NoAnswerError
+
+    with GoalClient(namespace="alone") as client:
+        for text, is_alone in (
+            ("waiting for joint_states", True),
+            ("waiting for a robot description: nothing has arrived", True),
+            ("no primitives are loaded", False),
+        ):
+            client.diagnostics.append(DiagnosticArray(status=[DiagnosticStatus(message=text)]))
+            with pytest.raises(NoAnswerError) as found:
+                client.wait_for_diagnostics(timeout=0.0)
+            assert f"is not ready ({text}" in str(found.value)
+            assert ("'mp-pca simulate', running?" in str(found.value)) == is_alone
 
 
 def test_a_client_does_not_appear_as_the_robot() -> None:
