@@ -44,12 +44,13 @@ _FROZEN_SPEED = 0.05
 _FROZEN_SHARE = 0.5
 # Each of these speeds is a mean over this time [s].
 _FROZEN_WINDOW = 0.1
-# A step of the clock is longer than this [s] and than this many periods. Joints move by less than
-# this share of their motion as long before and after it, which exceeds this extent [rad or m].
+# A step of the clock is longer than this [s] and than this many periods. In such a time just before
+# and after it, the joints move by more than this [rad or m]. During it, they move at less than this
+# share of their speed there.
 _CLOCK_STEP = 0.1
-_CLOCK_PERIODS = 5.0
+_CLOCK_PERIODS = 5
+_CLOCK_EXTENT = 0.02
 _CLOCK_SHARE = 0.5
-_CLOCK_EXTENT = 0.05
 # From this share of jumping samples on there are two publishers.
 _MAX_JUMPS = 0.05
 
@@ -96,12 +97,11 @@ def _clock_steps(times: FloatArray, positions: FloatArray, period: float) -> NDA
     """
     intervals = np.diff(times)
     stepped = np.zeros(intervals.size, dtype=bool)
-    holes = np.flatnonzero(intervals > max(_CLOCK_STEP, _CLOCK_PERIODS * period))
-    n_beside = np.ceil(intervals[holes] / period).astype(np.intp)
-    first, last = holes - n_beside, holes + 1 + n_beside
+    n_beside = max(_CLOCK_PERIODS, int(np.ceil(_CLOCK_STEP / period)))
+    holes = np.flatnonzero(intervals > n_beside * period)
     # Near an end of the recording there is nothing to compare with.
-    whole = (first >= 0) & (last < times.size)
-    holes, first, last, n_beside = holes[whole], first[whole], last[whole], n_beside[whole]
+    holes = holes[(holes >= n_beside) & (holes + 1 + n_beside < times.size)]
+    first, last = holes - n_beside, holes + 1 + n_beside
     before = np.linalg.norm(positions[holes] - positions[first], axis=1)
     after = np.linalg.norm(positions[last] - positions[holes + 1], axis=1)
     across = np.linalg.norm(positions[holes + 1] - positions[holes], axis=1)
@@ -110,7 +110,8 @@ def _clock_steps(times: FloatArray, positions: FloatArray, period: float) -> NDA
     noise = np.linalg.norm([noise_deviation(position) for position in positions.T])
     extent = max(_CLOCK_EXTENT, NOISE_DEVIATIONS * float(noise))
     moving = np.minimum(before, after)
-    stepped[holes] = prompt & (moving > extent) & (across < _CLOCK_SHARE * moving)
+    expected = moving * intervals[holes] / (n_beside * period)
+    stepped[holes] = prompt & (moving > extent) & (across < _CLOCK_SHARE * expected)
     return stepped
 
 

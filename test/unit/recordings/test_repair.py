@@ -375,11 +375,14 @@ def test_clock_that_is_set_forward_in_a_motion_cuts(bag: Bag) -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, np.deg2rad(1.0)])
-@pytest.mark.parametrize("defect", ["lost", "delayed", "step at rest"])
+@pytest.mark.parametrize("defect", ["lost", "delayed", "step at rest", "lost rest"])
 def test_other_holes_are_no_steps_of_the_clock(bag: Bag, noise: float, defect: str) -> None:
     rng = np.random.default_rng(2)
-    messages = stamped(MOTION + rng.normal(0.0, noise, MOTION.shape))
-    if defect == "lost":
+    motion = reaching([0.1, 1.1, 0.1], rest=0.5) if defect == "lost rest" else MOTION
+    messages = stamped(motion + rng.normal(0.0, noise, motion.shape))
+    if defect == "lost rest":
+        del messages[151:199]
+    elif defect == "lost":
         del messages[130:160]
     elif defect == "delayed":
         for place, message in enumerate(messages[130:160]):
