@@ -164,8 +164,11 @@ SENTENCES = {
         "so the motion may look unlike them"
     ),
     "outside_range": (
-        "the {end} of '{joint}', {value:.3g} rad or m, is outside the demonstrated {low:.3g} to "
-        "{high:.3g}"
+        "the {end} of '{joint}', {value:.3g} m, is outside the demonstrated {low:.3g} to {high:.3g}"
+    ),
+    "outside_angles": (
+        "the {end} of '{joint}', {value:.3g} rad ({degrees[0]:.3g}°), is outside the demonstrated "
+        "{low:.3g} to {high:.3g} ({degrees[1]:.3g}° to {degrees[2]:.3g}°)"
     ),
 }
 """Every sentence, and part of one, about a plan."""
@@ -610,12 +613,15 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
         beyond = np.maximum(low - ends, ends - high)
         beyond /= np.maximum(demonstrated.std(axis=0), _LEAST_SPREAD)
         for end, j in np.argwhere(beyond > 0.0):
-            text = SENTENCES["outside_range"].format(
+            joint, numbers = primitive.joint_names[j], [x[end, j] for x in (ends, low, high)]
+            is_angle = joint not in context.robot.prismatic_joints
+            text = SENTENCES["outside_angles" if is_angle else "outside_range"].format(
                 end=("start", "goal")[end],
-                joint=primitive.joint_names[j],
-                value=ends[end, j],
-                low=low[end, j],
-                high=high[end, j],
+                joint=joint,
+                value=numbers[0],
+                low=numbers[1],
+                high=numbers[2],
+                degrees=np.degrees(numbers),
             )
             found.append((float(beyond[end, j]), text))
     found.sort(reverse=True)

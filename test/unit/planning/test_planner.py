@@ -88,7 +88,7 @@ def test_a_joint_far_outside_its_demonstrated_range_is_named_whatever_the_score(
     moved[end][3] = far
     wide = {JOINTS[3]: {"min_position": -9.0, "max_position": 9.0}}
     plan = planner(overrides=wide).plan(moved["goal"], moved["start"])
-    found = f"the {end} of '{JOINTS[3]}', {far:.3g} rad or m, is outside the demonstrated"
+    found = f"the {end} of '{JOINTS[3]}', {far:.3g} rad ({np.degrees(far):.3g}°), is outside"
     assert any(remark.startswith(found) for remark in plan.remarks)
     assert found in repr(plan)
     assert planner().plan(*request()).remarks == []
