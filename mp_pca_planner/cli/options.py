@@ -181,10 +181,20 @@ def parse(command: str, argv: Sequence[str]) -> argparse.Namespace:
     add_options(parser, command, with_experts=not is_usual_help)
     has_ros_arguments = command == "simulate" and ROS_ARGUMENTS in argv
     cut = argv.index(ROS_ARGUMENTS) if has_ros_arguments else len(argv)
+    words = _with_one_goal(argv[:cut]) if command == "sequence" else argv[:cut]
     if not is_usual_help:
-        _check_options(parser, argv[:cut])
+        _check_options(parser, words)
     given = argparse.Namespace(command=command, ros_arguments=list(argv[cut:]))
-    return parser.parse_args(_with_negative_values(argv[:cut]), given)
+    return parser.parse_args(_with_negative_values(words), given)
+
+
+def _with_one_goal(argv: Sequence[str]) -> list[str]:
+    """The arguments of a sequence, whose goals before the last one are configurations to pass."""
+    words, goal = list(argv), "--goal"
+    goals = [k for k, word in enumerate(words) if word.partition("=")[0] == goal]
+    for k in goals[:-1]:
+        words[k] = f"--via{words[k].removeprefix(goal)}"
+    return words
 
 
 def _check_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:

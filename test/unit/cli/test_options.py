@@ -107,12 +107,18 @@ def defaults(options: argparse.Namespace, *names: str) -> list[object]:
     return [getattr(options, name) for name in names]
 
 
-@pytest.mark.parametrize("command", ["plan", "sequence"])
+def test_goals_of_a_sequence_are_passed_in_their_order_and_the_last_one_ends_it() -> None:
+    words = ["--goal", "-1,1", "--via", "2", "--stop=3", "--goal=4", "--goal", "5"]
+    found = parse("sequence", [*GOAL[:-1], "0.5", *words])
+    assert found.goal == "5"
+    assert [str(via) for via in found.via] == ["0.5", "-1,1", "2", "3", "4"]
+
+
 def test_a_second_goal_does_not_silently_replace_the_first(
-    command: str, capsys: pytest.CaptureFixture[str]
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit) as ending:
-        parse(command, [*GOAL, "--goal=1"])
+        parse("plan", [*GOAL, "--goal=1"])
     assert ending.value.code == 2
     said = capsys.readouterr().err
     assert "--goal is given 2 times; pass places on the way with --via" in said
