@@ -93,7 +93,9 @@ class PlannedRequest:
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
         links += [constraint.frame for constraint in self.planner.options.constraints]
         relevant = robot.relevant_joints(pairs=collision is not None, links=links)
-        unknown = [name for name in relevant if name not in robot.locked_positions]
+        found += robot.mimicry(relevant)
+        placed = {*robot.locked_positions, *robot.mimicking_joints}
+        unknown = [name for name in relevant if name not in placed]
         if not unknown:
             return found
         text = (

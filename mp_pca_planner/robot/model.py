@@ -207,6 +207,29 @@ class Robot:
         """The known positions of locked joints [rad or m]; others count as 0."""
         return self._locked.known
 
+    @property
+    def mimicking_joints(self) -> Mapping[str, str]:
+        """The locked joints that mimic one that moves, and that one; in the model, they are fixed."""
+        mimics, found = self._description.mimics, dict[str, str]()
+        for name in self.movable_joints:
+            followed = name
+            for _ in mimics:  # one may mimic another one that does so, or itself
+                if followed in self.joint_names or followed not in mimics:
+                    break
+                followed = mimics[followed].joint
+            if followed != name and followed in self.joint_names:
+                found[name] = followed
+        return found
+
+    def mimicry(self, joint_names: Collection[str]) -> list[str]:
+        """A sentence on each of these joints that mimics one that moves."""
+        return [
+            f"joint '{name}' mimics '{followed}', which the primitives move, but would count as "
+            f"fixed: build the primitives without '{followed}' (--joints)"
+            for name, followed in self.mimicking_joints.items()
+            if name in joint_names
+        ]
+
     def relevant_joints(self, *, pairs: bool, links: Collection[str] = ()) -> tuple[str, ...]:
         """The locked joints whose positions make a difference to the motion of the others.
 

@@ -164,8 +164,10 @@ def is_outdated(model: Model, measured: Mapping[str, float], world: World) -> bo
 
 def unknown_positions(model: Model, world: World) -> str:
     """Which joints make a difference and have an unknown position; empty if there are none."""
-    known = model.robot.locked_positions
-    unknown = [name for name in _relevant(model, world) if name not in known]
+    known, relevant = model.robot.locked_positions, _relevant(model, world)
+    if texts := model.robot.mimicry(relevant):
+        return texts[0]
+    unknown = [name for name in relevant if name not in known]
     if not unknown:
         return ""
     return (

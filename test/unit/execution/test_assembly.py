@@ -151,6 +151,19 @@ def finger_clearance(model: Model, q: np.ndarray) -> float:
     return float(found.distances[[pairs.pairs[k][0] == "finger" for k in found.pairs]][0])
 
 
+def test_a_joint_that_mimics_one_that_moves_is_rejected_even_if_it_is_measured() -> None:
+    # Its position changes during the motion, and the model has it fixed.
+    mimic = f'<mimic joint="{JOINTS[3]}" multiplier="0.1"/>'
+    urdf = FINGERED.replace('<limit lower="0" upper="0.1"', f'{mimic}<limit lower="0" upper="0.1"')
+    model = assemble_model(urdf, PRIMITIVES, Settings(), {"grip": 0.04})
+    text = f"joint 'grip' mimics '{JOINTS[3]}', which the primitives move"
+    assert unknown_positions(model, World()).startswith(text)
+    assert model.robot.mimicking_joints == {"grip": JOINTS[3]}
+    for odd in ("grip", "nobody"):
+        other = urdf.replace(f'mimic joint="{JOINTS[3]}"', f'mimic joint="{odd}"')
+        assert assemble_model(other, PRIMITIVES, Settings()).robot.mimicking_joints == {}
+
+
 def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measured() -> None:
     q = arm_demonstrations()[0].positions[0]
     settings = Settings(obstacle_margin=0.0)
