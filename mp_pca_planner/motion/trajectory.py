@@ -179,7 +179,7 @@ class Trajectory:
         >>> mp.Trajectory.load("motion.csv")
         Trajectory: 1 joints, 2 points, 1 s
         """
-        path = Path(path)
+        path = as_path(path, TrajectoryError)
         read = {".csv": _from_csv, ".json": _from_json, ".npz": _from_npz}.get(path.suffix)
         if read is None:
             raise TrajectoryError(f"'{path}' is not a .csv, .json or .npz file of a trajectory")

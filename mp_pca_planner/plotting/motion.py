@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray, by_name
-from ..exceptions import PlannerError, printable, quote_names, shown
+from ..exceptions import PlannerError, printable, quote_names
 from ..motion.interpolation import quintics
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
@@ -33,6 +33,7 @@ from .style import (
     STYLES,
     Line,
     add_header,
+    given_axes,
     joint_panels,
     label_left,
     line,
@@ -427,11 +428,7 @@ def plot_trajectory(
         with styled_figure(interactive=True) as figure:
             panels = motion_figure(figure, {"motion": trajectory}, "", None, prismatic)
             return np.array(panels)
-    from matplotlib.axes import Axes
-
-    given = np.atleast_1d(np.asarray(axes, dtype=object))
-    if not given.size or not all(isinstance(one, Axes) for one in given.flat):
-        raise PlannerError(f"axes must be Axes of Matplotlib, got {shown(axes)}")
+    given = given_axes(axes)
     if given.ndim == 2 and all(one.get_label() in QUANTITIES for one in given.flat):
         _draw_over(given, trajectory, prismatic)
         return given

@@ -19,6 +19,7 @@ from .style import (
     MAX_COMPONENTS,
     Line,
     add_header,
+    given_axes,
     joint_panels,
     label_left,
     palette_line,
@@ -145,11 +146,16 @@ def plot_primitive(
     -------
     axes : array of Axes
         The Axes, shape (n_joints, 2) of a new figure.
+
+    Raises
+    ------
+    PlannerError
+        If they are not Axes of Matplotlib.
     """
     if axes is None:
         with styled_figure(interactive=True) as figure:
             return np.array(primitive_figure(figure, primitive, title=f"'{primitive.name}'"))
-    given = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
+    given = given_axes(axes).ravel()
     for joint, one in enumerate(given[: primitive.n_joints]):
         plot_components(one, primitive, joint)
     return given

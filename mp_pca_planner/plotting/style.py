@@ -15,7 +15,10 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from ..exceptions import printable, require
+import numpy as np
+from numpy.typing import NDArray
+
+from ..exceptions import PlannerError, printable, require, shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,6 +53,25 @@ MIN_EFFORT_SPAN = 0.2
 
 # Share of a figure's width up to which its header reaches: letters are wider at other resolutions.
 _WIDEST = 0.97
+
+
+def given_axes(axes: object) -> NDArray[np.object_]:
+    """The Axes that a user gives to draw on: one of them, a list or an array.
+
+    Raises
+    ------
+    PlannerError
+        If they are not Axes of Matplotlib.
+    """
+    from matplotlib.axes import Axes
+
+    try:
+        given = np.atleast_1d(np.asarray(axes, dtype=object))
+    except Exception:  # methods of others
+        given = np.zeros(0, dtype=object)
+    if not given.size or not all(isinstance(one, Axes) for one in given.ravel()):
+        raise PlannerError(f"axes must be Axes of Matplotlib, got {shown(axes)}")
+    return given
 
 
 def line(label: str, colour: str, style: Any = "-", width: float = 2.2, **marker: Any) -> Line:

@@ -489,7 +489,13 @@ class MovementPrimitive:
         ----------
         ends : array, shape (2, n_joints)
             Start and goal [rad or m]; distances are in units of the demonstrations' spread.
+
+        Raises
+        ------
+        GoalError
+            If the ends are not numbers of that shape.
         """
+        ends = frozen_array(ends, (2, self.n_joints), "start and goal", GoalError)
         own = self.boundary_states[:, [0, 3]]
         spread = own.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
         return np.argsort(np.sum(((own - ends) / spread) ** 2, axis=(1, 2)))

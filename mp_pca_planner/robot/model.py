@@ -209,7 +209,7 @@ class Robot:
 
     @property
     def mimicking_joints(self) -> Mapping[str, str]:
-        """The locked joints that mimic one that moves, and that one; in the model, they are fixed."""
+        """Locked joints that mimic one that moves, and that one; in the model, they are fixed."""
         mimics, found = self._description.mimics, dict[str, str]()
         for name in self.movable_joints:
             followed = name
@@ -268,7 +268,8 @@ class Robot:
         RobotError
             If a joint is unknown or can't move.
         """
-        if tuple(joint_names) == self.joint_names:
+        joint_names = unique_names(joint_names, "joints of the robot", RobotError)
+        if joint_names == self.joint_names:
             return self
         urdf, given = self._given
         locked = {name: value for name, value in given.items() if name not in joint_names}

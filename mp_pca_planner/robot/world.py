@@ -14,7 +14,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import FloatArray, as_list, check_type, frozen_array, set_frozen, unique_names
+from ..arrays import (
+    FloatArray,
+    as_list,
+    check_type,
+    float_array,
+    frozen_array,
+    set_frozen,
+    unique_names,
+)
 from ..exceptions import WorldError, quote_names, shown, unknown_name
 from ..files import as_path
 from ..input_limits import INPUT_LIMITS
@@ -61,6 +69,7 @@ class Shape:
 
     def moved(self, pose: FloatArray) -> Self:
         """The same shape in a frame in which its present one has a pose, shape (7,)."""
+        pose = float_array(pose, "pose", WorldError, (7,))
         position = _coordinates(pose[:3], (3,), "position")
         frame = np.concatenate([position, _unit(pose[3:], "orientation")])
         placed = pin.XYZQUATToSE3(frame) * pin.XYZQUATToSE3(self.pose)

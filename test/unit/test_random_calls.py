@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calls of the Python API with wrong types, shapes and values raise only documented errors."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from fuzz_calls import ARRAYS, NUMBERS, OTHERS, calls, planned, try_call
@@ -49,6 +51,21 @@ def test_checks_raise_the_error_that_they_are_given(make):
         except GoalError as error:
             problem = str(error)
         assert problem == "" or problem.startswith("x")
+
+
+@pytest.mark.parametrize("make", EVERY)
+def test_what_is_given_to_a_method_raises_an_error_of_the_front_door(make):
+    planner, primitive, plan, _ = planned()
+    for call in (
+        lambda x: mp.Trajectory.load(x),
+        lambda x: mp.Sphere(0.1).moved(x),
+        lambda x: planner.robot.with_joints(x),
+        lambda x: primitive.nearest_demonstrations(x),
+        lambda x: x is not None and primitive.plot(x),
+        lambda x: x is not None and plan.plot(x),
+    ):
+        with suppress(mp.PlannerError):
+            call(make())
 
 
 @pytest.mark.parametrize(
