@@ -55,7 +55,7 @@ MIN_EFFORT_SPAN = 0.2
 _WIDEST = 0.97
 
 
-def given_axes(axes: object) -> NDArray[np.object_]:
+def given_axes(axes: object) -> NDArray[Any]:
     """The Axes that a user gives to draw on: one of them, a list or an array.
 
     Raises
