@@ -11,12 +11,12 @@ from dataclasses import replace
 
 from ..exceptions import PlannerError
 from ..primitives.library.library import load_primitives
-from ..recordings.load import load_demonstrations
+from ..recordings.load import load_recordings, position_limits
 from ..robot.world import World
 from ..view.content import LiveLink, PageContent, read_content
 from ..view.page import ViewPage
 from .common import check_frame
-from .terminal import DONE, flush, say
+from .terminal import DONE, complain, flush, say
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -30,9 +30,16 @@ def run(arguments: argparse.Namespace) -> int:
     limits = content.robot.limits(arguments.limits or {})
     recordings = None
     if arguments.demonstrations:
-        recordings = load_demonstrations(
-            arguments.demonstrations, robot=content.robot, topic=arguments.topic
+        recordings = load_recordings(
+            arguments.demonstrations,
+            joints=content.robot.joint_names,
+            topic=arguments.topic,
+            same_joints=True,
+            position_limits=position_limits(content.robot),
         )
+        recordings.require_motion()
+        for refusal in recordings.refused:
+            complain(f"rejected {refusal.recording}: {refusal.reason}")
     check_frame(arguments.frame, content.robot)
     world = World() if arguments.obstacles is None else World.from_file(arguments.obstacles)
     content = replace(

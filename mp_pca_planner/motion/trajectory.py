@@ -116,10 +116,25 @@ class Trajectory:
         return float(0.25 * np.diff(self.times) @ (power[1:] + power[:-1]))
 
     def columns(self) -> dict[str, FloatArray]:
-        """Times and values of all points, by the names of the public interface."""
+        """Times and values of all points, by the names of the public interface.
+
+        Values have the shape (n_steps, n_joints); :meth:`table` has a column for each joint.
+        """
         names = ("times", "positions", "velocities", "accelerations", "efforts")
         columns = {name: getattr(self, name) for name in names}
         return {name: values for name, values in columns.items() if values is not None}
+
+    def table(self) -> dict[str, FloatArray]:
+        """Columns of the CSV file, each of shape (n_steps,), as of ``pandas.DataFrame(table)``.
+
+        They are called time [s], NAME.positions [rad or m], NAME.velocities and so on.
+        """
+        blocks = self.columns()
+        columns = {"time": blocks.pop("times")}
+        for kind, values in blocks.items():
+            names = [f"{name}.{kind}" for name in self.joint_names]
+            columns |= dict(zip(names, values.T, strict=True))
+        return columns
 
     def with_efforts(self, efforts: FloatArray | None) -> Trajectory:
         """The same points with efforts [N·m or N], shape (n_steps, n_joints), or without any."""
@@ -227,13 +242,11 @@ _COLUMNS = ("times", "positions", "velocities", "accelerations", "efforts")
 
 
 def _csv(trajectory: Trajectory) -> bytes:
-    columns = trajectory.columns()
-    table = np.column_stack(list(columns.values()))
-    kinds = list(columns)[1:]
-    header = ["time", *(f"{name}.{kind}" for kind in kinds for name in trajectory.joint_names)]
+    columns = trajectory.table()
+    table, header = np.column_stack(list(columns.values())), ",".join(columns)
     text = io.StringIO()
     # 17 digits restore every number exactly.
-    np.savetxt(text, table, "%.17g", delimiter=",", header=",".join(header), comments="")
+    np.savetxt(text, table, "%.17g", delimiter=",", header=header, comments="")
     return text.getvalue().encode()
 
 

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import check_type
-from ..exceptions import PrimitiveError, shown
-from ..recordings.demonstration import Demonstration
+from ..arrays import FloatArray, check_type
+from ..exceptions import PrimitiveError, shown, unknown_name
+from ..recordings.demonstration import TIME_COLUMNS, Demonstration, milliseconds_note
 from ..recordings.segmentation import ABSURD_EXTENT
 from .in_span import request_precision
 from .motion_sources import MotionSources
@@ -36,6 +36,8 @@ from .primitive import MovementPrimitive
 
 _DEFAULTS = PrimitiveOptions()
 
+# Arrays whose ends are faster than this share of their peak speed are cut while they move.
+_MAX_END_SPEED = 0.2
 # Motions of a smaller range [rad or m] are standstill with noise.
 _MIN_EXTENT = 1e-6
 
@@ -66,18 +68,7 @@ def build_primitive(
         nothing moves.
     """
     check_type(name, "the name of a primitive", PrimitiveError, str)
-    others = demonstrations if isinstance(demonstrations, Sequence) else [demonstrations]
-    for one in others:
-        if isinstance(one, np.ndarray | list | tuple):
-            raise PrimitiveError(
-                f"primitive '{name}' can't be built: arrays need times=, the times of their "
-                "samples [s]; joint_names= names their columns"
-            )
-        if not isinstance(one, Demonstration):
-            raise PrimitiveError(
-                f"primitive '{name}' can't be built: {shown(one)} is not a demonstration; "
-                "load_demonstrations reads recordings"
-            )
+    check_demonstrations(demonstrations, f"primitive '{name}' can't be built")
     if not demonstrations:
         raise PrimitiveError(f"primitive '{name}' can't be built: there is no demonstration")
     return build_from_statistics(
@@ -85,12 +76,30 @@ def build_primitive(
     )
 
 
+def check_demonstrations(values: Any, what: str) -> None:
+    """Reject values that are not demonstrations, with what can't be done."""
+    for one in values if isinstance(values, Sequence) else [values]:
+        if isinstance(one, np.ndarray | list | tuple) or _has_columns(one):
+            raise PrimitiveError(
+                f"{what}: arrays need times=, the times of their samples [s]; joint_names= names "
+                "their columns"
+            )
+        if not isinstance(one, Demonstration):
+            raise PrimitiveError(
+                f"{what}: {shown(one)} is not a demonstration; load_demonstrations reads recordings"
+            )
+
+
 def demonstrations_of(
     positions: Sequence[ArrayLike],
     times: ArrayLike | Sequence[ArrayLike],
     joint_names: Sequence[str] | None = None,
-) -> list[Demonstration]:
-    """Demonstrations from arrays, see :meth:`.MovementPrimitive.fit`."""
+) -> tuple[list[Demonstration], list[str]]:
+    """Demonstrations from arrays, see :meth:`.MovementPrimitive.fit`, and what to warn of."""
+    if (isinstance(positions, np.ndarray) and positions.ndim == 2) or _has_columns(positions):
+        raise PrimitiveError(
+            "one array of shape (samples, joints) is one motion: give a list of motions, [array]"
+        )
     motions = list(positions)
     try:
         is_shared = bool(np.isscalar(next(iter(times), 0.0)))  # type: ignore[arg-type]
@@ -107,9 +116,13 @@ def demonstrations_of(
             f"there are {len(motions)} motions, but {len(own_times)} arrays of times: give one for "
             "each, or one for all"
         )
-    names = joint_names or [f"joint{j + 1}" for j in range(np.shape(motions[0])[-1])]
+    if motions and all(map(_has_columns, motions)):
+        joint_names = joint_names or _joints_of(motions[0])
+        motions = [_chosen_columns(q, joint_names, k) for k, q in enumerate(motions, start=1)]
+    n_joints = np.shape(motions[0])[-1] if motions and np.shape(motions[0]) else 0
+    names = joint_names or [f"joint{j + 1}" for j in range(n_joints)]
     found = [
-        Demonstration.from_arrays(names, t, q, recording=f"motion {k}")
+        Demonstration.of_samples(names, t, q, f"motion {k}")
         for k, (t, q) in enumerate(zip(own_times, motions, strict=True), start=1)
     ]
     for motion in found:
@@ -120,7 +133,59 @@ def demonstrations_of(
                 f"{motion.recording}, and over {ABSURD_EXTENT:g} is absurd: positions must be in "
                 "radians (or m); numpy.deg2rad converts degrees"
             )
-    return found
+    notes = [
+        milliseconds_note(motion.recording, np.asarray(t, dtype=np.float64))
+        for motion, t in zip(found, own_times, strict=True)
+    ]
+    sentences = list(filter(None, notes))[:1]
+    return found, sentences + _moving_ends(found)
+
+
+def _has_columns(value: Any) -> bool:
+    """Whether a value is a table with named columns, such as a DataFrame."""
+    columns = getattr(value, "columns", None)
+    return columns is not None and not callable(columns)
+
+
+def _joints_of(table: Any) -> list[str]:
+    """Names of the joints of a table: of all its columns."""
+    names = list(table.columns)
+    for name in names:
+        if isinstance(name, str) and name.lower() in TIME_COLUMNS:
+            raise PrimitiveError(
+                f"the column '{name}' of motion 1 is not a joint: pass times=[d['{name}'] for d in "
+                "motions], and name the joints with joint_names=[…]"
+            )
+    return names
+
+
+def _chosen_columns(table: Any, names: Sequence[str], k: int) -> FloatArray:
+    for name in names:
+        if name not in list(table.columns):
+            valid = [str(one) for one in table.columns]
+            raise PrimitiveError(f"motion {k}: {unknown_name('column', name, valid)}")
+    return np.column_stack([np.asarray(table[name]) for name in names])
+
+
+def _moving_ends(motions: Sequence[Demonstration]) -> list[str]:
+    """A sentence on motions that are cut while they move; none if there are no such motions."""
+    moving = {}
+    for one in motions:
+        # Over a twentieth of the motion, in which noise of some milliradians changes little.
+        n = max(1, len(one.times) // 20)
+        steps = (one.positions[n] - one.positions[0], one.positions[-1] - one.positions[-1 - n])
+        speed = max(map(np.linalg.norm, steps)) / one.times[n]
+        share = speed / max(np.linalg.norm(one.velocities, axis=1).max(), 1e-12)
+        if share > _MAX_END_SPEED:
+            moving[one.recording] = share
+    if not moving:
+        return []
+    first, share = next(iter(moving.items()))
+    return [
+        f"{len(moving)} of {len(motions)} motions begin or end while they move ('{first}' at "
+        f"{share:.0%} of its peak speed), or they are noisy: arrays are not cut at rests; give "
+        "motions from rest to rest"
+    ]
 
 
 def options_to_update(primitive: MovementPrimitive) -> PrimitiveOptions:

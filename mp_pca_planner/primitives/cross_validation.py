@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import FloatArray
+from ..exceptions import PrimitiveError, quote_names
 from ..motion.interpolation import hermite_functions
 from ..recordings.demonstration import Demonstration
 from .build import build_primitive
-from .differences import FINE_PHASES, differences
+from .differences import FINE_PHASES, by_way, differences
 from .options import PrimitiveOptions
 from .primitive import MovementPrimitive
 
@@ -81,6 +82,22 @@ def _errors(
     truth = motion.time_normalised(FINE_PHASES.size)
     predictions = (straight, straight + mean, expected_motion(primitive, motion))
     return np.array([differences(x, truth) for x in predictions])
+
+
+def prediction_errors(primitive: MovementPrimitive, motions: Sequence[Demonstration]) -> FloatArray:
+    """Path errors of predicted motions, see :meth:`.MovementPrimitive.errors`."""
+    errors = []
+    for motion in motions:
+        if motion.joint_names != primitive.joint_names:
+            raise PrimitiveError(
+                f"a motion of '{motion.recording}' has the joints "
+                f"{quote_names(motion.joint_names)}, not those of primitive '{primitive.name}', "
+                f"{quote_names(primitive.joint_names)}, in this order"
+            )
+        truth = motion.time_normalised(FINE_PHASES.size)
+        difference = by_way(expected_motion(primitive, motion)) - by_way(truth)
+        errors.append(np.sqrt(np.mean(difference**2)))
+    return np.array(errors)
 
 
 def minimum_jerk_motion(motion: Demonstration) -> FloatArray:

@@ -205,18 +205,24 @@ class MovementPrimitive:
         demonstrations :
             Demonstrations, a value that holds `demonstrations`, or the positions of motions
             [rad or m]: arrays of shape (n_samples, n_joints), or one array of shape
-            (n_motions, n_samples, n_joints).
+            (n_motions, n_samples, n_joints). Tables with named columns, such as DataFrames, are
+            arrays. Each array is one motion from rest to rest: arrays are not cut at rests.
         times : array_like, shape (n_samples,), or sequence of these
             Times of the samples [s] where positions are given, one array for all motions or one
             for each.
         joint_names : sequence of str, optional
-            Names of the joints where positions are given; joint1, joint2, … by default. A planner
-            needs those of the robot description.
+            Names of the joints where positions are given; the columns of tables, or joint1,
+            joint2, … by default. Of tables, these columns are taken. A planner needs the names
+            of the robot description.
         name : str
             Name of the primitive.
-        coupling, components, align :
-            As `coupling`, `n_components` and `align` of :class:`.PrimitiveOptions`.
-            :func:`.build_primitive` accepts its other options.
+        coupling : {'arm', 'joint'}
+            One PCA of all joints, or one for each joint as in [P], with far more weights.
+        components : int, optional
+            Components to keep (of each joint for coupling 'joint'); by default as few as explain
+            99 % of the variance. :func:`.build_primitive` accepts other shares.
+        align : {'arc_length', 'linear'}
+            Whether equal shares of the path or of the time are compared, see :func:`.align`.
 
         Raises
         ------
@@ -229,7 +235,8 @@ class MovementPrimitive:
         Warns
         -----
         UserWarning
-            If there is a single demonstration.
+            If there is a single demonstration. Once if arrays begin or end faster than a fifth
+            of their peak speed, and once if their times look like milliseconds.
 
         Examples
         --------
@@ -246,9 +253,18 @@ class MovementPrimitive:
 
         options = PrimitiveOptions(coupling=coupling, n_components=components, align=align)
         found: Any = getattr(demonstrations, "demonstrations", demonstrations)
+        if isinstance(found, Mapping):
+            raise PrimitiveError("demonstrations must be a list: pass list(motions.values())")
+        if isinstance(found, (str, Path)):
+            raise PrimitiveError(
+                f"'{found}' is not a list of demonstrations: mp.load_demonstrations reads "
+                "recordings and tables"
+            )
         several = found if isinstance(found, Sequence) else [found]
         if times is not None:
-            several = demonstrations_of(found, times, joint_names)
+            several, sentences = demonstrations_of(found, times, joint_names)
+            for sentence in sentences:
+                warnings.warn(sentence, stacklevel=2)
         primitive = build_primitive(several, name, options)
         if len(several) == 1:
             warnings.warn(
@@ -257,6 +273,52 @@ class MovementPrimitive:
                 stacklevel=2,
             )
         return primitive
+
+    def errors(
+        self,
+        demonstrations: Sequence[Demonstration] | DemonstrationSet | Sequence[ArrayLike],
+        *,
+        times: ArrayLike | Sequence[ArrayLike] | None = None,
+    ) -> FloatArray:
+        """How far predictions are from motions that the primitive was not learned from.
+
+        Each motion is predicted from its ends and its duration. Both paths are compared at equal
+        shares of their length, so the timing does not count.
+
+        Parameters
+        ----------
+        demonstrations, times :
+            As of :meth:`fit`, with the joints of the primitive.
+
+        Returns
+        -------
+        errors : array, shape (n_demonstrations,)
+            RMS difference of each path over its length and all joints [rad or m].
+
+        Raises
+        ------
+        PrimitiveError
+            If a motion has other joints, or something else is among them.
+        RecordingError
+            If the arrays can't be used.
+
+        Examples
+        --------
+        >>> import mp_pca_planner as mp
+        >>> motions = mp.load_demonstrations(mp.write_example_recording("motions.mcap"))
+        >>> reach = mp.MovementPrimitive.fit(motions[:60])
+        >>> errors = reach.errors(motions[60:])
+        >>> errors.shape
+        (19,)
+        """
+        from .build import check_demonstrations, demonstrations_of
+        from .cross_validation import prediction_errors
+
+        several: Any = getattr(demonstrations, "demonstrations", demonstrations)
+        if times is not None:
+            several, _ = demonstrations_of(several, times, self.joint_names)
+        check_demonstrations(several, f"the errors of primitive '{self.name}' can't be found")
+        return prediction_errors(self, several)
 
     def predict(
         self, start: StateLike, goal: StateLike, duration: float | None = None

@@ -27,11 +27,15 @@ from ..arrays import (
 from ..exceptions import RecordingError
 from ..input_limits import INPUT_LIMITS
 
+TIME_COLUMNS = ("time", "t", "time_s", "timestamp", "stamp")
+"""Names of a column of times [s]."""
+
 MIN_SAMPLES = 5
 """Fewest samples of a motion that is given as arrays."""
 
-# Time between samples from which on times are probably not in seconds: 2 kHz in milliseconds.
-_SUSPICIOUS_PERIOD = 0.5
+SUSPICIOUS_PERIOD = 0.5
+"""Time between samples [s] from which on times are probably milliseconds, of 2 kHz."""
+
 # Longest motion that is given as arrays [s], twelve days: longer ones are in other units.
 _MAX_SPAN = 1e6
 
@@ -39,7 +43,7 @@ _MAX_SPAN = 1e6
 def milliseconds_note(name: str, times: FloatArray) -> str:
     """A sentence if the times of a table or of arrays [s] look like milliseconds; else empty."""
     period = float(np.median(np.diff(times))) if times.size > 1 else 0.0
-    if period < _SUSPICIOUS_PERIOD:
+    if period < SUSPICIOUS_PERIOD:
         return ""
     return (
         f"the samples of '{name}' are {period:.3g} s apart: times must be in seconds, and these "
@@ -67,6 +71,8 @@ class Demonstration:
         Label in the table of segments ('' if there is none).
     checksum : str
         SHA-256 of the recording's data, for provenance.
+    episode : int, str or None
+        The episode of a LeRobot dataset or of a CSV file; None of other recordings.
 
     Raises
     ------
@@ -93,6 +99,7 @@ class Demonstration:
     end_time: float = field(kw_only=True)
     label: str = field(default="", kw_only=True)
     checksum: str = field(default="", kw_only=True)
+    episode: int | str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_type(self.recording, "the recording of a motion", RecordingError, str)
@@ -152,6 +159,9 @@ class Demonstration:
     ) -> Demonstration:
         """A motion from samples, smoothed and resampled as motions of recordings are.
 
+        The samples are one motion as they are: they are not cut at rests, and rests at the ends
+        stay. Let them begin and end at rest.
+
         Parameters
         ----------
         joint_names : sequence of str
@@ -180,6 +190,21 @@ class Demonstration:
         >>> mp.Demonstration.from_arrays(["shoulder", "elbow"], t, q)
         Demonstration of 'arrays': 2 joints, 0.00 to 1.00 s
         """
+        found = cls.of_samples(joint_names, times, positions, recording, label)
+        if note := milliseconds_note(recording, np.asarray(times, dtype=np.float64)):
+            warnings.warn(note, stacklevel=2)
+        return found
+
+    @classmethod
+    def of_samples(
+        cls,
+        joint_names: Sequence[str],
+        times: ArrayLike,
+        positions: ArrayLike,
+        recording: str,
+        label: str = "",
+    ) -> Demonstration:
+        """The motion of :meth:`from_arrays`, without a warning."""
         from .repair import Piece
         from .smoothing import smooth
 
@@ -193,9 +218,15 @@ class Demonstration:
                 f"{q.shape}{_shape_hint(q.shape, t.size)}"
             )
         q = frozen_array(q, shape, f"positions of '{recording}'", RecordingError)
-        if t.size < MIN_SAMPLES or np.diff(t).min() <= 0.0:
+        if t.size < MIN_SAMPLES:
             raise RecordingError(
-                f"the times of '{recording}' must be {MIN_SAMPLES} or more and strictly increase"
+                f"'{recording}' has {t.size} samples: {MIN_SAMPLES} or more are needed"
+            )
+        if np.diff(t).min() <= 0.0:
+            index = int(np.argmax(np.diff(t) <= 0.0)) + 1
+            raise RecordingError(
+                f"the times of '{recording}' must strictly increase, but at index {index} "
+                f"{t[index]:.9g} s follows {t[index - 1]:.9g} s"
             )
         span, period = float(t[-1] - t[0]), float(np.median(np.diff(t)))
         if span > _MAX_SPAN:
@@ -208,8 +239,6 @@ class Demonstration:
                 f"the times of '{recording}' are too uneven: they span {span:.3g} s, but half of "
                 f"them are at most {period:.3g} s apart"
             )
-        if note := milliseconds_note(recording, t):
-            warnings.warn(note, stacklevel=2)
         found = smooth(Piece(t - t[0], q), 1.0 / period)
         return cls(
             names,
@@ -233,8 +262,9 @@ class Demonstration:
 
     def __repr__(self) -> str:
         label = f" '{self.label}'" if self.label else ""
+        episode = "" if self.episode is None else f", episode {self.episode}"
         return (
-            f"Demonstration{label} of '{self.recording}': {self.n_joints} joints, "
+            f"Demonstration{label} of '{self.recording}'{episode}: {self.n_joints} joints, "
             f"{self.start_time:.2f} to {self.end_time:.2f} s"
         )
 

@@ -8,11 +8,12 @@ loaded again by what the others show.
 
 from __future__ import annotations
 
+import warnings
 from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import as_list, check_number, check_type
-from ..exceptions import RecordingError, RobotError, quote_names
+from ..exceptions import RecordingError, RobotError, quote_names, unknown_name
 from ..files import as_path
 from ..robot.model import Robot
 from . import bags, cutting
@@ -34,6 +35,8 @@ from .recording_set import GatheredSets, RecordingSet
 from .segmentation import absurd_extent, least_extent_of_set
 from .workers import Outcome, map_in_processes, map_on_cluster
 
+_OPTIONS = [one.name for one in fields(LoadOptions)]
+_OPTIONS += ["jobs", "dask", "progress", "known_extents", "resume", "on_disk"]
 _DIED = "every process that tried to read it died: it was killed, or memory ran out"
 
 
@@ -55,17 +58,43 @@ def load_demonstrations(
         the joints that never move in the recordings are left out and noted, such as a gripper's;
         `joints` or a `Robot` choose them all the same.
     **options :
-        As of :func:`.load_recordings`: topic, joints, degrees, segment, segments_csv, jobs, …
+        The most used are these. All others are fields of :class:`LoadOptions`, and `resume`,
+        `dask`, `progress` and `on_disk` of :func:`.load_recordings`.
+
+        joints : sequence of str
+            The joints to take, in this order. All other columns of a CSV file are ignored.
+        degrees : bool
+            Whether positions are recorded in degrees. Otherwise they are in rad (or m).
+        topic : str
+            The topic of a bag, or the column of a LeRobot dataset ('observation.state').
+        episodes : sequence of int
+            The episodes of a LeRobot dataset, or of a CSV file with a column of episodes.
+        segment : {'auto', 'none'}
+            Whether recordings are cut at rests ('auto'), or each is one motion ('none').
+        segments_csv : path
+            A table of motions cut by hand, and `labels` the labels to take of it.
+        max_gap : float
+            Longest time without samples that doesn't cut a recording [s]; 0.5 by default.
+        salvage : bool
+            Takes what precedes the damage of a damaged bag.
+        jobs : int
+            Processes that read recordings at the same time; 1 by default.
 
     Returns
     -------
     recordings : RecordingSet
         A sequence of demonstrations; its `report` says what was repaired, cut and rejected.
 
+    Warns
+    -----
+    UserWarning
+        Once if recordings or motions are not used, and once if joints move absurdly far or times
+        look like milliseconds.
+
     Raises
     ------
     RecordingError
-        If no recording holds a usable motion, or an option is out of its range.
+        If no recording holds a usable motion, or an option is unknown or out of its range.
     RobotError
         If the URDF can't be read or lacks one of the joints.
 
@@ -86,6 +115,8 @@ def load_demonstrations(
     for one in several:
         if not isinstance(one, str):  # an address, or a pattern
             as_path(one, RecordingError)
+    for option in options.keys() - {*_OPTIONS}:
+        raise RecordingError(unknown_name("option of load_demonstrations", option, _OPTIONS, 40))
     joints = options.pop("joints", None)
     options.setdefault("moving_only", joints is None and isinstance(robot, (str, Path)))
     if isinstance(robot, (str, Path)):
@@ -94,6 +125,9 @@ def load_demonstrations(
     options.setdefault("position_limits", position_limits(robot))
     recordings = load_recordings(several, joints=joints, same_joints=True, **options)
     recordings.require_motion()
+    for sentence in (recordings.warning, recordings.unit_warning):
+        if sentence:
+            warnings.warn(sentence, stacklevel=2)
     return recordings
 
 

@@ -63,6 +63,8 @@ class LoadOptions:
     state_field : str or None
         The field of the topic's messages that is a JointState, with dots where it is a field of a
         field; needs `topic`. By default the messages themselves are.
+    episodes : sequence of int or str, or None
+        The episodes of LeRobot datasets or of CSV files to take; by default all.
     max_gap : float or None
         Longest time without messages that doesn't cut a recording [s], over 0. By default 0.5 s, or
         5 usual periods where these are longer.
@@ -98,6 +100,7 @@ class LoadOptions:
     labels: Sequence[str] | None = None
     markers: Any = None
     state_field: str | None = None
+    episodes: Sequence[int | str] | None = None
     max_gap: float | None = None
     position_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     salvage: bool = False
@@ -150,7 +153,13 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
     smoothed = cutting.SmoothRecording.of(clean)
     cuts, clean = _cut(task, smoothed)
     checksum = options.cache.checksum(path)
-    motions = [cut.demonstration(clean.joint_names, task.name, checksum) for cut in cuts]
+    motions = [
+        replace(
+            cut.demonstration(clean.joint_names, task.name, checksum),
+            episode=clean.episode_at(cut.piece.times[0] + 1e-6),
+        )
+        for cut in cuts
+    ]
     beyond = _beyond_limits(motions, options)
     segments = [Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions]
     report = RecordingReport(
@@ -246,6 +255,7 @@ def _clean(
         "listed_only": options.moving_only,
         "degrees": options.degrees,
         "max_gap": options.max_gap,
+        "episodes": options.episodes,
     }
     read = partial(read_recording, path, progress=progress, **chosen)
     return options.cache.clean(path, repr(chosen), read), {}

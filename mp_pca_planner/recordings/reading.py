@@ -28,6 +28,7 @@ def read_recording(
     listed_only: bool = False,
     degrees: bool = False,
     max_gap: float | None = None,
+    episodes: Sequence[int | str] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CleanRecording:
     """Read a bag or a table of joint states, and repair it.
@@ -40,6 +41,8 @@ def read_recording(
         Reads the messages before the damage of a damaged bag.
     topic, joints, state_field, listed_only, degrees, max_gap, progress :
         As of :func:`read_clean`; the topic of a LeRobot dataset is its column.
+    episodes :
+        The episodes of a table to read; all by default.
 
     Raises
     ------
@@ -48,6 +51,8 @@ def read_recording(
     """
     table_format = bags.recording_format(path)
     if table_format not in FORMATS:
+        if episodes is not None:
+            raise RecordingError("a bag holds no episodes: they are chosen from tables only")
         with bags.open_bag(path, salvage=salvage) as bag:
             return read_clean(
                 bag,
@@ -61,11 +66,9 @@ def read_recording(
             )
     if state_field is not None:
         raise RecordingError("--field is for messages of bags: a table has columns")
-    raw = read_table(path, table_format, topic, joints, max_gap or 0.0)
+    raw, found = read_table(path, table_format, topic, joints, max_gap or 0.0, episodes)
     clean = _repaired(raw, joints, max_gap, listed_only=listed_only, degrees=degrees)
-    if table_format == "csv":
-        return clean
-    return whole_episodes(clean)
+    return whole_episodes(clean, found) if found else clean
 
 
 def read_clean(

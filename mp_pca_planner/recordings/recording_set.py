@@ -19,12 +19,18 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import RecordingError
-from .demonstration import Demonstration
+from ..exceptions import RecordingError, listed
+from .demonstration import SUSPICIOUS_PERIOD, Demonstration
+from .repair import REPAIRS
+from .segmentation import ABSURD_EXTENT
 
 if TYPE_CHECKING:
     from .bags import RecordingFormat
     from .segmentation import SpeedThresholds
+
+
+DROPPED = {"short_pieces", "single_points", "cut_off", "rest"}
+"""Kinds of repairs that leave a motion out."""
 
 
 @dataclass(frozen=True)
@@ -206,15 +212,66 @@ class RecordingSet:
 
     @property
     def report(self) -> str:
-        """What was repaired and rejected, one line for each kind and recording."""
+        """What was repaired, dropped and rejected, one line for each kind and note."""
+        repairs, dropped = self.repairs, []
+        for kind in sorted(DROPPED & repairs.keys()):
+            reason = REPAIRS[kind].partition(": ")[2]
+            dropped.append(f"dropped: {repairs.pop(kind)} {kind} ({reason})")
+        names: dict[str, list[str]] = {}
+        for one in self.reports:
+            for note in one.notes:
+                names.setdefault(note, []).append(one.name)
         return "\n".join(
             [
                 f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
-                *(f"repaired: {count} {kind}" for kind, count in self.repairs.items()),
-                *(f"{one.name}: {note}" for one in self.reports for note in one.notes),
+                *(f"repaired: {count} {kind}" for kind, count in repairs.items()),
+                *dropped,
+                *(f"{listed(several, 3)}: {note}" for note, several in names.items()),
                 *(f"rejected {one.recording}: {one.reason}" for one in self.refused),
             ]
         )
+
+    @property
+    def warning(self) -> str:
+        """Why recordings and motions are not used, in one sentence; empty if all are."""
+        found = []
+        if self.refused:
+            first = self.refused[0]
+            n, total = len(self.refused), len(self.refused) + len(self.reports)
+            found.append(
+                f"{n} of {total} recordings are rejected (first '{first.recording}': "
+                f"{first.reason})"
+            )
+        n_cut_off = self.repairs.get("cut_off", 0)
+        if n_cut_off:
+            total = len(self.demonstrations) + n_cut_off
+            found.append(
+                f"{n_cut_off} of {total} motions are dropped ({REPAIRS['cut_off'].split(': ')[1]})"
+            )
+        more = "print(demonstrations.report) lists all defects"
+        return "; ".join([*found, more]) if found else ""
+
+    @property
+    def unit_warning(self) -> str:
+        """A sentence on joints and times that seem to be in other units; empty if none do."""
+        found = []
+        for one in self.reports:
+            if one.rate * SUSPICIOUS_PERIOD <= 1.0:
+                found.append(
+                    f"the samples of '{one.name}' are {1.0 / one.rate:.3g} s apart: times must be "
+                    "in seconds, and these look like milliseconds"
+                )
+                break
+        for motion in self.demonstrations:
+            ranges = np.ptp(motion.positions, axis=0)
+            if ranges.max() > ABSURD_EXTENT:
+                found.append(
+                    f"joint '{motion.joint_names[ranges.argmax()]}' moves over {ranges.max():.3g} "
+                    f"rad (or m) in '{motion.recording}', and over {ABSURD_EXTENT:g} is absurd: "
+                    "degrees=True converts degrees, joints=[…] chooses the joints"
+                )
+                break
+        return "; ".join(found)
 
     def require_motion(self) -> None:
         """Raise a RecordingError, with the first reason, if no recording holds a motion."""

@@ -4,22 +4,24 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, unique_names
-from ..exceptions import RecordingError, quote_names, require, unknown_name
+from ..arrays import FloatArray, as_list, unique_names
+from ..exceptions import RecordingError, listed, quote_names, require, shown, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
-from .demonstration import milliseconds_note
+from .demonstration import TIME_COLUMNS, milliseconds_note
 from .joint_states import NS_PER_S, JointLayout, RawJointStates
 from .repair import CleanRecording
 
@@ -29,12 +31,26 @@ FORMATS = ("csv", "lerobot")
 STATE = "observation.state"
 """The column of a LeRobot dataset that is read by default."""
 
-_TIMES = ("time", "t", "time_s", "timestamp", "stamp")
-_POSITIONS = (".positions", ".position", ".pos")
-_OTHERS = (".velocities", ".accelerations", ".efforts", ".velocity", ".effort")
+_EPISODES = ("episode_index", "episode", "episode_id", "demo", "trial")
+# Names of columns that count or time the samples, and of values that are not positions.
+_BOOKKEEPING = re.compile(
+    r"|unnamed: \d+|index|frame|frame_index|step|task|task_index|reward|done|success|next[._].*"
+    rf"|{'|'.join(_EPISODES)}|t|(time|timestamp|stamp)(_\w+)?",
+    re.IGNORECASE,
+)
+_QUANTITIES = "(vel|velocity|velocities|acc|accelerations?|efforts?|torques?)"
+_DERIVED = re.compile(rf".*[._/]{_QUANTITIES}|{_QUANTITIES}[._/].*", re.IGNORECASE)
+_RATE_OF_Q = re.compile(r"(?:d+q|qd+)(_?\w+)")
+_ACTION = re.compile(r"action([._/ ].*)?", re.IGNORECASE)
+_POSITION = re.compile(r"[./](pos|position|positions)$")
 _VERSIONS = ("v2.", "v3.")
 _INFO = "meta/info.json"
 _PAUSE = 10.0  # s between episodes, which have times of their own
+_SET_BACK = 0.5  # s by which the time steps back where another episode begins
+
+
+Episodes = tuple[tuple[float, int | str], ...]
+"""Start of each episode, in seconds after the first sample of the table, and its name."""
 
 
 def read_table(
@@ -43,7 +59,8 @@ def read_table(
     column: str | None = None,
     joints: Sequence[str] | None = None,
     max_gap: float = 0.0,
-) -> RawJointStates:
+    episodes: Sequence[int | str] | None = None,
+) -> tuple[RawJointStates, Episodes]:
     """Read the joint states of a table.
 
     Parameters
@@ -55,50 +72,136 @@ def read_table(
     column : str, optional
         Column of a LeRobot dataset, see :data:`STATE`.
     joints : sequence of str, optional
-        Names for the values of a dataset that names none.
+        Names of the joints. They are joints whatever their names, and no text elsewhere matters.
+        They also name the values of a dataset that names none.
     max_gap : float
-        Longest time without samples that is no gap [s]. The episodes of a dataset follow each other
+        Longest time without samples that is no gap [s]. The episodes of a table follow each other
         with a gap between them.
+    episodes : sequence of int or str, optional
+        The episodes to read; all by default.
+
+    Returns
+    -------
+    raw : RawJointStates
+        The joint states.
+    episodes : Episodes
+        The episodes; none of a CSV file without them.
 
     Raises
     ------
     RecordingError
         If it can't be read, or is no such table.
     """
+    pause = _PAUSE + 2.0 * max_gap
     if table_format == "lerobot":
-        return _read_dataset(path, column or STATE, joints, _PAUSE + 2.0 * max_gap)
+        return _read_dataset(path, column or STATE, joints, pause, episodes)
     if column is not None:
         raise RecordingError("--topic is for bags and LeRobot datasets: a CSV file has no topics")
-    return _read_csv(path)
+    return _read_csv(path, joints, pause, episodes)
 
 
-def _read_csv(path: Path) -> RawJointStates:
+def _read_csv(
+    path: Path, joints: Sequence[str] | None, pause: float, chosen: Sequence[int | str] | None
+) -> tuple[RawJointStates, Episodes]:
     with reading(f"the table '{path}'", RecordingError):
         head, _, rows = read_text(path, INPUT_LIMITS.unpacked_bytes).partition("\n")
-    header = [name.strip().strip('"') for name in head.split(",")]
-    if header[0].lower() not in _TIMES or len(header) < 2:
+        header = [name.strip() for name in next(csv.reader([head.lstrip("\ufeff")]), [])]
+    lower = [name.lower() for name in header]
+    time = next((lower.index(name) for name in TIME_COLUMNS if name in lower), None)
+    if time is None or len(header) < 2:
         raise RecordingError(
-            f"the first line of '{path}' must name its columns, the first of them one of "
-            f"{quote_names(_TIMES)}, then the joints; it is '{head[:100]}'"
+            f"the first line of '{path}' must name its columns, one of them the time [s] as one of "
+            f"{quote_names(TIME_COLUMNS)}, and the joints; it is '{head[:100]}'"
         )
     if not rows.strip():
         raise RecordingError(f"'{path}' holds no samples")
     # Some programs write an unknown number as an empty cell; repair drops it.
     rows = re.sub(r"(?<=,)(?=[ \t\r]*(?:,|$))", "nan", rows, flags=re.MULTILINE)
-    with reading(f"the table '{path}'", RecordingError):
-        values = np.loadtxt(io.StringIO(rows), delimiter=",", ndmin=2, dtype=np.float64)
-    if values.shape[1] != len(header):
+    first = next(csv.reader([rows.lstrip().partition("\n")[0]]))
+    if len(first) != len(header):
         raise RecordingError(
-            f"'{path}' has {len(header)} names in its first line, but {values.shape[1]} columns"
+            f"'{path}' has {len(header)} names in its first line, but {len(first)} columns"
         )
-    columns = [i for i, name in enumerate(header) if i > 0 and not name.endswith(_OTHERS)]
-    names = _without_suffix([header[i] for i in columns])
-    return _joint_states(path.name, names, values[:, 0], values[:, columns])
+    counters = [lower.index(x) for x in _EPISODES if x in lower and x not in (joints or ())]
+    columns, notes = _joint_columns(header, joints, (time, *counters))
+    named = _joint_names(header)
+    texts = [i for i in columns if not _is_number(first[i])]
+    columns = [i for i in columns if i not in texts or joints is None or named[i] in joints]
+    if texts and texts[0] in columns:
+        raise RecordingError(
+            f"'{path}' can't be read: its column '{header[texts[0]]}' holds text, "
+            f"'{first[texts[0]]:.30}'; choose the joints with --joints (joints=[…] in Python)"
+        )
+    if not columns:
+        raise RecordingError(f"no column of '{path}' holds joint positions: {quote_names(header)}")
+    with reading(f"the table '{path}'", RecordingError):
+        # Without a choice of columns, a row of another length is an error.
+        used = [time, *columns]
+        values = _loaded(rows, None if len(used) == len(header) else used, np.float64)
+        values = values[:, used] if len(used) == len(header) else values
+        labels = _loaded(rows, counters, np.str_) if counters else np.empty((len(values), 0), str)
+    changes = np.any(labels[1:] != labels[:-1], axis=1)
+    states = partial(_joint_states, path.name, [header[i] for i in columns], notes=notes)
+    if not changes.any():
+        if chosen is not None:
+            raise RecordingError(
+                f"'{path}' holds no episodes to choose from: a column of one of the names "
+                f"{quote_names(_EPISODES)} must number them"
+            )
+        return states(values[:, 0], values[:, 1:]), ()
+    varying = labels[:, np.any(labels != labels[0], axis=0)]
+    names = _episode_names(["/".join(row) for row in varying.tolist()])
+    values, names = _chosen_episodes(path, values, names, chosen)
+    times, episodes = _one_after_the_other(names, values[:, 0], pause)
+    return states(times, values[:, 1:]), episodes
+
+
+def _loaded(rows: str, columns: Sequence[int] | None, kind: type) -> Any:
+    return np.loadtxt(
+        io.StringIO(rows), delimiter=",", ndmin=2, dtype=kind, usecols=columns, quotechar='"'
+    )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _episode_names(texts: Sequence[str]) -> list[int | str]:
+    """Names of the episodes of all samples, as numbers if they are whole numbers."""
+    numbers: dict[str, int | str] = {}
+    for text in dict.fromkeys(texts):
+        if not _is_number(text) or not float(text).is_integer():
+            return [one.strip() for one in texts]
+        numbers[text] = int(float(text))
+    return [numbers[text] for text in texts]
+
+
+def _chosen_episodes(
+    path: Path, values: FloatArray, names: list[int | str], chosen: Sequence[int | str] | None
+) -> tuple[FloatArray, list[int | str]]:
+    """The samples of the chosen episodes."""
+    if chosen is None:
+        return values, names
+    known = dict.fromkeys(names)
+    for one in as_list(chosen, "episodes: a list of their numbers is needed", RecordingError):
+        if not isinstance(one, int | str | np.integer) or one not in known:
+            valid = listed([str(name) for name in known])
+            raise RecordingError(f"'{path}' has no episode {shown(one)}; its episodes: {valid}")
+    rows = [row for row, name in enumerate(names) if name in chosen]
+    return values[rows], [names[row] for row in rows]
 
 
 def _read_dataset(
-    path: Path, column: str, joints: Sequence[str] | None, pause: float
-) -> RawJointStates:
+    path: Path,
+    column: str,
+    joints: Sequence[str] | None,
+    pause: float,
+    chosen: Sequence[int | str] | None,
+) -> tuple[RawJointStates, Episodes]:
     with reading(f"'{path / _INFO}'", RecordingError):
         info = json.loads(read_text(path / _INFO))
         version, features = str(info["codebase_version"]), dict(info["features"])
@@ -109,7 +212,7 @@ def _read_dataset(
     vectors = [name for name, one in features.items() if _is_vector(one)]
     if column not in vectors:
         raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
-    episodes, times, positions = _read_parquet(path, column)
+    indices, times, positions = _read_parquet(path, column)
     named = _names(features[column])
     notes: tuple[str, ...] = ()
     if named is None:
@@ -119,8 +222,29 @@ def _read_dataset(
             f"'{path}' names {len(named)} joints of '{column}', but it has {positions.shape[1]} "
             "values"
         )
-    times = _one_after_the_other(episodes, times, pause)
-    return _joint_states(column, _without_suffix(named), times, positions, notes)
+    columns, left_out = _joint_columns(named, joints)
+    if columns:
+        named, positions = [named[i] for i in columns], positions[:, columns]
+        notes += left_out
+    with reading(f"the column 'episode_index' of '{path}'", RecordingError):
+        names: list[int | str] = [int(x) for x in indices.tolist()]
+    notes += _missing_episodes(info.get("total_episodes"), names)
+    values, names = _chosen_episodes(path, np.column_stack([times, positions]), names, chosen)
+    times, episodes = _one_after_the_other(names, values[:, 0], pause)
+    return _joint_states(column, named, times, values[:, 1:], notes), episodes
+
+
+def _missing_episodes(total: object, names: Sequence[int | str]) -> tuple[str, ...]:
+    """A note if a dataset has fewer episodes than it states."""
+    if not isinstance(total, int) or not 0 < total <= len(names) + 100_000:
+        return ()
+    missing = [str(i) for i in sorted({*range(total)} - {*names})]
+    if not missing:
+        return ()
+    return (
+        f"{len(missing)} of the {total} episodes that '{_INFO}' states are missing in the data: "
+        f"{listed(missing)}; download the whole dataset",
+    )
 
 
 def _read_parquet(path: Path, column: str) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -143,38 +267,60 @@ def _read_parquet(path: Path, column: str) -> tuple[FloatArray, FloatArray, Floa
     return frames[:, 0], frames[:, 1], frames[:, 2:]
 
 
-def _one_after_the_other(episodes: FloatArray, times: FloatArray, pause: float) -> FloatArray:
-    """Times of episodes that follow each other with a pause [s]."""
-    starts = np.flatnonzero(np.diff(episodes, prepend=np.nan))
+def _one_after_the_other(
+    names: Sequence[int | str], times: FloatArray, pause: float
+) -> tuple[FloatArray, Episodes]:
+    """Times of episodes that follow each other with a pause [s], and the episodes.
+
+    An episode begins where the name changes, or where the time is set back.
+    """
+    starts = [0] if names else []
+    for row in range(1, len(names)):
+        if names[row] != names[row - 1] or times[row] < times[row - 1] - _SET_BACK:
+            starts.append(row)
     result, end = np.empty(len(times)), -pause
+    episodes = []
     for first, last in zip(starts, [*starts[1:], len(times)], strict=True):
         own = times[first:last]
-        result[first:last] = end + pause + own - own[0]
+        result[first:last] = end + pause + own - own.min()
+        episodes.append((end + pause, names[first]))
         end = float(np.max(result[first:last]))
-    return result
+    return result, tuple(episodes)
 
 
-def whole_episodes(clean: CleanRecording) -> CleanRecording:
-    """The episodes of a dataset as motions, without those that gaps or jumps cut.
+def whole_episodes(clean: CleanRecording, episodes: Episodes) -> CleanRecording:
+    """The episodes of a table as motions, without those that gaps or jumps cut.
 
     Raises
     ------
     RecordingError
         If none is left.
     """
-    pieces = clean.pieces
-    pauses = [b.times[0] - a.times[-1] for a, b in pairwise(pieces)]
     # Times are rounded to nanoseconds.
-    ends = [True, *(pause > _PAUSE - 1e-6 for pause in pauses), True]
-    whole = [piece for i, piece in enumerate(pieces) if ends[i] and ends[i + 1]]
+    starts = np.array([start for start, _ in episodes]) - 1e-6
+    owners = [int(np.searchsorted(starts, piece.times[0])) - 1 for piece in clean.pieces]
+    n_pieces = Counter(owners)
+    pairs = zip(clean.pieces, owners, strict=True)
+    whole = tuple(piece for piece, owner in pairs if n_pieces[owner] == 1)
     if not whole:
         raise RecordingError(
-            f"gaps or jumps cut each of its {sum(ends) - 1} episodes: no motion is whole"
+            f"gaps or jumps cut each of its {len(episodes)} episodes: no motion is whole"
         )
-    n_torn = sum(ends) - 1 - len(whole)
-    counts = {**clean.repairs, "gaps": ends.count(False), "cut_off": n_torn}
-    repairs = {kind: n for kind, n in counts.items() if n}
-    return replace(clean, pieces=tuple(whole), repairs=repairs, pieces_are_motions=True)
+    torn = [str(episodes[owner][1]) for owner, n in n_pieces.items() if n > 1]
+    empty = [str(name) for i, (_, name) in enumerate(episodes) if i not in n_pieces]
+    counts = {**clean.repairs, "gaps": len(owners) - len(n_pieces), "cut_off": len(torn)}
+    reasons = {"gaps or jumps cut them": torn, "they hold too few usable samples": empty}
+    notes = tuple(
+        f"episodes dropped, as {why}: {listed(names)}" for why, names in reasons.items() if names
+    )
+    return replace(
+        clean,
+        pieces=whole,
+        repairs={kind: n for kind, n in counts.items() if n},
+        notes=(*clean.notes, *notes),
+        pieces_are_motions=True,
+        episodes=episodes,
+    )
 
 
 def _is_vector(feature: Any) -> bool:
@@ -202,16 +348,57 @@ def _given_names(
     return list(joints), (note,)
 
 
-def _without_suffix(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of joints: columns may be called NAME.pos, as LeRobot's, or NAME.positions."""
-    for suffix in _POSITIONS:
-        names = [name.removesuffix(suffix) for name in names]
-    return unique_names(names, "columns of the table", RecordingError)
+def _joint_columns(
+    header: Sequence[str], joints: Sequence[str] | None, taken: Sequence[int] = ()
+) -> tuple[list[int], tuple[str, ...]]:
+    """Indices of the columns that hold joint positions, and a note on the others.
+
+    Not joints are: counters and times; velocities, accelerations and efforts, by the end (or the
+    start) of their names; all but the state where columns are called observation.state.NAME;
+    actions beside other columns. Columns that `joints` names are joints in any case.
+
+    Parameters
+    ----------
+    header :
+        Names of the columns.
+    joints :
+        Names of the joints, if they are chosen.
+    taken :
+        Columns that have another use.
+    """
+    chosen = {i for i, name in enumerate(_joint_names(header)) if name in (joints or ())}
+    prefix = f"{STATE}." if any(name.startswith(f"{STATE}.") for name in header) else ""
+    free = [i for i in range(len(header)) if i not in taken]
+    left = [
+        i
+        for i in free
+        if not _BOOKKEEPING.fullmatch(header[i])
+        and not _DERIVED.fullmatch(header[i])
+        and not _is_rate_of_q(header[i], header)
+        and header[i].startswith(prefix)
+    ]
+    states = [i for i in left if not _ACTION.fullmatch(header[i])]
+    columns = sorted(chosen.union(states or left).intersection(free))
+    others = [header[i] for i in free if i not in columns and header[i]]
+    if not others or joints is not None:
+        return columns, ()
+    return columns, (f"columns left out, as they are not joint positions: {quote_names(others)}",)
+
+
+def _is_rate_of_q(name: str, header: Sequence[str]) -> bool:
+    """Whether a column is called dq1 or qd1 beside q1."""
+    found = _RATE_OF_Q.fullmatch(name)
+    return found is not None and f"q{found[1]}" in header
+
+
+def _joint_names(header: Sequence[str]) -> list[str]:
+    """Names of joints: columns may be called NAME.pos, NAME/position or observation.state.NAME."""
+    return [_POSITION.sub("", name.removeprefix(f"{STATE}.")) for name in header]
 
 
 def _joint_states(
     topic: str,
-    names: tuple[str, ...],
+    columns: Sequence[str],
     times: FloatArray,
     positions: FloatArray,
     notes: tuple[str, ...] = (),
@@ -220,6 +407,8 @@ def _joint_states(
         raise RecordingError(f"'{topic}' holds no samples")
     if not (np.isfinite(times).all() and np.ptp(times) < INPUT_LIMITS.segment_time):
         raise RecordingError(f"the times of '{topic}' must be finite numbers of seconds")
+    what = "columns of the table"
+    names = unique_names(_joint_names(columns), what, RecordingError)
     notes += tuple(filter(None, [milliseconds_note(topic, times)]))
     # A stamp of 0 would mean that it is not set.
     stamps = np.rint((times - times.min()) * NS_PER_S).astype(np.int64) + NS_PER_S

@@ -88,7 +88,9 @@ def test_a_trajectory_that_was_saved_is_a_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("elbow,time\n1,2\n", "first of them one of 'time'"),
+        ("elbow,wrist\n1,2\n", "one of them the time [s] as one of 'time'"),
+        ("time,elbow,phase\n1,2,reach\n", "'phase' holds text, 'reach'; choose the joints"),
+        ("time,elbow_vel\n1,2\n", "no column of"),
         ("time,elbow\n1,2,3\n", "2 names in its first line, but 3 columns"),
         ("time,elbow\n1,x\n", "can't be read"),
         ("time,elbow\n0,1\ninf,2\n", "must be finite"),
@@ -125,8 +127,139 @@ def test_times_in_milliseconds_are_noted(tmp_path: Path) -> None:
     table = np.column_stack([1e3 * SECONDS, RECORDING.positions])
     header = ",".join(["time", *JOINT_NAMES])
     np.savetxt(tmp_path / "t.csv", table, delimiter=",", header=header, comments="")
-    assert "look like milliseconds" in mp.load_demonstrations(tmp_path / "t.csv").report
+    with pytest.warns(UserWarning, match="look like milliseconds"):
+        found = mp.load_demonstrations(tmp_path / "t.csv")
+    assert "look like milliseconds" in found.report
     assert "milliseconds" not in mp.load_demonstrations(write_csv(tmp_path / "s.csv")).report
+
+
+def write_episodes(path: Path, column: str = "episode", restart: bool = False) -> Path:
+    """One file of several motions with a column that numbers them."""
+    lines = [",".join([column, "time", *JOINT_NAMES])]
+    start = 0.0
+    for k, motion in enumerate(generate_motions(5, 3)):
+        rows = np.column_stack([start + motion.times, motion.positions])
+        lines += [f"{k}," + ",".join(f"{x:.12g}" for x in row) for row in rows]
+        start += 0.0 if restart else motion.duration + 0.01
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("restart", [False, True])
+@pytest.mark.parametrize("column", ["episode", "episode_index", "episode_id", "demo", "trial"])
+def test_a_column_of_episodes_cuts_and_is_no_joint(
+    tmp_path: Path, column: str, restart: bool
+) -> None:
+    table = write_episodes(tmp_path / "all.csv", column, restart)
+    found = mp.load_demonstrations(table)
+    motions = generate_motions(5, 3)
+    assert [one.episode for one in found] == [0, 1, 2, 3, 4]
+    assert "episode 3" in repr(found[3])
+    for one, motion in zip(found, motions, strict=True):
+        assert one.joint_names == JOINT_NAMES
+        np.testing.assert_allclose(one.positions[[0, -1]], motion.positions[[0, -1]], atol=0.05)
+    some = mp.load_demonstrations(table, episodes=[1, 4])
+    assert [one.episode for one in some] == [1, 4]
+    with pytest.raises(RecordingError, match="has no episode 7; its episodes: 0, 1"):
+        mp.load_demonstrations(table, episodes=[7])
+
+
+def test_episodes_are_chosen_from_tables_that_have_some(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="holds no episodes to choose from"):
+        mp.load_demonstrations(write_csv(tmp_path / "one.csv"), episodes=[0])
+    write_joint_states(
+        tmp_path / "bag.mcap", "mcap", JOINT_NAMES, RECORDING.stamps, RECORDING.positions
+    )
+    with pytest.raises(RecordingError, match="a bag holds no episodes"):
+        mp.load_demonstrations(tmp_path / "bag.mcap", episodes=[0])
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        [f"{name}_vel" for name in JOINT_NAMES],
+        ["elbow_velocity", "elbow/effort", "torque_elbow"],
+        ["frame_index", "index", "task_index", "Unnamed: 0", "time_ms", ""],
+        ["action.elbow", "action_shoulder1", "next.reward", "next.done"],
+    ],
+)
+def test_columns_that_are_no_positions_are_no_joints(tmp_path: Path, others: list[str]) -> None:
+    zeros = np.arange(SECONDS.size * len(others), dtype=float).reshape(-1, len(others))
+    positions = np.column_stack([zeros, RECORDING.positions])
+    table = write_csv(tmp_path / "t.csv", [*others, *JOINT_NAMES], positions)
+    expected = mp.load_demonstrations(write_csv(tmp_path / "plain.csv"))
+    found = mp.load_demonstrations(table)
+    assert_same(found, expected)
+    note = next(note for note in found.reports[0].notes if "not joint positions" in note)
+    assert all(f"'{name}'" in note for name in others if name)
+
+
+def test_joint_columns_are_named_as_in_lerobot(tmp_path: Path) -> None:
+    expected = mp.load_demonstrations(write_csv(tmp_path / "plain.csv"))
+    names = [f"observation.state.{name}.pos" for name in JOINT_NAMES]
+    positions = np.column_stack([RECORDING.positions, RECORDING.positions])
+    both = [*names, *(f"other.{name}" for name in JOINT_NAMES)]
+    assert_same(mp.load_demonstrations(write_csv(tmp_path / "t.csv", both, positions)), expected)
+    actions = [f"action.{name}" for name in JOINT_NAMES]
+    (first, *_) = mp.load_demonstrations(write_csv(tmp_path / "a.csv", actions))
+    assert first.joint_names == tuple(actions)
+    rates = [f"q{k}" for k in range(4)] + [f"dq{k}" for k in range(4)]
+    (first, *_) = mp.load_demonstrations(write_csv(tmp_path / "q.csv", rates, positions))
+    assert first.joint_names == ("q0", "q1", "q2", "q3")
+
+
+def test_the_joints_that_are_chosen_are_all_that_counts(tmp_path: Path) -> None:
+    lines = write_csv(tmp_path / "plain.csv").read_text().splitlines()
+    texts = [
+        f"{line},{'a, b' if k else 'phase'}".replace("a, b", '"a, b"')
+        for k, line in enumerate(lines)
+    ]
+    (tmp_path / "text.csv").write_text("\n".join(texts) + "\n", encoding="utf-8")
+    found = mp.load_demonstrations(tmp_path / "text.csv", joints=JOINT_NAMES)
+    assert_same(found, mp.load_demonstrations(tmp_path / "plain.csv", joints=JOINT_NAMES))
+    named = ["elbow_vel", *JOINT_NAMES[1:]]
+    (first, *_) = mp.load_demonstrations(write_csv(tmp_path / "v.csv", named), joints=named)
+    assert first.joint_names == tuple(named)
+
+
+def test_the_time_may_be_any_column(tmp_path: Path) -> None:
+    lines = write_csv(tmp_path / "plain.csv").read_text().splitlines()
+    last = [",".join([*line.split(",")[1:], line.split(",")[0]]) for line in lines]
+    (tmp_path / "last.csv").write_text("\n".join(last) + "\n", encoding="utf-8")
+    found = mp.load_demonstrations(tmp_path / "last.csv")
+    assert_same(found, mp.load_demonstrations(tmp_path / "plain.csv"))
+
+
+def test_what_is_not_used_is_warned_of_once_from_the_line_of_the_caller(tmp_path: Path) -> None:
+    write_csv(tmp_path / "good.csv")
+    (tmp_path / "bad.csv").write_text("time,elbow\n0,x\n", encoding="utf-8")
+    with pytest.warns(UserWarning, match="1 of 2 recordings are rejected .*'bad'") as found:
+        mp.load_demonstrations(tmp_path)
+    assert [Path(one.filename).name for one in found] == ["test_tables.py"]
+    assert "print(demonstrations.report)" in str(found[0].message)
+    with pytest.raises(RecordingError, match="'joint' .did you mean 'joints'"):
+        mp.load_demonstrations(tmp_path, joint=["elbow"])
+
+
+def test_a_motion_that_is_cut_off_is_called_dropped(tmp_path: Path) -> None:
+    speed = np.linalg.norm(np.gradient(RECORDING.positions, SECONDS, axis=0), axis=1)
+    end = len(speed) // 2 + int(np.argmax(speed[len(speed) // 2 :]))
+    table = np.column_stack([SECONDS, RECORDING.positions])[:end]
+    header = ",".join(["time", *JOINT_NAMES])
+    np.savetxt(tmp_path / "t.csv", table, delimiter=",", header=header, comments="")
+    with pytest.warns(UserWarning, match="1 of .* motions are dropped"):
+        found = mp.load_demonstrations(tmp_path / "t.csv")
+    assert "dropped: 1 cut_off (an end of the recording" in found.report
+    assert "repaired: 1 cut_off" not in found.report
+
+
+def test_absurd_joints_and_times_are_warned_of(tmp_path: Path) -> None:
+    share = np.linspace(0.0, 100.0, SECONDS.size)[:, None]
+    gripper = write_csv(
+        tmp_path / "g.csv", [*JOINT_NAMES, "gripper"], np.hstack([RECORDING.positions, share])
+    )
+    with pytest.warns(UserWarning, match="joint 'gripper' moves over .* absurd"):
+        mp.load_demonstrations(gripper, segment="none")
 
 
 def test_tables_beside_bags_are_no_recordings(tmp_path: Path) -> None:
@@ -208,6 +341,26 @@ def test_a_dataset_is_built_and_inspected(tmp_path: Path) -> None:
     )
 
 
+def test_episodes_that_a_dataset_lacks_are_noted(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "set", "v2.1", list(JOINT_NAMES))
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    (tmp_path / "set/meta/info.json").write_text(json.dumps(info | {"total_episodes": 5}))
+    assert "missing" not in mp.load_demonstrations(tmp_path / "set").report
+    (tmp_path / "set/data/chunk-000/episode_000002.parquet").unlink()
+    found = mp.load_demonstrations(tmp_path / "set")
+    assert "1 of the 5 episodes" in found.report and "missing in the data: 2;" in found.report
+    assert [one.episode for one in found] == [0, 1, 3, 4]
+    assert [x.episode for x in mp.load_demonstrations(tmp_path / "set", episodes=[3])] == [3]
+
+
+def test_values_of_a_dataset_that_are_no_positions_are_no_joints(tmp_path: Path) -> None:
+    names = ["a.pos", "b.pos", "c.pos", "d.vel"]
+    write_dataset(tmp_path / "set", "v2.1", names)
+    found = mp.load_demonstrations(tmp_path / "set")
+    assert found[0].joint_names == ("a", "b", "c")
+    assert "not joint positions: 'd.vel'" in found.report
+
+
 def test_a_folder_of_datasets_is_searched(tmp_path: Path) -> None:
     for name in ("one", "two"):
         write_dataset(tmp_path / name, "v2.1", list(JOINT_NAMES))
@@ -242,6 +395,90 @@ def test_a_primitive_of_arrays_is_that_of_their_demonstrations() -> None:
     block = np.array([motion.time_normalised(51) for motion in motions])
     shared = mp.MovementPrimitive.fit(block, times=np.linspace(0.0, 1.0, 51))
     assert shared.joint_names == ("joint1", "joint2", "joint3", "joint4")
+
+
+class Frame(dict[str, np.ndarray]):
+    """Named columns, as a DataFrame has them."""
+
+    @property
+    def columns(self) -> list[str]:
+        return list(self)
+
+
+def test_columns_of_tables_name_the_joints() -> None:
+    motions = generate_motions(5, 5)
+    times = [motion.times for motion in motions]
+    names = list(motions[0].joint_names)
+    frames = [Frame(zip(names, motion.positions.T, strict=True)) for motion in motions]
+    found = mp.MovementPrimitive.fit(frames, times=times)
+    expected = mp.MovementPrimitive.fit(
+        [motion.positions for motion in motions], times=times, joint_names=names
+    )
+    assert found.joint_names == expected.joint_names
+    np.testing.assert_array_equal(found.component_coefficients, expected.component_coefficients)
+    timed = [Frame({"time": t, **frame}) for t, frame in zip(times, frames, strict=True)]
+    with pytest.raises(PrimitiveError, match=r"'time' of motion 1 is not a joint: pass times=\["):
+        mp.MovementPrimitive.fit(timed, times=times)
+    again = mp.MovementPrimitive.fit(timed, times=times, joint_names=names[::-1])
+    assert again.joint_names == tuple(names[::-1])
+    frames[1].pop("elbow")
+    with pytest.raises(PrimitiveError, match="motion 2: no column is called 'elbow'"):
+        mp.MovementPrimitive.fit(frames, times=times)
+
+
+@pytest.mark.parametrize(
+    ("motions", "words"),
+    [
+        ({"a": np.zeros((9, 2))}, "list\\(motions.values"),
+        ("folder/", "load_demonstrations reads"),
+        (np.zeros((9, 2)), "is one motion"),
+        ([Frame(a=np.zeros(9))], None),
+    ],
+)
+def test_what_is_no_list_of_motions_is_refused_in_a_sentence(motions: object, words: str) -> None:
+    if words is not None:
+        with pytest.raises(PrimitiveError, match=words):
+            mp.MovementPrimitive.fit(motions, times=np.arange(9.0))
+    else:
+        with pytest.raises(PrimitiveError, match="arrays need times="):
+            mp.MovementPrimitive.fit(motions)
+
+
+def test_arrays_are_warned_of_once_from_the_line_of_the_caller() -> None:
+    motions = generate_motions(5, 5)
+    arrays = [motion.positions for motion in motions]
+    milliseconds = [1000.0 * motion.times for motion in motions]
+    with pytest.warns(UserWarning, match="'motion 1' .* look like milliseconds") as found:
+        mp.MovementPrimitive.fit(arrays, times=milliseconds)
+    assert [Path(one.filename).name for one in found] == ["test_tables.py"]
+    cut = [array[len(array) // 3 : -len(array) // 3] for array in arrays]
+    with pytest.warns(UserWarning, match="5 of 5 motions begin or end while they move") as found:
+        mp.MovementPrimitive.fit(cut, times=[0.01 * np.arange(len(one)) for one in cut])
+    assert len(found) == 1
+
+
+def test_held_out_errors_are_those_of_the_cross_validation() -> None:
+    motions = generate_motions(12, 5)
+    reach = mp.MovementPrimitive.fit(motions[1:])
+    expected = leave_one_out(motions, PrimitiveOptions(), [0]).expected[:, MEASURES.index("path")]
+    np.testing.assert_allclose(reach.errors(motions[:1]), expected, rtol=1e-9)
+    arrays = reach.errors([motions[0].positions], times=[motions[0].times])
+    np.testing.assert_allclose(arrays, expected, rtol=0.2)
+    other = Demonstration.from_arrays(list("abcd"), motions[0].times, motions[0].positions)
+    with pytest.raises(PrimitiveError, match="not those of primitive"):
+        reach.errors([other])
+    with pytest.raises(PrimitiveError, match="arrays need times="):
+        reach.errors([motions[0].positions])
+
+
+def test_a_trajectory_is_a_table_of_flat_columns(tmp_path: Path) -> None:
+    zero = np.zeros((2, 1))
+    motion = mp.Trajectory(["elbow"], [0.0, 1.0], [[0.0], [0.5]], zero, zero)
+    names = ["time", "elbow.positions", "elbow.velocities", "elbow.accelerations"]
+    assert list(motion.table()) == names
+    assert all(column.shape == (2,) for column in motion.table().values())
+    motion.save(tmp_path / "m.csv")
+    assert (tmp_path / "m.csv").read_text().splitlines()[0] == ",".join(names)
 
 
 def test_arrays_in_degrees_are_refused() -> None:
@@ -284,8 +521,8 @@ def test_a_folder_of_tables_is_a_set_of_recordings(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("times", "positions", "words"),
     [
-        ([0.0, 1.0, 0.5, 2.0, 3.0], np.zeros((5, 2)), "strictly increase"),
-        ([0.0, 1.0], np.zeros((2, 2)), "5 or more"),
+        ([0.0, 1.0, 0.5, 2.0, 3.0], np.zeros((5, 2)), "strictly increase, but at index 2 0.5 s"),
+        ([0.0, 1.0], np.zeros((2, 2)), "2 samples: 5 or more"),
         (np.arange(6.0), np.zeros((5, 2)), "positions of 'arrays'"),
         (np.arange(5.0), np.full((5, 2), np.nan), "positions of 'arrays'"),
     ],

@@ -98,6 +98,8 @@ class CleanRecording:
         The joints of `joint_names` that never move.
     fingerprint : tuple of int
         See :func:`.fingerprint.fingerprint`; of commanded motions there is none.
+    episodes : tuple of (float, int or str)
+        Start [s] and name of each episode of a table, see :data:`.tables.Episodes`.
     """
 
     joint_names: tuple[str, ...]
@@ -112,6 +114,11 @@ class CleanRecording:
     pieces_are_motions: bool = False
     still_joints: tuple[str, ...] = ()
     fingerprint: tuple[int, ...] = ()
+    episodes: tuple[tuple[float, int | str], ...] = ()
+
+    def episode_at(self, time: float) -> int | str | None:
+        """Name of the episode at a time [s]; None without episodes."""
+        return next((name for start, name in reversed(self.episodes) if start <= time), None)
 
     @property
     def duration(self) -> float:
