@@ -26,6 +26,7 @@ MAX_SIZE = 1 << 28
 """Largest number of numbers in an array."""
 
 _MAX_NAMES = 1 << 16  # and of values in a list
+_MAX_DEPTH = 4  # of lists in lists
 
 
 def frozen_array(
@@ -94,10 +95,8 @@ def float_array(
     given: Any = values
     try:
         if not isinstance(values, np.ndarray):
-            # A range of any length is a sequence that takes no memory.
-            most = MAX_SIZE if not shape or shape[0] is None else 1000 * max(shape[0], 1)
-            if isinstance(values, Sized) and len(values) > most:
-                raise TypeError
+            lengths = [MAX_SIZE if n is None else n for n in shape or (None,)]
+            _check_size(values, min(1000 * max(prod(lengths), 1), MAX_SIZE))
             given = np.asarray(values)
         if given.dtype.kind == "O":
             is_numeric = given.size <= MAX_SIZE and all(map(is_number, given.flat))
@@ -118,6 +117,23 @@ def float_array(
             f"{what} must be at most {MAX_SIZE} numbers, got an array of shape {given.shape}"
         )
     return (np.array if is_copied else np.asarray)(given, dtype=np.float64, order="C")
+
+
+def _check_size(values: object, most: int, depth: int = 0) -> None:
+    """Reject nested sequences of which NumPy would make a huge array.
+
+    A range takes no memory, whatever its length, nor does a list that holds another one often.
+    """
+    if isinstance(values, str | bytes) or hasattr(values, "__array__"):
+        return
+    if isinstance(values, Sized):
+        if len(values) > most or depth > _MAX_DEPTH:
+            raise TypeError
+        if isinstance(values, range) or not isinstance(values, Iterable):
+            return
+        if not set(map(type, values)) <= {float, int, np.float64}:
+            for value in values:
+                _check_size(value, most // max(len(values), 1), depth + 1)
 
 
 def is_number(value: object) -> bool:
@@ -187,7 +203,7 @@ def check_choice(
         raise error(f"{what} must be one of {quote_names(choices)}, got {shown(value)}")
 
 
-def as_list(values: Iterable[Any], what: str, error: type[PlannerError]) -> list[Any]:
+def as_list(values: Any, what: str, error: type[PlannerError]) -> list[Any]:
     """The values of a sequence or another iterable; text and mappings are none.
 
     Raises

@@ -159,9 +159,9 @@ def _requirements(extra: str) -> list[str]:
 
 
 def shown(value: object, most: int = 80) -> str:
-    """A value as Python text for a message, cut; its type if it has no text."""
+    """A value as one line of Python text for a message, cut; its type if it has no text."""
     try:
-        return f"{value!r:.{most}}"
+        return printable(" ".join(repr(value)[: 4 * most].split()))[:most]
     except Exception:  # an integer of too many digits, lists nested too deep, methods of others
         return f"a value of type {type(value).__name__}"
 

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, check_type
-from ..exceptions import PrimitiveError, shown, unknown_name
+from ..arrays import FloatArray, as_list, check_type, float_array, unique_names
+from ..exceptions import PrimitiveError, RecordingError, shown, unknown_name
 from ..recordings.demonstration import TIME_COLUMNS, Demonstration, milliseconds_note
 from ..recordings.segmentation import ABSURD_EXTENT
 from .in_span import request_precision
@@ -100,27 +100,32 @@ def demonstrations_of(
         raise PrimitiveError(
             "one array of shape (samples, joints) is one motion: give a list of motions, [array]"
         )
-    motions = list(positions)
+    motions = as_list(
+        positions, "positions must be a list of arrays, one of each motion", PrimitiveError
+    )
+    meaning = "times must be the times of the samples [s]"
     try:
         is_shared = bool(np.isscalar(next(iter(times), 0.0)))  # type: ignore[arg-type]
-    except TypeError:
+    except Exception:  # methods of others
         raise PrimitiveError(
-            f"times must be the times of the samples [s], got {shown(times)}: "
+            f"{meaning}, got {shown(times)}: "
             "times=0.01 * numpy.arange(n_samples) if they are 0.01 s apart"
         ) from None
-    own_times: list[Any] = [times] * len(motions)
-    if not is_shared:
-        own_times = list(times)  # type: ignore[arg-type]
+    own_times = [times] * len(motions) if is_shared else as_list(times, meaning, PrimitiveError)
     if len(own_times) != len(motions):
         raise PrimitiveError(
             f"there are {len(motions)} motions, but {len(own_times)} arrays of times: give one for "
             "each, or one for all"
         )
+    if joint_names is not None:
+        joint_names = unique_names(joint_names, "joint_names", PrimitiveError)
     if motions and all(map(_has_columns, motions)):
         joint_names = joint_names or _joints_of(motions[0])
         motions = [_chosen_columns(q, joint_names, k) for k, q in enumerate(motions, start=1)]
-    n_joints = np.shape(motions[0])[-1] if motions and np.shape(motions[0]) else 0
-    names = joint_names or [f"joint{j + 1}" for j in range(n_joints)]
+    if joint_names is None and motions:
+        first = float_array(motions[0], "positions of 'motion 1'", RecordingError, is_copied=False)
+        joint_names = [f"joint{j + 1}" for j in range(first.shape[-1] if first.ndim else 0)]
+    names = joint_names or ()
     found = [
         Demonstration.of_samples(names, t, q, f"motion {k}")
         for k, (t, q) in enumerate(zip(own_times, motions, strict=True), start=1)

@@ -213,9 +213,7 @@ class Robot:
         mimics, found = self._description.mimics, dict[str, str]()
         for name in self.movable_joints:
             followed = name
-            for _ in mimics:  # one may mimic another one that does so, or itself
-                if followed in self.joint_names or followed not in mimics:
-                    break
+            while followed in mimics and followed not in self.joint_names:
                 followed = mimics[followed].joint
             if followed != name and followed in self.joint_names:
                 found[name] = followed

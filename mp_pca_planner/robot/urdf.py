@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -204,7 +204,7 @@ def read_description(urdf: str, source: str) -> Description:
         xml=ET.tostring(clean, encoding="unicode"),
         types={name: joint.get("type", "") for name, joint in joints.items()},
         limits={name: _limits_of(joint) for name, joint in joints.items()},
-        mimics=_mimics(joints, source),
+        mimics=_mimics(joints, every, source),
         child_links={name: _end(joint, "child") for name, joint in joints.items()},
         inertials={name: inertial for name, inertial in copies.items() if inertial is not None},
         lost_inertials=lost_inertials,
@@ -285,9 +285,11 @@ def _limits_of(joint: ET.Element) -> dict[str, float]:
     return {key: float(text) for key, text in found.items()}
 
 
-def _mimics(joints: Mapping[str, ET.Element], source: str) -> dict[str, Mimic]:
-    """The joints that mimic others."""
-    found = {}
+def _mimics(
+    joints: Mapping[str, ET.Element], every: Collection[str], source: str
+) -> dict[str, Mimic]:
+    """The movable joints that mimic others; these are known, and none mimics itself."""
+    found: dict[str, Mimic] = {}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
         if mimic is None:
@@ -300,6 +302,16 @@ def _mimics(joints: Mapping[str, ET.Element], source: str) -> dict[str, Mimic]:
         except RobotError as error:
             raise RobotError(f"{source}: joint '{name}': {error}") from None
         found[name] = Mimic(mimic.get("joint", ""), multiplier, offset)
+        if found[name].joint not in every:
+            unknown = unknown_name("joint", found[name].joint, every)
+            raise RobotError(f"{source}: joint '{name}' mimics an unknown one: {unknown}")
+    for name in found:
+        chain = [name]
+        while chain[-1] in found and chain.count(name) < 2 and len(chain) <= len(found):
+            chain.append(found[chain[-1]].joint)
+        if chain.count(name) > 1:
+            circle = " mimics ".join(f"'{one}'" for one in chain)
+            raise RobotError(f"{source}: joints mimic each other in a circle: {circle}")
     return found
 
 

@@ -3,6 +3,7 @@
 """Calls of the Python API with wrong types, shapes and values raise only documented errors."""
 
 from contextlib import suppress
+from itertools import count, repeat
 
 import numpy as np
 import pytest
@@ -80,6 +81,24 @@ def test_what_is_no_number_is_not_converted_silently(values):
 def test_shape_is_checked_before_memory_is_taken():
     with pytest.raises(GoalError, match=r"shape \(4\), got \(1000000000000,\)"):
         float_array(np.broadcast_to(0.0, 10**12), "x", GoalError, (4,))
+    for huge in (range(10**15), [range(10**15)], ([0.0], [0.0], range(10**15)), {0: [range(9)]}):
+        with pytest.raises(GoalError, match="x must be numbers"):
+            float_array(huge, "x", GoalError, (None, None))
+
+
+@pytest.mark.parametrize("endless", [count, lambda: repeat(np.eye(9)), lambda: range(10**15)])
+def test_fitting_rejects_endless_motions_and_times(endless):
+    fit, one = mp.MovementPrimitive.fit, np.eye(9)
+    for positions, times in ((endless(), [0.0, 0.1]), ([one], endless()), ([endless()], one[0])):
+        with pytest.raises(mp.PlannerError, match="positions|times"):
+            fit(positions, times=times)
+    with pytest.raises(mp.PlannerError, match="joint_names"):
+        fit([one], times=np.arange(9.0), joint_names=endless())
+
+
+def test_values_in_messages_are_on_one_line():
+    for value in (np.zeros((3, 4)), np.full(40, 0.1), "a\nb", [np.eye(2)]):
+        assert shown(value).isprintable()
 
 
 def test_every_error_derives_from_the_one_of_the_front_door():
