@@ -38,14 +38,14 @@ PROCESSES = multiprocessing.get_context("spawn")
 
 
 class RobotClient(GoalClient):
-    """A client that plays the robot, too."""
+    """A client that plays the robot, too; its joint states may have another topic."""
 
-    def __init__(self, *arguments: str, **names: str) -> None:
+    def __init__(self, *arguments: str, joint_states: str = "joint_states", **names: str) -> None:
         super().__init__(*arguments, **names)
         node = self.node
         self._publishers |= {
             "trial_cost": node.create_publisher(Float64, f"{self.planner}/trial_cost", 1),
-            "joint_states": node.create_publisher(JointState, "joint_states", 1),
+            "joint_states": node.create_publisher(JointState, joint_states, 1),
             "robot_description": node.create_publisher(String, "robot_description", LATCHED),
         }
 

@@ -36,7 +36,7 @@ from mp_pca_planner.view.world_panel import NAME as WORLD
 SIZE = (640, 480)
 SCALE = 2  # of screenshots, which are made smaller for smooth edges
 RATE = 12.0  # frames per second [Hz]
-N_COLOURS = 96
+N_COLOURS = 80
 N_GRABS = 5
 PATIENCE = 60.0  # longest time for a plan [s]
 

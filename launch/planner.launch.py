@@ -43,6 +43,11 @@ def generate_launch_description() -> LaunchDescription:
                 description="topic of the URDF",
             ),
             DeclareLaunchArgument(
+                "joint_states_topic",
+                default_value="joint_states",
+                description="topic of the joint states",
+            ),
+            DeclareLaunchArgument(
                 "params_file",
                 default_value=PathJoinSubstitution(
                     [FindPackageShare(PACKAGE), "config", "planner.yaml"]
@@ -156,6 +161,7 @@ def _planner_node(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             remappings=[
                 ("~/joint_trajectory", value("controller_topic")),
                 ("robot_description", value("robot_description_topic")),
+                ("joint_states", value("joint_states_topic")),
             ],
         )
     ]

@@ -24,6 +24,7 @@ LAUNCH_ARGUMENTS = {
     "robot_description_file",
     "xacro_arguments",
     "robot_description_topic",
+    "joint_states_topic",
     "params_file",
     "controller_topic",
     "namespace",
@@ -139,6 +140,7 @@ def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_wit
         f"robot_description_file:={tmp_path / 'arm.urdf'}",
         f"params_file:={parameters}",
         "controller_topic:=/controller/joint_trajectory",
+        "joint_states_topic:=/franka/joint_states",
         "namespace:=left",
         "duration:=1.25",
         "publish_effort:=true",
@@ -147,7 +149,10 @@ def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_wit
         "stamp_trajectories:=false",  # with stamps, motions begin with a hold
     )
     try:
-        with NodeClient(namespace="left") as client, ros_node("controller") as controller:
+        with (
+            NodeClient(namespace="left", joint_states="/franka/joint_states") as client,
+            ros_node("controller") as controller,
+        ):
             received: list[JointTrajectory] = []
             controller.create_subscription(
                 JointTrajectory, "/controller/joint_trajectory", received.append, 1
