@@ -13,13 +13,16 @@ import re
 import shlex
 import sys
 import sysconfig
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
+from functools import wraps
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 _PACKAGE = "mp_pca_planner"
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 class PlannerError(Exception):
@@ -187,6 +190,35 @@ def unknown_name(kind: str, name: object, valid: Iterable[str], most: int = 12) 
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     valid_names = listed([f"'{one}'" for one in names], most) or "none"
     return f"no {kind} is called '{name:.200}'{hint}; valid names: {valid_names}"
+
+
+def names_options(error: type[PlannerError]) -> Callable[[_Function], _Function]:
+    """Decorator of methods and dataclasses: an unknown keyword gets the nearest valid one.
+
+    Parameters
+    ----------
+    error :
+        Type of the error that is raised in place of a `TypeError`.
+    """
+
+    def decorate(function: _Function) -> _Function:
+        if isinstance(function, type):
+            made: Any = function
+            made.__init__ = decorate(made.__init__)
+            return function
+        kind = f"option of {function.__qualname__.removesuffix('.__init__')}"
+        _, *valid = signature(function).parameters  # without self or cls
+
+        @wraps(function)
+        def call(*values: Any, **options: Any) -> Any:
+            for name in options:
+                if name not in valid:
+                    raise error(unknown_name(kind, name, valid, 40))
+            return function(*values, **options)
+
+        return cast(_Function, call)
+
+    return decorate
 
 
 def printable(text: str) -> str:

@@ -12,7 +12,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 from ..arrays import check_choice, check_number, check_type
-from ..exceptions import GoalError, shown
+from ..exceptions import GoalError, names_options, shown
 from .objectives import Effort, Objective
 from .path_constraints import PathConstraint
 
@@ -36,7 +36,7 @@ class Checked:
     Raises
     ------
     GoalError
-        If an option is out of its range.
+        If an option is unknown or out of its range.
     """
 
     def __post_init__(self) -> None:
@@ -49,6 +49,7 @@ class Checked:
                 check_number(number, one.name, GoalError, *limits, is_whole=is_whole)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class SolverOptions(Checked):
     """Stopping criteria and step limits of the solver.
@@ -91,6 +92,7 @@ class SolverOptions(Checked):
     min_radius: float = within(1e-9, 0.0, 1.0)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class SelectionOptions(Checked):
     """Options of the selection among primitives.
@@ -124,6 +126,7 @@ class SelectionOptions(Checked):
     n_kept_tables: int = within(1000, 1, 1_000_000, is_whole=True)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class PoseSearchOptions(Checked):
     """Options of the search for configurations that reach a pose.
@@ -157,6 +160,7 @@ class PoseSearchOptions(Checked):
     distinct: float = within(0.05, 0.0, 10.0)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class ClearanceOptions(Checked):
     """Options of clearance constraints.
@@ -182,6 +186,7 @@ class ClearanceOptions(Checked):
     n_more: int = within(5, 1, 100, is_whole=True)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class PathOptions(Checked):
     """Options of the search for collision-free paths.
@@ -217,6 +222,7 @@ class PathOptions(Checked):
     fine_step: float = within(0.03, 1e-4, 1.0)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class DetourOptions(Checked):
     """Options of motions near collision-free paths.
@@ -252,6 +258,7 @@ class DetourOptions(Checked):
     radius: float = within(1.0, 1e-6, 1e6)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class BrakingOptions(Checked):
     """Options of braking and of the timing of slow motions.
@@ -280,6 +287,7 @@ class BrakingOptions(Checked):
     max_stretches: int = within(10, 1, 1000, is_whole=True)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class SearchOptions(Checked):
     """Options of the planner's search; the defaults suit arms of 4 to 14 joints.
@@ -379,6 +387,7 @@ class SearchOptions(Checked):
     n_kept_tables: int = within(500, 1, 1_000_000, is_whole=True)
 
 
+@names_options(GoalError)
 @dataclass(frozen=True)
 class PlannerOptions(Checked):
     """Options of planning.
@@ -429,7 +438,7 @@ class PlannerOptions(Checked):
     Raises
     ------
     GoalError
-        If an option is out of its range.
+        If an option is unknown or out of its range.
 
     Examples
     --------

@@ -18,6 +18,7 @@ from ..exceptions import (
     PrimitiveError,
     RobotError,
     WorldError,
+    names_options,
     quote_names,
 )
 from ..input_limits import INPUT_LIMITS
@@ -73,6 +74,8 @@ class Planner:
 
     Raises
     ------
+    GoalError
+        If an argument is unknown.
     PrimitiveError
         If there is no primitive, two have the same name, or one is of other joints.
     RobotError
@@ -92,6 +95,7 @@ class Planner:
     'solved'
     """
 
+    @names_options(GoalError)
     def __init__(
         self,
         robot: Robot,
@@ -200,6 +204,7 @@ class Planner:
         selector = selector if goal.primitive is None else selector.named(goal.primitive)
         return selector.least_score(start.positions, end.positions, goal.duration) > most
 
+    @names_options(GoalError)
     @one_blas_thread()
     def plan(
         self,
@@ -233,7 +238,7 @@ class Planner:
         ------
         GoalError
             If the goal or the state can't be used: unknown or missing joints, positions
-            outside the limits, a pose out of reach, no such primitive.
+            outside the limits, a pose out of reach, no such primitive, an unknown argument.
         RobotError
             If there is no such frame.
         """

@@ -278,8 +278,9 @@ def build_from_statistics(
 def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float, float]:
     """RMS errors in path of motions that are left out [rad or m].
 
-    From their prediction by the others, and from the minimum-jerk motion between their ends. At
-    most 200 motions are left out; the first error is NaN for a single motion.
+    From their prediction by the others, and from the minimum-jerk motion between their ends. Whole
+    shapes are predicted, so the number of components makes no difference. At most 200 motions are
+    left out; the first error is NaN for a single motion.
     """
     used = statistics.thinned()
     shapes, remainders = used.both_shapes(), used.shape_remainders.sum(axis=1)

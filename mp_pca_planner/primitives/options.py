@@ -7,12 +7,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..arrays import check_choice, check_number
-from ..exceptions import PrimitiveError
+from ..exceptions import PrimitiveError, names_options
 from .alignment import ALIGNMENTS
 from .basis import N_END_CONDITIONS
 from .primitive_values import COUPLINGS
 
 
+@names_options(PrimitiveError)
 @dataclass(frozen=True)
 class PrimitiveOptions:
     """Options of building a primitive.
@@ -35,7 +36,7 @@ class PrimitiveOptions:
     Raises
     ------
     PrimitiveError
-        If an option is out of its range.
+        If an option is unknown or out of its range.
     """
 
     coupling: str = "arm"

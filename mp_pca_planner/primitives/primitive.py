@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, check_number, frozen_array
-from ..exceptions import GoalError, PrimitiveError, PrimitiveFileError
+from ..exceptions import GoalError, PrimitiveError, PrimitiveFileError, names_options
 from ..files import as_path
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import StateLike, joint_positions
@@ -165,8 +165,10 @@ class MovementPrimitive:
             `left_out_error` and `minimum_jerk_error`: RMS distance in path of demonstrations that
             are left out from their prediction by the others, and from the minimum-jerk motion
             between their ends [rad or m]; NaN for one demonstration, and for a primitive without
-            statistics. `starts` and `goals`: lowest and highest demonstrated position by joint.
-            `durations`: the shortest and the longest [s]. `n_demonstrations`, `n_components`.
+            statistics. Whole shapes are predicted, so neither depends on the number of components:
+            :meth:`errors` of motions that were held out does. `starts` and `goals`: lowest and
+            highest demonstrated position by joint. `durations`: the shortest and the longest [s].
+            `n_demonstrations`, `n_components`.
         """
         from .build import left_out_errors, options_to_update
 
@@ -187,6 +189,7 @@ class MovementPrimitive:
         }
 
     @classmethod
+    @names_options(PrimitiveError)
     def fit(
         cls,
         demonstrations: Sequence[Demonstration] | DemonstrationSet | Sequence[ArrayLike],
@@ -223,12 +226,14 @@ class MovementPrimitive:
             99 % of the variance. :func:`.build_primitive` accepts other shares.
         align : {'arc_length', 'linear'}
             Whether equal shares of the path or of the time are compared, see :func:`.align`.
+            Motions aligned by 'arc_length' start and end at rest. With 'linear', they keep the
+            velocities and accelerations that were measured at their ends, with the noise of these.
 
         Raises
         ------
         PrimitiveError
             If there is no demonstration, something else is among them, their joints differ, nothing
-            moves, an option is out of its range, or positions seem to be in degrees.
+            moves, an option is unknown or out of its range, or positions seem to be in degrees.
         RecordingError
             If the arrays can't be used.
 

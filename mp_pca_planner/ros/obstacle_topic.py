@@ -64,6 +64,8 @@ class ObstacleTopic:
         self._subscription = MarkerSubscription(node, "~/obstacles")
         # Notes on the present obstacles, each of which is logged once.
         self._notes: frozenset[str] = frozenset()
+        # The problem that was logged last, and when; it is logged again if it comes anew.
+        self._problem, self._logged = "", -LOG_PERIOD
         # The obstacles as they are stated, and the poses that their frames had.
         self._stated: Sequence[Obstacle] = ()
         self._used: Poses = {}
@@ -209,8 +211,12 @@ class ObstacleTopic:
         if problems:
             more = f" (and {len(problems) - 1} more)" if problems[1:] else ""
             self._log(f"{problems[0]}{more}")
+        elif stated:
+            self._problem = ""
 
     def _log(self, text: str) -> None:
-        self._node.get_logger().error(
-            to_text(f"obstacles: {text}"), throttle_duration_sec=LOG_PERIOD
-        )
+        """Log a problem once: the same obstacles are often sent, and looked at, again."""
+        now = time.monotonic()
+        if text != self._problem and now - self._logged >= LOG_PERIOD:
+            self._problem, self._logged = text, now
+            self._node.get_logger().error(to_text(f"obstacles: {text}"))

@@ -16,11 +16,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_robot
+from arm import JOINTS, arm_primitive, arm_robot
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
 from mesh_inputs import FILES
-from nodes import GOAL, START, NodeClient, column, running_node, set_domain, times
+from nodes import GOAL, START, URDF, NodeClient, column, running_node, set_domain, times
 from patience import HANG
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
@@ -33,6 +33,7 @@ from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros.client import report_values
 from mp_pca_planner.ros.obstacle_markers import MarkerMessages, to_obstacle
@@ -275,6 +276,30 @@ def test_latched_markers_are_heard_late_and_best_effort_ones_live(
             live.meet()
             live.send(marker(3, far))
             live.wait(obstacles="2")
+
+
+def test_missing_mesh_of_the_robot_is_logged_once_however_often_obstacles_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_domain(monkeypatch, 93)
+    save_primitive(arm_primitive(), tmp_path / "arm.npz")
+    shape = '<collision><geometry><mesh filename="/no/such/hand.stl"/></geometry></collision>'
+    urdf, log = URDF.replace("</inertial>", f"</inertial>{shape}"), tmp_path / "log.txt"
+    with NodeClient() as client:
+        user = MarkerUser(client)
+        with running_node(log, "-p", f"primitives:=['{tmp_path / 'arm.npz'}']"):
+            client.wait_for_node()
+            client.publish_description(urdf)
+            client.wait_for_model()
+            user.meet()
+            for _ in range(4):  # diagnostics come once a second, by the node's own clock
+                n = len(client.diagnostics)
+                user.send(marker(1, np.array([2.0, 0.0, 0.0])))
+                client.wait(lambda n=n: len(client.diagnostics) > n + 1, HANG, "has no diagnostics")
+            user.wait(obstacles="1")
+    errors = [line for line in log.read_text().splitlines() if "[ERROR]" in line]
+    assert len(errors) == 1, errors
+    assert "/no/such/hand.stl" in errors[0]
 
 
 # Markers

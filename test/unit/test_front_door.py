@@ -13,6 +13,7 @@ import sys
 import tempfile
 import warnings
 from functools import cache
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ import pytest
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import GoalError, PlannerError, RecordingError
+from mp_pca_planner.planning.options import SearchOptions
+from mp_pca_planner.primitives.options import PrimitiveOptions
 
 URDF = mp.config_file("human_arm.urdf")
 
@@ -53,6 +56,26 @@ def test_public_name_is_there_with_a_docstring(name: str) -> None:
 def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'Plannner'"):
         mp.Plannner  # noqa: B018
+
+
+def test_unknown_option_gets_a_suggestion() -> None:
+    demonstrations, primitive, robot, planner = planned()
+    start = demonstrations[0].positions[0]
+    for call, options, owner, meant in (
+        (mp.MovementPrimitive.fit, {"compnents": 3}, "MovementPrimitive.fit", "components"),
+        (mp.PlannerOptions, {"naturalnes": 0.1}, "PlannerOptions", "naturalness"),
+        (SearchOptions, {"effort_wieght": 1.0}, "SearchOptions", "effort_weight"),
+        (PrimitiveOptions, {"varaince": 0.9}, "PrimitiveOptions", "variance"),
+        (mp.Planner, {"primitive": [primitive], "robot": robot}, "Planner", "primitives"),
+        (planner.plan, {"start": start, "gaol": {"elbow": 0.0}}, "Planner.plan", "goal"),
+    ):
+        said = rf"no option of {owner} is called '\w+' \(did you mean '{meant}'\?\)"
+        with pytest.raises(mp.PlannerError, match=said):
+            call(demonstrations, **options) if owner.endswith("fit") else call(**options)
+    assert "naturalness" in signature(mp.PlannerOptions).parameters
+    assert "components" in signature(mp.MovementPrimitive.fit).parameters
+    options = mp.PlannerOptions(naturalness=0.1)
+    assert pickle.loads(pickle.dumps(options)) == options
 
 
 def test_values_are_described_in_one_line() -> None:
