@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -27,6 +28,7 @@ TOPICS = {
     "robot": "Robot and world",
     OTHER: "Errors and helpers",
 }
+_ONE_LINE = 100_000  # characters, so that argparse breaks no line of the help
 # A place for the tables of a record, or for one of them, up to the next mark.
 _MARKED = re.compile(r"(<!-- table (\w+)(?:: (.+?))? -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -57,9 +59,36 @@ def commands_page() -> str:
             capture_output=True,
             text=True,
             check=True,
+            env=os.environ | {"COLUMNS": str(_ONE_LINE)},
         ).stdout
-        parts += [f"## {name}", f"```text\n{text.rstrip()}\n```"]
+        parts += [f"## {name}", _help_page(text)]
     return "\n\n".join(parts) + "\n"
+
+
+def _help_page(text: str) -> str:
+    """The help of a command, whose paragraphs and options are a line each, as Markdown."""
+    usage, *lines = text.splitlines()
+    # The options that may be left out are listed below.
+    needed = re.sub(r" \[-(?:[^\[\]]|\[[^\]]*\])*\]", "", usage.removeprefix("usage: "))
+    parts = [f"```text\n{needed} [OPTIONS]\n```"]
+    for line in filter(str.strip, lines):
+        if option := re.match(r" {2}(\S.*?)(?: {2,}(\S.*))?$", line):
+            term, meaning = option.groups()
+            parts.append(f"`{term}`" + (f"\n: {_escaped(meaning)}" if meaning else ""))
+        elif line.startswith(" "):  # below an option that is too long for its line
+            parts[-1] += f"\n: {_escaped(line.strip())}"
+        else:
+            is_title = line.endswith(":")
+            parts.append(f"**{line[:-1].capitalize()}**" if is_title else _escaped(line))
+    return "\n\n".join(parts)
+
+
+def _escaped(text: str) -> str:
+    """A line of help as Markdown, with options and quoted texts as code."""
+    pieces = re.split(r"((?<![\w-])--?[a-z][\w-]*|(?<!\w)'[^']+')", text)
+    pieces[::2] = [re.sub(r"([\\`*_{}\[\]<>#~|$])", r"\\\1", piece) for piece in pieces[::2]]
+    pieces[1::2] = [f"`{piece}`" for piece in pieces[1::2]]
+    return "".join(pieces)
 
 
 def parameters_page() -> str:

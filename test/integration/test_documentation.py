@@ -244,13 +244,16 @@ def test_reference_has_every_command_with_every_option(
     reference: dict[str, Any],
 ) -> None:
     page = reference["commands_page"]()
-    sections = dict(re.findall(r"^## (\w+)\n\n```text\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
+    sections = dict(re.findall(r"^## (\w+)\n\n(.*?)(?=\n## |\Z)", page, re.MULTILINE | re.DOTALL))
     assert set(sections) == set(COMMANDS)
     for command, text in sections.items():
         parser = ArgumentParser()
         add_options(parser, command)
         names = {name for action in parser._actions for name in action.option_strings}
         assert [name for name in names if not re.search(rf"{name}\b", text)] == []
+        meanings = re.findall(r"^`(-[^`]+)`\n: \S", text, re.MULTILINE)
+        stated = {name for one in meanings for name in re.findall(r"(?<!\w)-[\w-]+", one)}
+        assert names - {"-h"} <= stated
 
 
 def test_reference_has_every_parameter_and_every_public_name(reference: dict[str, Any]) -> None:
