@@ -103,8 +103,9 @@ def _primitive_to_update(arguments: argparse.Namespace) -> MovementPrimitive | N
     if arguments.update is None:
         if arguments.remove:
             raise RecordingError("--remove removes recordings from a primitive: also pass --update")
-        if not arguments.bags or arguments.output is None:
-            raise RecordingError("give at least one recording and --output, or --update")
+        missing = {"at least one recording": arguments.bags, "--output FILE.npz": arguments.output}
+        if lacking := [name for name, value in missing.items() if not value]:
+            raise RecordingError(f"give {' and '.join(lacking)}, or --update FILE.npz")
         return None
     if arguments.report is not None:
         raise RecordingError(

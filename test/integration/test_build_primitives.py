@@ -140,6 +140,21 @@ def test_recordings_of_a_standing_arm_are_refused_by_name(bags: Path, tmp_path: 
         assert "it holds no motion" in refusal(*standing, "--segment", segment)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "lacking"),
+    [
+        (["bag.mcap"], "give --output FILE.npz, or --update FILE.npz"),
+        (["--output", "x.npz"], "give at least one recording, or --update FILE.npz"),
+        ([], "give at least one recording and --output FILE.npz, or --update FILE.npz"),
+    ],
+)
+def test_what_a_command_lacks_is_named(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], lacking: str
+) -> None:
+    assert main(["build_primitives", *arguments]) == 2
+    assert capsys.readouterr().err == f"mp-pca build_primitives: {lacking}\n"
+
+
 def test_a_primitive_without_components_is_warned_of(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     bag = write_bag(tmp_path / "a" / "x", "mcap", stamped(reaching(GOALS[0])))
