@@ -190,7 +190,8 @@ class MotionMonitor:
             stopped = self.follower.execution
             if stopped is not None:
                 stopped.resumption = None
-            found = self._stops.find(model)
+            late = 0.0 if began is None else self.follower.motion_time - began
+            found = self._stops.find(model, late)
             stop = Execution.of_stop(stopped, found.motion, found.after(reason), resumption)
             stop.published = stop.published if began is None else began
             self.publish(stop)

@@ -101,22 +101,30 @@ class StopPlanner:
         self._follower, self._surroundings, self._clock = follower, surroundings, clock
         self._options = options
 
-    def find(self, model: Model) -> FoundStop:
+    def find(self, model: Model, late: float = 0.0) -> FoundStop:
         """Find a stop; again if a busy computer interrupted that, while the robot moved on.
+
+        Parameters
+        ----------
+        model : Model
+            The robot.
+        late : float
+            Time since a stop was sent that the controller has not taken [s]. Its message may be on
+            its way for longer than the stop lasts, and is rejected then. The next one begins later.
 
         Raises
         ------
         GoalError
             If neither a measured nor a commanded state is known.
         """
-        latency = self._options.stop_latency
+        latency = max(self._options.stop_latency, 2.0 * late)
         for _ in range(self._options.max_attempts):
             began = self._clock()
             found = self._find(model, latency)
             took = self._clock() - began
             if took <= latency or found.motion.duration == 0.0:  # at rest, it does not move on
                 break
-            latency = min(2.0 * took, self._options.longest_stop_latency)
+            latency = max(latency, min(2.0 * took, self._options.longest_stop_latency))
         return found
 
     def _find(self, model: Model, latency: float) -> FoundStop:

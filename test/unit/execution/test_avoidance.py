@@ -130,6 +130,20 @@ def test_a_stop_whose_message_is_late_on_a_busy_machine_is_a_stop(delay):
     assert node.outcomes == ["stopped", "arrived"]
 
 
+@pytest.mark.parametrize("delay", [0.25, 0.5, 0.7])
+def test_a_stop_is_taken_whose_messages_are_on_their_way_for_longer_than_it_lasts(delay):
+    node = Node(model(limits=SLOW))
+    node.ask(GOAL)
+    node.run(2.0)
+    node.robot.faults.delay = delay
+    node.monitor.stop(node._model)
+    assert node.sent[-1][1].duration < delay  # the first is rejected, because it is over
+    node.run(3.0)
+    assert node.robot.rejections and not node.robot.record.v[-1].any()
+    assert node.outcomes == ["stopped"]
+    assert np.abs(node.commanded - GOAL).max() > 0.5
+
+
 @pytest.mark.parametrize("delay", [0.15, 0.3])
 def test_a_detour_whose_message_is_late_on_a_busy_machine_is_followed(delay):
     node = Node(model(collision=True, obstacle_margin=MARGIN))
