@@ -161,7 +161,8 @@ def test_a_joint_that_mimics_one_that_moves_is_rejected_even_if_it_is_measured()
     assert model.robot.mimicking_joints == {"grip": JOINTS[3]}
     for odd in ("grip", "nobody"):
         other = urdf.replace(f'mimic joint="{JOINTS[3]}"', f'mimic joint="{odd}"')
-        assert assemble_model(other, PRIMITIVES, Settings()).robot.mimicking_joints == {}
+        with pytest.raises(RobotError, match=odd):
+            assemble_model(other, PRIMITIVES, Settings())
 
 
 def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measured() -> None:
