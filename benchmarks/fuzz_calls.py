@@ -5,18 +5,22 @@
     python3 benchmarks/fuzz_calls.py [--calls 5000] [--seed 0]
     python3 benchmarks/fuzz_calls.py --only 17           # one call, with its traceback
 
-Each call is one of a public name or method of the front door, with valid arguments of which one or
-several are replaced by odd ones; its number is the seed. It may succeed or raise a `PlannerError`.
-It fails the test if it raises another error or computes for more than 5 s. The script exits with 1
-on any failure.
+Each call is one of a public name of the package, of a method of its classes, or of a method of what
+these return, with valid arguments of which one or several are replaced by odd ones; its number is
+the seed. It may succeed or raise a `PlannerError`. It fails the test if it raises another error,
+computes for more than 5 s or takes more than 500 MB. The script exits with 1 on any failure, and if
+a public function has no valid call in `calls`.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import copy
+import inspect
 import io
 import os
+import resource
 import signal
 import sys
 import tempfile
@@ -24,8 +28,8 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache
@@ -35,6 +39,7 @@ from typing import Any
 import numpy as np
 
 import mp_pca_planner as mp
+from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.options import (
     BrakingOptions,
     ClearanceOptions,
@@ -45,9 +50,24 @@ from mp_pca_planner.planning.options import (
     SelectionOptions,
     SolverOptions,
 )
+from mp_pca_planner.primitives.library.library import PrimitiveLibrary
 
 CPU_SECONDS = 5.0
+MEGABYTES = 500
 ROBOT = mp.config_file("human_arm.urdf")
+TETRAHEDRON = """v 0 0 0
+v 1 0 0
+v 0 1 0
+v 0 0 1
+f 1 3 2
+f 1 2 4
+f 1 4 3
+f 2 3 4
+"""
+SCENE = """world:
+  collision_objects:
+    - {id: ball, primitives: [{type: 2, dimensions: [0.1]}]}
+"""
 
 
 class Hostile:
@@ -153,6 +173,13 @@ class Call:
     arguments: dict[str, Any]
     free: bool = True
 
+    def made(self, arguments: Mapping[str, Any]) -> Any:
+        """Call it; what it takes in any number is one of the arguments."""
+        parameters = inspect.signature(self.function).parameters.values()
+        several = [p.name for p in parameters if p.kind is p.VAR_POSITIONAL]
+        named = {name: value for name, value in arguments.items() if name not in several}
+        return self.function(*(arguments[name] for name in several if name in arguments), **named)
+
 
 @cache
 def planned() -> tuple[mp.Planner, mp.MovementPrimitive, mp.Plan, Any]:
@@ -168,12 +195,77 @@ def planned() -> tuple[mp.Planner, mp.MovementPrimitive, mp.Plan, Any]:
     return planner, primitive, planner.plan({"elbow": -0.9}, start), demonstrations
 
 
+@cache
+def prepared() -> tuple[Any, ...]:
+    """A collision model, the content of a library, and files: a bag, the library, and so on."""
+    planner, primitive, plan, demonstrations = planned()
+    folder = Path(tempfile.mkdtemp())
+    (content,) = mp.build_library(demonstrations, folder / "library").values()
+    bag = mp.write_example_recording(folder / "bag.mcap", 2)
+    primitive.save(folder / "primitive.npz")
+    plan.trajectory.save(folder / "motion.csv")
+    (folder / "mesh.obj").write_text(TETRAHEDRON)
+    (folder / "scene.yaml").write_text(SCENE)
+    collision = CollisionModel(planner.robot, package_dirs=[ROBOT.parent])
+    return collision, content, bag, folder
+
+
+# Not checked: arithmetic inside the package, whose arguments users don't have.
+INNER = {
+    *("BodyPairs", "CollisionModel", "ConditionalModel", "Effort", "LinkInertias"),
+    *("MotionSources", "MotionStatistics", "PacedBasis", "PolynomialBasis"),
+    *("Demonstration.of_curve", "MovementPrimitive.paced_basis"),
+    "MovementPrimitive.prediction_error",
+}
+
+
+def public_functions(values: Iterable[object]) -> set[str]:
+    """Qualified names of what the front door offers.
+
+    Its classes and functions, the public methods of its classes, and those of values and of what
+    these hold in their public attributes.
+    """
+    front = [getattr(mp, name) for name in mp.__all__]
+    front = [one for one in front if not (isinstance(one, type) and issubclass(one, Exception))]
+    held, left = set[type](), list(values)
+    while left:
+        value = left.pop()
+        kind = type(value)
+        if isinstance(value, Mapping):
+            left += value.values()
+        elif isinstance(value, tuple | list):
+            left += value[:100]
+        elif (
+            kind.__module__.startswith("mp_pca_planner.")
+            and kind.__name__ not in INNER
+            and kind not in held
+        ):
+            held.add(kind)
+            left += [getattr(value, name) for name in dir(value) if name[0] != "_"]
+    classes = held.union(one for one in front if isinstance(one, type))
+    methods = {
+        method.__qualname__
+        for one in classes
+        for name in dir(one)
+        if name[0] != "_"
+        and inspect.isroutine(method := getattr(one, name))
+        and str(method.__module__).startswith("mp_pca_planner.")
+    }
+    return {one.__qualname__ for one in front} | methods - INNER
+
+
 def calls(folder: Path) -> list[Call]:
     """The public names and methods, with valid arguments."""
     planner, primitive, plan, demonstrations = planned()
+    collision, content, bag, files = prepared()
     robot, one = planner.robot, next(iter(demonstrations))
+    arc_times = np.linspace(0.0, 1.0, 21)
+    rise = 10.0 * arc_times**3 - 15.0 * arc_times**4 + 6.0 * arc_times**5
+    arc, upright = np.outer(rise, [0.1, 0.2, 0.3, 0.4]), mp.Upright("wrist", 0.3)
+    points = {"frames": ["wrist"], "offsets": [[0.0, 0.0, 0.1]]}
     names, q = primitive.joint_names, primitive.boundary_states[0, 0]
     there = primitive.boundary_states[0, 3]
+    ends = {"start": q, "goal": there, "duration": 1.0}
     state, pose = mp.JointState(names, there), mp.Pose("wrist", [0.1, 0.2, 0.3])
     times, zeros = np.linspace(0.0, 1.0, 5), np.zeros((5, 4))
     ball = mp.Obstacle("ball", mp.Sphere(0.01, [2.0, 0.0, 0.0]))
@@ -214,10 +306,16 @@ def calls(folder: Path) -> list[Call]:
         Call(
             "Trajectory.save", plan.trajectory.save, {"path": folder / "a.csv", "overwrite": True}
         ),
+        Call("Trajectory.load", mp.Trajectory.load, {"path": files / "motion.csv"}),
+        Call("Trajectory.to_message", plan.trajectory.to_message, {"with_efforts": True}),
+        Call("Trajectory.plot", plan.trajectory.plot, {"axes": None}, free=False),
+        Call("Trajectory.columns", plan.trajectory.columns, {}),
+        Call("Trajectory.table", plan.trajectory.table, {}),
         Call("JointLimits", mp.JointLimits, {"joint_names": names, "limits": limits}),
         Call("PlannerOptions", mp.PlannerOptions, options),
+        Call("Upright.values", upright.values, {"robot": robot, "q": zeros}),
         Call("Upright", mp.Upright, {"frame": "wrist", "angle": 0.3, "axis": (0.0, 1.0, 0.0)}),
-        Call("PlannerOptions", mp.PlannerOptions, {"constraints": (mp.Upright("wrist", 0.3),)}),
+        Call("PlannerOptions", mp.PlannerOptions, {"constraints": (upright,)}),
         Call("SolverOptions", SolverOptions, vars(SolverOptions())),
         Call("SearchOptions", SearchOptions, vars(SearchOptions())),
         Call("SelectionOptions", SelectionOptions, vars(SelectionOptions())),
@@ -232,13 +330,45 @@ def calls(folder: Path) -> list[Call]:
         Call("Planner.plan", planner.plan, {"goal": pose, "start": q, "duration": 3.0}),
         Call("Planner.check", planner.check, {"goal": goal}),
         Call("Planner.target", planner.target, {"goal": goal, "start": state}),
-        Call("Planner.use_collision", planner.use_collision, {"collision": None}, free=False),
+        Call("Planner.use_collision", copy.copy(planner).use_collision, {"collision": collision}),
+        Call(
+            "Planner.is_too_far", planner.is_too_far, {"goal": goal, "start": state, "end": state}
+        ),
+        Call("PrimitiveLibrary.of", PrimitiveLibrary.of, {"primitives": [primitive]}),
+        Call("PrimitiveLibrary.named", planner.primitives.named, {"name": "reach"}),
+        Call("PrimitiveLibrary.check_name", planner.primitives.check_name, {"name": "reach"}),
+        Call("Motion.evaluate", plan.motion.evaluate, {"times": times}),
+        Call("Motion.sample", plan.motion.sample, {"period": 0.1}),
+        Call("Plan", mp.Plan, {one.name: getattr(plan, one.name) for one in fields(plan)}),
         Call("show", mp.show, {"planner": None, "plan": plan, "port": "x"}, free=False),
         Call("Plan.show", plan.show, {"port": "x"}, free=False),
+        Call("Plan.plot", plan.plot, {"axes": None}, free=False),
         Call("Plan.summary", plan.summary, {}),
         Call("MovementPrimitive.fit", primitive.fit, {"demonstrations": demonstrations}),
         Call("MovementPrimitive.fit", primitive.fit, {"demonstrations": [one, one], "name": "a"}),
-        Call("MovementPrimitive.load", primitive.load, {"path": folder / "missing.npz"}),
+        Call(
+            "MovementPrimitive.fit",
+            primitive.fit,
+            {"demonstrations": [arc, arc], "times": arc_times, "joint_names": names},
+        ),
+        Call("MovementPrimitive.errors", primitive.errors, {"demonstrations": demonstrations}),
+        Call(
+            "MovementPrimitive.errors",
+            primitive.errors,
+            {"demonstrations": [arc], "times": [arc_times]},
+        ),
+        Call("MovementPrimitive", mp.MovementPrimitive, vars(primitive)),
+        Call("MovementPrimitive.arrays", primitive.arrays, {}),
+        Call("MovementPrimitive.summary", primitive.summary, {}),
+        Call("MovementPrimitive.plot", primitive.plot, {"axes": None}, free=False),
+        Call("MovementPrimitive.in_span_score", primitive.in_span_score, ends),
+        Call("MovementPrimitive.expected_error", primitive.expected_error, ends),
+        Call(
+            "MovementPrimitive.nearest_demonstrations",
+            primitive.nearest_demonstrations,
+            {"ends": [q, there]},
+        ),
+        Call("MovementPrimitive.load", primitive.load, {"path": files / "primitive.npz"}),
         Call(
             "MovementPrimitive.save", primitive.save, {"path": folder / "p.npz", "overwrite": True}
         ),
@@ -250,10 +380,25 @@ def calls(folder: Path) -> list[Call]:
             {"demonstration": 0, "times": times},
         ),
         Call("Demonstration", mp.Demonstration, {**recorded, **curves}),
+        Call("Demonstration.curve", one.curve, {}),
+        Call(
+            "Demonstration.of_samples",
+            one.of_samples,
+            {"joint_names": names, "times": arc_times, "positions": arc, "recording": "a"},
+        ),
         Call("Demonstration.at", one.at, {"times": times}),
         Call("Demonstration.time_normalised", one.time_normalised, {"n_phases": 10}),
         Call("Demonstration.thinned", one.thinned, {"most_samples": 10}),
-        Call("load_demonstrations", mp.load_demonstrations, {"paths": "x", "robot": ROBOT}),
+        Call(
+            "Demonstration.from_arrays",
+            mp.Demonstration.from_arrays,
+            {"joint_names": names, "times": arc_times, "positions": arc, "label": "a"},
+        ),
+        Call("RecordingSet.require_motion", demonstrations.require_motion, {}),
+        Call("build_library", mp.build_library, {"motions": [one, one], "folder": files / "other"}),
+        Call("LibraryContent.label_agreement", content.label_agreement, {}),
+        Call("Kinds.members", content.kinds.members, {"kind": 0}),
+        Call("load_demonstrations", mp.load_demonstrations, {"paths": bag, "robot": ROBOT}),
         Call(
             "write_example_recording",
             mp.write_example_recording,
@@ -262,7 +407,26 @@ def calls(folder: Path) -> list[Call]:
         Call("config_file", mp.config_file, {"name": "human_arm.urdf"}),
         Call("Robot", mp.Robot, {"urdf": ROBOT.read_text(), "joint_names": names}),
         Call("Robot.from_file", mp.Robot.from_file, {"path": ROBOT, "joint_names": names}),
-        Call("Robot.limits", robot.limits, {}),
+        Call("Robot.limits", robot.limits, {"overrides": limits}),
+        Call("Robot.with_joints", robot.with_joints, {"joint_names": names}),
+        Call("Robot.with_armature", robot.with_armature, {"inertias": q * 0.0}),
+        Call("Robot.pinocchio_model", robot.pinocchio_model, {}),
+        Call("Robot.mimicry", robot.mimicry, {"joint_names": names}),
+        Call("Robot.relevant_joints", robot.relevant_joints, {"pairs": True, "links": ["wrist"]}),
+        Call("Robot.collision_geometry", robot.collision_geometry, {"package_dirs": [folder]}),
+        Call("Robot.effort_slopes", robot.effort_slopes, {**matrix, "jerk": zeros}),
+        Call(
+            "Robot.attached_poses",
+            robot.attached_poses,
+            {"q": zeros, "frames": ["wrist"], "origins": np.zeros((1, 6))},
+        ),
+        Call("Robot.pose_error", robot.pose_error, {"frame": "wrist", "q": q, **at}),
+        Call("Robot.attach_points", robot.attach_points, points),
+        Call(
+            "AttachedPoints.positions_and_jacobians",
+            robot.attach_points(**points).positions_and_jacobians,
+            {"q": zeros},
+        ),
         Call("Robot.with_payload", robot.with_payload, {"mass": 1.0, "frame": None}),
         Call("Robot.with_link_inertias", robot.with_link_inertias, {"factors": np.ones((2, 4))}),
         Call("Robot.frame_positions", robot.frame_positions, {"q": zeros, "frames": ["wrist"]}),
@@ -279,15 +443,23 @@ def calls(folder: Path) -> list[Call]:
         Call("Cylinder", mp.Cylinder, {"radius": 0.1, "height": 0.2, **at}),
         Call("Capsule", mp.Capsule, {"radius": 0.1, "height": 0.2, **at}),
         Call("Mesh", mp.Mesh, {**mesh, **at}),
-        Call("Mesh.from_file", mp.Mesh.from_file, {"path": folder / "no.stl", "scale": 1.0, **at}),
+        Call("Shape.moved", ball.shapes[0].moved, {"pose": [0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0]}),
+        Call("Mesh.from_file", mp.Mesh.from_file, {"path": files / "mesh.obj", "scale": 1.0, **at}),
         Call("Obstacle", mp.Obstacle, {"name": "a", "shapes": mp.Sphere(0.1), "frame": "wrist"}),
         Call("World", mp.World, {"obstacles": [ball]}),
-        Call("World.from_file", mp.World.from_file, {"path": folder / "missing.yaml"}),
+        Call("World.from_file", mp.World.from_file, {"path": files / "scene.yaml"}),
         Call("World.with_obstacles", world.with_obstacles, {"obstacles": ball}),
         Call("World.without", world.without, {"names": ["ball"]}),
         Call("World.allows", world.allows, {"first": "ball", "second": "wrist"}),
     ]
     return found
+
+
+def without_call(known: list[Call]) -> list[str]:
+    """Public functions that none of some calls is of; also those of what the calls return."""
+    with printing_nothing():
+        results = [call.made(call.arguments) for call in known if call.free]
+    return sorted(public_functions(results) - {call.name for call in known})
 
 
 def odd(random: np.random.Generator) -> Any:
@@ -313,29 +485,27 @@ def try_call(number: int, seed: int, folder: Path) -> tuple[str, str]:
     random = np.random.default_rng([seed, number])
     every = calls(folder)
     call = every[int(random.integers(0, len(every)))]
-    arguments, positional = dict(call.arguments), []
+    arguments = dict(call.arguments)
     names = list(arguments)
     n_odd = int(random.integers(1, max(len(names), 1) + 1)) if random.random() < 0.3 else 1
     if os.environ.get("FUZZ_TRACE"):
         print(number, call.name, file=sys.__stderr__, flush=True)
     for name in random.permutation(names)[:n_odd].tolist():
         arguments[name] = odd(random)
-    if call.name in ("Robot.limits", "World.with_obstacles"):  # they have any number of arguments
-        positional, arguments = [odd(random)], {}
-    elif random.random() < 0.03:
-        positional, arguments = [], {}
-    began = time.process_time()
+    if random.random() < 0.03:
+        arguments = {}
+    began, peak = time.process_time(), megabytes()
     signal.signal(signal.SIGPROF, _stop)
     signal.setitimer(signal.ITIMER_PROF, CPU_SECONDS)
     try:
         with printing_nothing(), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            call.function(*positional, **arguments)
+            call.made(arguments)
     except mp.PlannerError as error:
         return call.name, "" if error.args and str(error).strip() else "an empty message"
     except TypeError as error:
         # Python itself rejects a call without its arguments.
-        if "required positional argument" in str(error) and not arguments:
+        if " argument" in str(error) and "missing" in str(error) and not arguments:
             return call.name, ""
         return call.name, _described(error)
     except TooLong:
@@ -344,8 +514,15 @@ def try_call(number: int, seed: int, folder: Path) -> tuple[str, str]:
         return call.name, _described(error)
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
-    seconds = time.process_time() - began
+    seconds, taken = time.process_time() - began, megabytes() - peak
+    if taken > MEGABYTES:
+        return call.name, f"took {taken:.0f} MB: {_stated(arguments)}"
     return call.name, f"took {seconds:.1f} s" if seconds > CPU_SECONDS else ""
+
+
+def megabytes() -> float:
+    """The most memory that this process has had."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def _stated(arguments: dict[str, Any]) -> str:
@@ -386,6 +563,10 @@ def main() -> int:
         folder, problems, made = Path(temporary), Counter[str](), Counter[str]()
         if options.only is not None:
             os.environ["FUZZ_TRACEBACK"] = "1"
+        if missing := without_call(calls(folder)):
+            print(f"add a valid call to calls() of: {', '.join(missing)}", file=sys.stderr)
+            return 1
+        resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))  # not the whole machine's
         numbers = range(options.calls) if options.only is None else [options.only]
         for number in numbers:
             name, problem = try_call(number, options.seed, folder)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
+from ..arrays import FloatArray, check_type, frozen_array, set_frozen, unique_names
 from ..exceptions import PlannerError, TrajectoryError, require
 from ..files import as_path, read_bytes, reading, write_whole
 from ..input_limits import INPUT_LIMITS
@@ -216,8 +216,9 @@ class Trajectory:
         MissingDependencyError
             If ROS 2 is not installed.
         TrajectoryError
-            If efforts are requested and the trajectory has none.
+            If efforts are requested and the trajectory has none, or that is no truth value.
         """
+        check_type(with_efforts, "with_efforts", TrajectoryError, bool)
         names = ("rclpy.serialization", "trajectory_msgs.msg")
         serialization, messages = (require(name, "ros", "a message") for name in names)
         from ..ros.serialised import serialize_trajectory

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, check_number, float_array
+from ..exceptions import GoalError
 from ..motion.goal import JointState
 from ..motion.interpolation import boundary_values, quintics
 from ..primitives.basis import Basis
@@ -59,7 +60,13 @@ class Motion:
         states : array, shape (3, n_steps, n_joints)
             [rad or m], [/s], [/s²]. At the ends they equal those of `start` and `goal` exactly,
             because a controller rejects a final velocity of 1e-17.
+
+        Raises
+        ------
+        GoalError
+            If the times are not numbers.
         """
+        times = float_array(times, "times [s]", GoalError, (None,), is_copied=False)
         phases = np.clip(times / self.duration, 0.0, 1.0)
         states = self._at(phases)
         for phase, end in ((0.0, self.start), (1.0, self.goal)):
@@ -75,7 +82,13 @@ class Motion:
             [s].
         states : array, shape (3, n_steps, n_joints)
             See :meth:`evaluate`.
+
+        Raises
+        ------
+        GoalError
+            If the period is no number, or makes more than a million samples.
         """
+        check_number(period, "the period [s]", GoalError, 1e-6 * self.duration)
         n_steps = max(math.ceil(self.duration / period - 1e-9), 1)
         phases = np.linspace(0.0, 1.0, n_steps + 1)
         states = self._at(phases)

@@ -4,17 +4,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import frozen_array, unique_names
+from ..arrays import check_choice, check_type, frozen_array, unique_names
 from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names, shown
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
 from .pace import PACE_DEGREE
-from .prediction import INVERSE_LENGTHS
+from .prediction import INVERSE_LENGTHS, ConditionalModel
 
 if TYPE_CHECKING:
     from .primitive import MovementPrimitive
@@ -70,14 +70,14 @@ def freeze_values(primitive: MovementPrimitive) -> None:
         raise PrimitiveFileError(
             f"the name of a primitive must be a non-empty string: {shown(name)}"
         )
-    if any("\ud800" <= letter <= "\udfff" for letter in "".join([name, *primitive.joint_names])):
-        raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
-    if primitive.coupling not in COUPLINGS:
-        raise PrimitiveFileError(
-            f"the coupling of primitive '{name}' is {primitive.coupling!r}, not one of "
-            f"{quote_names(COUPLINGS)}"
-        )
     names = unique_names(primitive.joint_names, f"joints of '{name}'", PrimitiveFileError)
+    if any("\ud800" <= letter <= "\udfff" for letter in "".join([name, *names])):
+        raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
+    check_type(primitive.model, f"the model of '{name}'", PrimitiveFileError, ConditionalModel)
+    check_choice(
+        primitive.coupling, f"the coupling of primitive '{name}'", PrimitiveFileError, COUPLINGS
+    )
+    check_type(primitive.metadata, f"the metadata of '{name}'", PrimitiveFileError, Mapping)
     object.__setattr__(primitive, "joint_names", names)
     object.__setattr__(primitive, "metadata", dict(primitive.metadata))
     n, limits = len(names), INPUT_LIMITS

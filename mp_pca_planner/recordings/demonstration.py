@@ -105,7 +105,7 @@ class Demonstration:
         check_type(self.recording, "the recording of a motion", RecordingError, str)
         for value, what in ((self.start_time, "start_time [s]"), (self.end_time, "end_time [s]")):
             check_number(value, what, RecordingError, -1e18, 1e18)
-        where = f"motion at {self.start_time:.3f} s of '{self.recording}'"
+        where = f"motion at {float(self.start_time):.3f} s of '{self.recording}'"
         names = unique_names(self.joint_names, f"joints of the {where}", RecordingError)
         times = frozen_array(self.times, (None,), f"times of the {where}", RecordingError)
         if times.size < 2:

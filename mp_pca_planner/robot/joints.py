@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ..arrays import FloatArray, frozen_array
+from ..arrays import MAX_SIZE, FloatArray, frozen_array
 from ..exceptions import RobotError
 from .urdf import Description
 
@@ -40,6 +40,29 @@ class JointOrder:
         self.to_pin = np.array([model.joints[model.getJointId(n)].idx_v for n in joint_names])
         self.from_pin = np.argsort(self.to_pin)
         self.is_same = bool(np.array_equal(self.to_pin, np.arange(len(joint_names))))
+
+    def checked(self, *arrays: FloatArray, n_dims: int) -> list[FloatArray]:
+        """Values of the user's joints in Pinocchio's order, all of the shape of the first.
+
+        Pinocchio itself checks neither shapes nor types.
+
+        Raises
+        ------
+        RobotError
+            If the values are not numbers, or have another shape.
+        """
+        n_joints = len(self.to_pin)
+        expected: tuple[int | None, ...] = (*(None,) * (n_dims - 1), n_joints)
+        found: list[FloatArray] = []
+        for x in arrays:
+            # The innermost loop of planning has arrays of floats.
+            is_array = isinstance(x, np.ndarray) and x.dtype == np.float64 and x.ndim == n_dims
+            is_usual = is_array and x.shape[-1] == n_joints and x.size <= MAX_SIZE
+            if not is_usual or (found and x.shape != expected):
+                x = frozen_array(x, expected, "values of the joints", RobotError)
+            expected = x.shape
+            found.append(self.sorted(x))
+        return found
 
     def sorted(self, x: FloatArray) -> FloatArray:
         """Values of the user's joints, along the last axis, in Pinocchio's order."""

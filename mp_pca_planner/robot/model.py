@@ -19,10 +19,11 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import (
-    MAX_SIZE,
     FloatArray,
+    as_list,
     check_number,
     check_type,
+    float_array,
     frozen_array,
     html_table,
     unique_names,
@@ -240,7 +241,15 @@ class Robot:
             carries matter, too.
         links : collection of str
             Links whose poses are needed.
+
+        Raises
+        ------
+        RobotError
+            If the links are no collection of names.
         """
+        links = as_list(links, "links must be a list of names", RobotError)
+        for name in links:
+            check_type(name, "the name of a link", RobotError, str)
         return self._locked.relevant(pairs=pairs, links=links)
 
     def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
@@ -422,7 +431,7 @@ class Robot:
         tau : array, shape (n_steps, n_joints)
             Joint torques [N·m] or forces [N].
         """
-        q, v, a = self._in_order(q, v, a, n_dims=2)
+        q, v, a = self._order.checked(q, v, a, n_dims=2)
         if self._pool is not None:
             tau = np.empty(q.shape)
             pin.rneaInParallel(1, self._pool, q.T, v.T, a.T, tau.T)
@@ -454,7 +463,7 @@ class Robot:
         """
         if self._slopes is None:
             self._slopes = EffortSlopes(self._model)
-        q, v, a, jerk = (self._order.sorted(x) for x in (q, v, a, jerk))
+        q, v, a, jerk = self._order.checked(q, v, a, jerk, n_dims=2)
         return self._order.restored(self._slopes.bounds(q, v, a, jerk))
 
     def inverse_dynamics_derivatives(
@@ -475,7 +484,7 @@ class Robot:
             ∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ (the mass matrix) side by side.
         """
         n = self.n_joints
-        q, v, a = self._in_order(q, v, a, n_dims=2)
+        q, v, a = self._order.checked(q, v, a, n_dims=2)
         tau = np.empty((len(q), n))
         dtau = np.empty((len(q), 3, n, n))  # filled block by block: the innermost loop of planning
         model, data, derivatives = self._model, self._data, pin.computeRNEADerivatives
@@ -506,7 +515,7 @@ class Robot:
             Efforts of gravity, centrifugal and Coriolis forces.
         """
         model, data, order = self._model, self._data, self._order
-        q, v = self._in_order(q, v, n_dims=1)
+        q, v = self._order.checked(q, v, n_dims=1)
         M, h = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
         if not order.is_same:
             M = order.restored_matrix(np.triu(M) + np.triu(M, 1).T)
@@ -514,7 +523,9 @@ class Robot:
 
     def gravity_efforts(self, q: FloatArray) -> FloatArray:
         """Efforts that hold the robot still in one configuration, shape (n_joints,)."""
-        g = pin.computeGeneralizedGravity(self._model, self._data, *self._in_order(q, n_dims=1))
+        g = pin.computeGeneralizedGravity(
+            self._model, self._data, *self._order.checked(q, n_dims=1)
+        )
         return self._order.restored(g)
 
     def forward_dynamics(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> FloatArray:
@@ -522,7 +533,7 @@ class Robot:
 
         By Featherstone's articulated-body algorithm.
         """
-        q, v, tau = self._in_order(q, v, tau, n_dims=1)
+        q, v, tau = self._order.checked(q, v, tau, n_dims=1)
         return self._order.restored(pin.aba(self._model, self._data, q, v, tau))
 
     # Kinematics
@@ -548,7 +559,7 @@ class Robot:
             If there is no such frame, or the positions have another shape.
         """
         ids = self._frame_ids(frames)
-        (q,) = self._in_order(q, n_dims=2)
+        (q,) = self._order.checked(q, n_dims=2)
         points = np.empty((len(q), len(ids), 3))
         for k, configuration in enumerate(q):
             pin.framesForwardKinematics(self._model, self._data, configuration)
@@ -580,7 +591,7 @@ class Robot:
         joints = [joint_of(self._model.frames[end])]
         while joints[-1] > 0:
             joints.append(int(self._model.parents[joints[-1]]))
-        (q,) = self._in_order(q, n_dims=2)
+        (q,) = self._order.checked(q, n_dims=2)
         points = np.empty((len(q), len(joints) + 1, 3))
         for k, configuration in enumerate(q):
             pin.framesForwardKinematics(self._model, self._data, configuration)
@@ -611,12 +622,14 @@ class Robot:
         Raises
         ------
         RobotError
-            If there is no such frame.
+            If there is no such frame, or the arrays have other shapes.
         """
         ids = self._frame_ids(frames)
+        (q,) = self._order.checked(q, n_dims=2)
+        origins = float_array(origins, "origins", RobotError, (len(ids), 6))
         places = [pin.SE3(pin.rpy.rpyToMatrix(origin[3:]), origin[:3]) for origin in origins]
         poses = np.empty((len(q), len(ids), 7))
-        for k, configuration in enumerate(self._order.sorted(q)):
+        for k, configuration in enumerate(q):
             pin.framesForwardKinematics(self._model, self._data, configuration)
             for i, (frame, place) in enumerate(zip(ids, places, strict=True)):
                 poses[k, i] = pin.SE3ToXYZQUAT(self._data.oMf[frame] * place)
@@ -649,17 +662,18 @@ class Robot:
         Raises
         ------
         RobotError
-            If there is no such frame.
+            If there is no such frame, or the arrays have other shapes.
         """
         model, data, frame_id = self._model, self._data, self._frame_ids([frame])[0]
-        pin.computeJointJacobians(model, data, self._order.sorted(np.reshape(q, -1)))
+        position = float_array(position, "position [m]", RobotError, (3,))
+        pin.computeJointJacobians(model, data, *self._order.checked(q, n_dims=1))
         placement = pin.updateFramePlacement(model, data, frame_id)
         aligned = pin.getFrameJacobian(
             model, data, frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
         error, jacobian = placement.translation - position, aligned[:3]
         if orientation is not None:
-            x, y, z, w = orientation
+            x, y, z, w = float_array(orientation, "orientation", RobotError, (4,))
             expected = pin.Quaternion(w, x, y, z).toRotationMatrix()
             turned = expected.T @ placement.rotation
             own_axes = placement.rotation.T @ aligned[3:]
@@ -680,35 +694,19 @@ class Robot:
         Raises
         ------
         RobotError
-            If there is no such frame.
+            If there is no such frame, or the positions have another shape.
         """
-        model = self._model.copy()
+        model, frame_ids = self._model.copy(), self._frame_ids(frames)
+        offsets = float_array(offsets, "positions of points [m]", RobotError, (len(frame_ids), 3))
         ids = []
-        for i, (frame_id, offset) in enumerate(zip(self._frame_ids(frames), offsets, strict=True)):
+        for i, (frame_id, offset) in enumerate(zip(frame_ids, offsets, strict=True)):
             frame = model.frames[frame_id]
-            placement = frame.placement * pin.SE3(np.eye(3), np.asarray(offset))
+            placement = frame.placement * pin.SE3(np.eye(3), offset)
             kind = pin.FrameType.OP_FRAME
             ids.append(
                 model.addFrame(pin.Frame(f"point {i}", joint_of(frame), frame_id, placement, kind))
             )
         return AttachedPoints(model, ids, self._order)
-
-    def _in_order(self, *arrays: FloatArray, n_dims: int) -> list[FloatArray]:
-        """Values of the user's joints in Pinocchio's order, all of the shape of the first.
-
-        Pinocchio itself checks neither shapes nor types.
-        """
-        expected: tuple[int | None, ...] = (*(None,) * (n_dims - 1), self.n_joints)
-        found: list[FloatArray] = []
-        for x in arrays:
-            # The innermost loop of planning has arrays of floats.
-            is_array = isinstance(x, np.ndarray) and x.dtype == np.float64 and x.ndim == n_dims
-            is_usual = is_array and x.shape[-1] == self.n_joints and x.size <= MAX_SIZE
-            if not is_usual or (found and x.shape != expected):
-                x = frozen_array(x, expected, "values of the joints", RobotError)
-            expected = x.shape
-            found.append(self._order.sorted(x))
-        return found
 
     def _frame_ids(self, frames: Sequence[str]) -> list[int]:
         if isinstance(frames, str) or not isinstance(frames, Sequence):
@@ -747,11 +745,10 @@ class AttachedPoints:
             ∂points/∂q [m/rad, or 1].
         """
         model, data, ids = self._model, self._data, self._ids
+        (q,) = self._order.checked(q, n_dims=2)
         points = np.empty((len(q), len(ids), 3))
         jacobians = np.empty((len(q), len(ids), 3, self.n_joints))
-        for q_k, points_k, jacobians_k in zip(
-            self._order.sorted(q), points, jacobians, strict=True
-        ):
+        for q_k, points_k, jacobians_k in zip(q, points, jacobians, strict=True):
             pin.computeJointJacobians(model, data, q_k)
             pin.updateFramePlacements(model, data)
             for i, frame in enumerate(ids):

@@ -31,7 +31,8 @@ from scipy.cluster.hierarchy import ClusterNode, linkage, to_tree
 from scipy.special import multigammaln
 from scipy.stats import multivariate_t
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, check_number
+from ...exceptions import PrimitiveError
 from ...rows import empty_rows, release, row_blocks
 from ..in_span import left_out_scores
 from ..motion_statistics import MotionStatistics
@@ -105,7 +106,8 @@ class Kinds:
     positions: FloatArray
 
     def members(self, kind: int) -> Indices:
-        """Indices of the motions of a kind."""
+        """Indices of the motions of a kind, a whole number; `OUTLIER` for those of none."""
+        check_number(kind, "a kind", PrimitiveError, OUTLIER, is_whole=True)
         return np.flatnonzero(self.assigned == kind)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, as_list
 from ...exceptions import PrimitiveError, quote_names, shown
 from ...files import as_path
 from ...recordings.demonstration import Demonstration
@@ -253,6 +253,8 @@ def origin(
 def _statistics_of(motions: Any, options: PrimitiveOptions) -> Sequence[MotionStatistics]:
     """Statistics of demonstrations; those of each set of joints together."""
     found = getattr(motions, "demonstrations", motions)
+    if not isinstance(found, Sequence):
+        found = as_list(found, "a library is built of demonstrations", PrimitiveError)
     if isinstance(next(iter(found), None), MotionStatistics):
         return found  # type: ignore[no-any-return]
     by_joints: dict[Joints, list[Demonstration]] = {}

@@ -12,7 +12,7 @@ from typing import overload
 
 import numpy as np
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, check_type
 from ...exceptions import GoalError, PrimitiveError, quote_names, shown, unknown_name
 from ..file import load_primitive
 from ..primitive import MovementPrimitive
@@ -140,6 +140,7 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
 
     def check_name(self, name: str) -> None:
         """Reject a name that no primitive has, see :meth:`named`."""
+        check_type(name, "the name of a primitive", GoalError, str)
         if name not in self._index_of:
             raise GoalError(unknown_name("primitive", name, self._index_of))
 
