@@ -559,7 +559,9 @@ def main() -> int:
     options = parser.parse_args()
     here = Path.cwd()
     with tempfile.TemporaryDirectory() as temporary:
-        os.chdir(temporary)
+        inner = Path(temporary, "a", "b")  # "../.." is one of the odd paths
+        inner.mkdir(parents=True)
+        os.chdir(inner)
         folder, problems, made = Path(temporary), Counter[str](), Counter[str]()
         if options.only is not None:
             os.environ["FUZZ_TRACEBACK"] = "1"

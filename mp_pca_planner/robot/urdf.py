@@ -288,7 +288,10 @@ def _limits_of(joint: ET.Element) -> dict[str, float]:
 def _mimics(
     joints: Mapping[str, ET.Element], every: Collection[str], source: str
 ) -> dict[str, Mimic]:
-    """The movable joints that mimic others; these are known, and none mimics itself."""
+    """The movable joints that mimic others, in no circle.
+
+    Real descriptions also name joints that don't exist: these mimic nothing, as in Pinocchio.
+    """
     found: dict[str, Mimic] = {}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
@@ -301,10 +304,8 @@ def _mimics(
             )
         except RobotError as error:
             raise RobotError(f"{source}: joint '{name}': {error}") from None
-        found[name] = Mimic(mimic.get("joint", ""), multiplier, offset)
-        if found[name].joint not in every:
-            unknown = unknown_name("joint", found[name].joint, every)
-            raise RobotError(f"{source}: joint '{name}' mimics an unknown one: {unknown}")
+        if mimic.get("joint") in every:
+            found[name] = Mimic(mimic.get("joint", ""), multiplier, offset)
     for name in found:
         chain = [name]
         while chain[-1] in found and chain.count(name) < 2 and len(chain) <= len(found):

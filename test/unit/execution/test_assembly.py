@@ -159,10 +159,12 @@ def test_a_joint_that_mimics_one_that_moves_is_rejected_even_if_it_is_measured()
     text = f"joint 'grip' mimics '{JOINTS[3]}', which the primitives move"
     assert unknown_positions(model, World()).startswith(text)
     assert model.robot.mimicking_joints == {"grip": JOINTS[3]}
-    for odd in ("grip", "nobody"):
-        other = urdf.replace(f'mimic joint="{JOINTS[3]}"', f'mimic joint="{odd}"')
-        with pytest.raises(RobotError, match=odd):
-            assemble_model(other, PRIMITIVES, Settings())
+    own, unknown = (
+        urdf.replace(f'c joint="{JOINTS[3]}"', f'c joint="{x}"') for x in ("grip", "no")
+    )
+    with pytest.raises(RobotError, match="in a circle: 'grip' mimics 'grip'"):
+        assemble_model(own, PRIMITIVES, Settings())
+    assert assemble_model(unknown, PRIMITIVES, Settings()).robot.mimicking_joints == {}
 
 
 def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measured() -> None:
