@@ -292,6 +292,23 @@ def _copy(change: Callable[[Recorded], Recorded], name: str = "z") -> Set:
     return made, Truth({name: COPY})
 
 
+def _near_copy(change: Callable[[Recorded], Recorded]) -> Set:
+    made, _ = _copy(change)
+    return made, Truth(foreign=frozenset({"z"}))
+
+
+def _resampled(one: Recorded, rate: float = 90.0) -> Recorded:
+    """The same motions at another rate."""
+    stamps = np.arange(one.stamps[0], one.stamps[-1], int(S / rate))
+    columns = [np.interp(stamps, one.stamps, column) for column in one.positions.T]
+    return replace(one, stamps=stamps, positions=np.transpose(columns))
+
+
+def _noisy(one: Recorded) -> Recorded:
+    noise = np.random.default_rng(2).normal(0.0, 2e-4, one.positions.shape)
+    return replace(one, positions=one.positions + noise, stamps=one.stamps + 60 * S)
+
+
 def _part(one: Recorded) -> Recorded:
     return one.kept(slice(one.spans[1][0] - 40, one.spans[4][1] + 40))
 
@@ -322,6 +339,18 @@ def _backwards(one: Recorded) -> Recorded:
 
 def _offset(one: Recorded, by: float = 0.4) -> Recorded:
     return one.moved(one.positions + np.array([0.0, 0.0, 0.0, by]))
+
+
+def _exchanged(one: Recorded) -> Recorded:
+    return one.moved(one.positions[:, [0, 3, 2, 1]])
+
+
+def _twice_as_large(one: Recorded) -> Recorded:
+    return one.moved(2.0 * one.positions - one.positions[0])
+
+
+def _slow(one: Recorded) -> Recorded:
+    return replace(one, stamps=one.stamps[0] + 5 * (one.stamps - one.stamps[0]))
 
 
 def mirrored_and_backwards() -> Set:
@@ -381,10 +410,15 @@ SETS: dict[str, Callable[[], Set]] = {
     "copy shifted in time": lambda: _copy(lambda x: replace(x, stamps=x.stamps + 777 * S)),
     "part of another": lambda: _copy(_part),
     "part of another, which comes first": a_part_comes_first,
+    "copy at another rate": lambda: _near_copy(_resampled),
+    "copy with noise": lambda: _near_copy(_noisy),
     "one is mirrored": lambda: _foreign(_mirrored),
     "one has the opposite signs": lambda: _foreign(_negative),
     "one is played backwards": lambda: _foreign(_backwards, motions=1),
     "one has a joint with an offset": lambda: _foreign(_offset),
+    "one has two joints exchanged": lambda: _foreign(_exchanged),
+    "one is twice as large": lambda: _foreign(_twice_as_large),
+    "one is five times as slow": lambda: _foreign(_slow),
     "one mirrored, one backwards": mirrored_and_backwards,
     "two publishers": two_publishers,
     "spikes and repeated messages": spikes_and_repeats,

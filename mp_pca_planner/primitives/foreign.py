@@ -1,17 +1,20 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings whose motions are far from those of all others, such as mirrored ones.
+"""Recordings whose motions are far from those of all others, such as mirrored ones, and copies.
 
-Each recording is compared with a Gaussian of the motions of the others: of their ends and shapes.
-The distances of the other recordings, each from the rest, show what is usual.
+Nobody repeats a motion within millimetres, so motions that are nearly the same are copies of one.
+Apart from these, each recording is compared with a Gaussian of the motions of the others: of their
+ends and shapes. The distances of the other recordings, each from the rest, show what is usual.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from ..exceptions import quote_names
@@ -37,8 +40,15 @@ class ForeignOptions:
         usual motion, and of its mean motion, which varies more.
     few : float
         Few recordings show less of what is usual: these thresholds grow by this over their number.
-    fitting : float
-        It fits under this share of them.
+    clearly : float
+        Least difference of the logarithmic distances after two kinds of changes of which one is
+        named.
+    longer : float
+        Robust standard deviations of logarithmic durations over which a recording is slow or fast.
+    least_spread : float
+        Least standard deviation of these.
+    copy : float
+        RMS distance under which motions are the same [rad or m].
     least_deviation : float
         Least standard deviation of these logarithms.
     """
@@ -50,7 +60,10 @@ class ForeignOptions:
     usual: float = 3.5
     mean: float = 5.0
     few: float = 3.0
-    fitting: float = 0.8
+    clearly: float = 0.2
+    longer: float = 5.0
+    least_spread: float = 0.2
+    copy: float = 0.005
     least_deviation: float = 0.15
 
 
@@ -59,7 +72,7 @@ _OPTIONS = ForeignOptions()
 
 @dataclass(frozen=True)
 class Foreign:
-    """A recording whose motions are far from those of the others, and a sentence on them."""
+    """A recording whose motions are far from those of the others or copied, and why it is named."""
 
     recording: str
     reason: str
@@ -74,12 +87,12 @@ class _Others:
 
 
 def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[Foreign, ...]:
-    """Recordings whose motions are far from those of all others.
+    """Recordings whose motions are far from those of all others, or copies of them.
 
     Parameters
     ----------
     statistics :
-        Motions of several recordings. Among fewer than four recordings none is far.
+        Motions of recordings. Among fewer than four, none is far.
     n_phases :
         Number of phases of their shapes.
     """
@@ -90,21 +103,28 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[For
     rows: dict[str, list[int]] = {}
     for row, motion in enumerate(statistics.motions):
         rows.setdefault(motion.recording, []).append(row)
-    if len(rows) < _OPTIONS.min_recordings:
-        return ()
     ends = statistics.boundary_states[:, [0, 3]]
     curves = np.concatenate(
         [ends.transpose(0, 2, 1) / np.sqrt(2.0), statistics.shapes / np.sqrt(n_phases)], axis=2
     )
+    copies = _copies(curves, [motion.recording for motion in statistics.motions])
+    for copy in copies:
+        del rows[copy.recording]
+    if len(rows) < _OPTIONS.min_recordings:
+        return copies
     n_ends = 2 * len(statistics.joint_names)
     models = _models(curves.reshape(len(curves), -1), list(rows.values()), _OPTIONS.prior / n_ends)
     pairs = list(zip(rows.values(), models, strict=True))
     table = np.array([_distances(curves[own], others) for own, others in pairs])
-    found = []
+    times = np.array([np.median(statistics.durations[own]) for own in rows.values()])
+    found = list(copies)
     for i, (name, (own, others)) in enumerate(zip(rows, pairs, strict=True)):
         usual = np.delete(table, i, axis=0)
         deviations = _deviations(table[i], usual)
-        if deviations.max() > 1.0 + _OPTIONS.few / len(usual):
+        ratios = np.delete(times[i] / times, i)
+        if _slowness(ratios) > _most(usual):
+            found.append(Foreign(name, _unusual_time(float(np.median(ratios)))))
+        if deviations.max() > _most(usual):
             worst = int(deviations.argmax())
             ratio = float(np.exp(table[i, worst] - np.median(usual[:, worst])))
             cause = _cause(curves[own], others, usual, statistics.joint_names)
@@ -113,19 +133,36 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[For
     return tuple(found)
 
 
+def _copies(curves: FloatArray, recordings: Sequence[str]) -> tuple[Foreign, ...]:
+    """Recordings that hold a motion of another one, but for noise or another rate."""
+    points = curves.reshape(len(curves), -1) / np.sqrt(curves.shape[1])
+    n_nearest = min(4, len(points))
+    apart, nearest = cKDTree(points).query(
+        points, range(1, n_nearest + 1), distance_upper_bound=_OPTIONS.copy
+    )
+    found: dict[str, str] = {}
+    for row, k in np.argwhere(np.isfinite(apart))[::-1].tolist():
+        own, other = recordings[row], recordings[nearest[row, k]]
+        if own != other and other not in found:
+            by = f"{1e3 * apart[row, k]:.2g} mrad (or mm) RMS"
+            found[own] = f"a motion of it is {by} from one of '{other}': a copy counts twice"
+    return tuple(Foreign(name, reason) for name, reason in found.items())
+
+
 def _models(values: FloatArray, groups: list[list[int]], prior: float) -> list[_Others]:
     """For each recording, the Gaussian of the motions of the others."""
     centre = values.mean(axis=0)
     values = values - centre
-    total, squares = values.sum(axis=0), values.T @ values
+    every = values[np.concatenate(groups)]
+    total, squares = every.sum(axis=0), every.T @ every
     if len(groups) > _OPTIONS.max_left_out:
-        return [_gaussian(centre, total, squares, len(values), prior)] * len(groups)
+        return [_gaussian(centre, total, squares, len(every), prior)] * len(groups)
     return [
         _gaussian(
             centre,
             total - values[own].sum(axis=0),
             squares - values[own].T @ values[own],
-            len(values) - len(own),
+            len(every) - len(own),
             prior,
         )
         for own in groups
@@ -153,14 +190,12 @@ def _distances(curves: FloatArray, others: _Others) -> FloatArray:
     return np.asarray(np.log(np.maximum(found, 1e-9)))
 
 
-def _offsets(curves: FloatArray, others: _Others) -> tuple[FloatArray, FloatArray]:
-    """Most likely offset of each joint [rad or m], and how far it is from 0."""
+def _offsets(curves: FloatArray, others: _Others) -> FloatArray:
+    """Most likely offset of each joint [rad or m]."""
     directions = _directions(curves)
-    y = curves.reshape(len(curves), -1).mean(axis=0) - others.mean
     weighted = directions @ others.precision
-    products = np.einsum("ij,ij->i", weighted, directions)
-    along = weighted @ y
-    return along / products, np.abs(along) / np.sqrt(products) * np.sqrt(len(curves))
+    y = curves.reshape(len(curves), -1).mean(axis=0) - others.mean
+    return np.asarray(weighted @ y / np.einsum("ij,ij->i", weighted, directions))
 
 
 def _directions(curves: FloatArray) -> FloatArray:
@@ -170,6 +205,25 @@ def _directions(curves: FloatArray) -> FloatArray:
     joints = np.arange(n_joints)
     directions[joints, joints, :2] = 1.0 / np.sqrt(2.0)
     return directions.reshape(n_joints, -1)
+
+
+def _most(usual: FloatArray) -> float:
+    """Deviation over which a recording is far, as a share of the thresholds."""
+    return 1.0 + _OPTIONS.few / len(usual)
+
+
+def _slowness(ratios: FloatArray) -> float:
+    """Deviation of a duration, given its ratios to the others, as a share of the threshold."""
+    logs = np.log(ratios)
+    centre = np.median(logs)
+    spread = max(1.4826 * float(np.median(np.abs(logs - centre))), _OPTIONS.least_spread)
+    return float(abs(centre) / spread / _OPTIONS.longer)
+
+
+def _unusual_time(ratio: float) -> str:
+    longer = ratio > 1.0
+    word, times = ("long", ratio) if longer else ("short", 1.0 / ratio)
+    return f"its motions are {times:.1f} times as {word} as those of the others: check its clock"
 
 
 def _deviations(own: FloatArray, usual: FloatArray) -> FloatArray:
@@ -183,28 +237,51 @@ def _deviations(own: FloatArray, usual: FloatArray) -> FloatArray:
 def _cause(
     curves: FloatArray, others: _Others, usual: FloatArray, joint_names: tuple[str, ...]
 ) -> str:
-    """What makes the motions fit, if it is known."""
+    """What makes the motions fit, if one kind of change does so clearly better than all others."""
+    best: dict[str, tuple[float, str]] = {}
+    for kind, text, changed in _changes(curves, others, joint_names):
+        distances = _distances(changed, others)
+        if _deviations(distances, usual).max() < _most(usual):
+            best[kind] = min(best.get(kind, (np.inf, "")), (float(distances[0]), text))
+    first, *rivals = sorted(best.values()) or [(np.inf, "")]
+    is_clear = not rivals or rivals[0][0] - first[0] > _OPTIONS.clearly
+    return first[1] if is_clear else ""
 
-    def fits(changed: FloatArray) -> bool:
-        return bool(_deviations(_distances(changed, others), usual).max() < _OPTIONS.fitting)
 
+def _changes(
+    curves: FloatArray, others: _Others, joint_names: tuple[str, ...]
+) -> Iterator[tuple[str, str, FloatArray]]:
+    """Changes of motions that undo a usual defect: the kind, what to say, and the result."""
+    n_joints, n_functions = len(joint_names), curves.shape[2] - 2
     # The functions of the shapes are alternately even and odd.
-    n_functions = curves.shape[2] - 2
     ends, shapes = curves[:, :, [1, 0]], curves[:, :, 2:] * (-1.0) ** np.arange(n_functions)
-    if fits(np.concatenate([ends, shapes], axis=2)):
-        return "; they fit if they are played backwards"
-    offsets, deviations = _offsets(curves, others)
-    joint = int(deviations.argmax())
-    shift = (offsets[joint] * _directions(curves)[joint]).reshape(curves.shape[1:])
-    if fits(curves - shift):
-        by = f"{-offsets[joint]:.2g} rad (or m)"
-        return f"; they fit if '{joint_names[joint]}' is shifted by {by}"
-    signs = np.ones(len(joint_names))
+    backwards = np.concatenate([ends, shapes], axis=2)
+    yield "backwards", "; they fit if they are played backwards", backwards
+    directions = _directions(curves).reshape(n_joints, *curves.shape[1:])
+    for name, offset, direction in zip(
+        joint_names, _offsets(curves, others), directions, strict=True
+    ):
+        text = f"; they fit if '{name}' is shifted by {-offset:.2g} rad (or m)"
+        yield "offset", text, curves - offset * direction
+    for i, j in combinations(range(n_joints), 2):
+        order = np.arange(n_joints)
+        order[[i, j]] = j, i
+        text = f"; they fit if '{joint_names[i]}' and '{joint_names[j]}' are exchanged"
+        yield "names", text, curves[:, order]
+    for factor in (0.5, 2.0):
+        for name, row in zip(joint_names, np.eye(n_joints), strict=True):
+            text = f"; they fit if '{name}' is multiplied by {factor:g}"
+            yield "scale", text, curves * (1.0 + (factor - 1.0) * row)[:, None]
+        start = np.zeros_like(curves)
+        start[:, :, :2] = curves[:, :, :1]
+        text = f"; they fit if they are {factor:g} times as large"
+        yield "size", text, start + factor * (curves - start)
+    signs = np.ones(n_joints)
     for _ in joint_names:
-        flips: NDArray[np.float64] = signs * (1.0 - 2.0 * np.eye(len(signs)))
+        flips = signs * (1.0 - 2.0 * np.eye(n_joints))
+        flips = flips[flips.sum(axis=1) < signs.sum()]
         trials = [_distances(curves * flip[:, None], others)[0] for flip in flips]
         signs = flips[int(np.argmin(trials))]
-        if fits(curves * signs[:, None]):
-            turned = [name for name, sign in zip(joint_names, signs, strict=True) if sign < 0.0]
-            return f"; they fit with the opposite sign of {quote_names(turned)}"
-    return ""
+        turned = [name for name, sign in zip(joint_names, signs, strict=True) if sign < 0.0]
+        text = f"; they fit with the opposite sign of {quote_names(turned)}"
+        yield "signs", text, curves * signs[:, None]

@@ -15,6 +15,7 @@ from . import bags
 from .joint_states import JointLayout, RawJointStates
 from .joint_trajectories import read_trajectories, repair_trajectories
 from .repair import CleanRecording, repair
+from .repair.motion import LARGEST_ANGLE
 from .tables import FORMATS, read_table, whole_episodes
 
 
@@ -132,7 +133,14 @@ def _repaired(
     if degrees:
         raw = replace(raw, layouts=tuple(map(_in_radians, raw.layouts)))
     taken = _listed(joints, raw.listed_joints) if listed_only else joints
-    return _noted(repair(raw, taken, max_gap), joints)
+    clean = repair(raw, taken, max_gap)
+    reach = np.rad2deg(max(np.abs(piece.positions).max() for piece in clean.pieces))
+    if degrees and reach < LARGEST_ANGLE:
+        raise RecordingError(
+            f"its positions are {reach:.3g} at most, which are radians rather than degrees: leave "
+            "out --degrees (degrees=True in Python)"
+        )
+    return _noted(clean, joints)
 
 
 def _in_radians(layout: JointLayout) -> JointLayout:

@@ -25,7 +25,11 @@ from damaged_sets import judge
         "one in degrees",
         "copy in another format",
         "part of another, which comes first",
+        "copy at another rate",
+        "copy with noise",
         "one is mirrored",
+        "one has two joints exchanged",
+        "one is five times as slow",
         "one mirrored, one backwards",
     ],
 )

@@ -27,7 +27,7 @@ from .recording import (
 )
 
 # Joints of an arm stay within this [rad]: a turn, and a little more.
-_LARGEST_ANGLE = 6.5
+LARGEST_ANGLE = 6.5
 # A jump is a full turn if it differs from one by less than this [rad].
 _MAX_TURN_ERROR = 1.0
 # A jump is longer than this [rad or m] and than this many usual steps.
@@ -64,12 +64,12 @@ def refuse_degrees(pieces: Sequence[Piece], repairs: Counter[str]) -> Sequence[P
         If they are.
     """
     reach = np.max([np.abs(piece.positions).max(axis=0) for piece in pieces], axis=0)
-    n_far = count(reach > _LARGEST_ANGLE)
+    n_far = count(reach > LARGEST_ANGLE)
     # A single joint may turn on and on.
     if n_far < 2 or 2 * n_far < reach.size:
         return pieces
     raise RecordingError(
-        f"{n_far} of its {reach.size} joints are beyond {_LARGEST_ANGLE:g} rad, one at "
+        f"{n_far} of its {reach.size} joints are beyond {LARGEST_ANGLE:g} rad, one at "
         f"{reach.max():.3g}: positions must be in radians (or m), not in degrees (or mm); if these "
         "are degrees, convert them with --degrees (degrees=True in Python), else choose the joints "
         "of the arm"

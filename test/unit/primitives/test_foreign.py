@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from motion_kinds import generate_kinds
 
@@ -39,6 +40,11 @@ def moved(motion: Demonstration, signs: list[int], offset: list[float]) -> Demon
     return replace(motion, **curves)
 
 
+def exchanged(motion: Demonstration, order: list[int]) -> Demonstration:
+    names = ("positions", "velocities", "accelerations")
+    return replace(motion, **{name: getattr(motion, name)[:, order] for name in names})
+
+
 def backwards(motion: Demonstration) -> Demonstration:
     return replace(
         motion,
@@ -58,8 +64,10 @@ def test_recordings_of_one_task_are_near_each_other() -> None:
         (lambda m: moved(m, [1, -1, 1, 1], [0.0] * 4), "the opposite sign of 'shoulder2'"),
         (lambda m: moved(m, [1] * 4, [0.0, 0.0, 0.0, 0.5]), "'elbow' is shifted by -0."),
         (backwards, "played backwards"),
+        (lambda m: exchanged(m, [0, 3, 2, 1]), "'shoulder2' and 'elbow' are exchanged"),
+        (lambda m: moved(m, [1, 1, 1, 3], [0.0] * 4), "times as far"),
     ],
-    ids=["mirrored", "offset", "backwards"],
+    ids=["mirrored", "offset", "backwards", "exchanged", "three times"],
 )
 def test_a_changed_recording_is_named_with_what_makes_it_fit(
     change: Callable[[Demonstration], Demonstration], cause: str
@@ -68,6 +76,46 @@ def test_a_changed_recording_is_named_with_what_makes_it_fit(
     assert found.keys() == {"r3"}
     assert "times as far from those of the others as is usual" in found["r3"]
     assert cause in found["r3"]
+
+
+def test_a_change_that_others_undo_as_well_is_not_named() -> None:
+    # Motions of one joint that goes there and back: mirrored ones are also backwards ones.
+    times = np.linspace(0.0, 1.0, 101)
+    there = np.interp(times, [0.0, 1.0], [0.0, 1.0])
+    rise = 10.0 * there**3 - 15.0 * there**4 + 6.0 * there**5 - 0.5
+    motions = [
+        Demonstration.from_arrays(
+            ["elbow"], times, (1.0 + 0.02 * i) * rise[:, None], recording=f"r{i}"
+        )
+        for i in range(10)
+    ]
+    motions[3] = moved(motions[3], [-1], [0.0])
+    found = foreign_recordings(MotionStatistics.of(motions, OPTIONS), OPTIONS.n_phases)
+    assert [one.recording for one in found] == ["r3"]
+    assert "they fit" not in found[0].reason
+
+
+def test_a_clock_at_another_rate_is_named() -> None:
+    def slow(motion: Demonstration) -> Demonstration:
+        rates = {
+            "velocities": motion.velocities / 8.0,
+            "accelerations": motion.accelerations / 64.0,
+        }
+        return replace(motion, times=8.0 * motion.times, **rates)
+
+    found = named(slow)
+    assert found.keys() == {"r3"} and "times as long as those of the others" in found["r3"]
+
+
+def test_a_copy_with_noise_is_named_among_few_recordings() -> None:
+    motions = [replace(m, recording=f"r{i}") for i, m in enumerate(generate_kinds(3, 1, 12))]
+    positions = motions[1].positions + np.random.default_rng(1).normal(
+        0.0, 1e-4, motions[1].positions.shape
+    )
+    motions.append(replace(motions[1], positions=positions, recording="again"))
+    found = foreign_recordings(MotionStatistics.of(motions, OPTIONS), OPTIONS.n_phases)
+    assert [one.recording for one in found] == ["again"]
+    assert "from one of 'r1': a copy counts twice" in found[0].reason
 
 
 def test_few_recordings_do_not_show_what_is_usual() -> None:

@@ -246,6 +246,12 @@ def test_a_set_in_degrees_is_rejected_without_a_robot(tmp_path: Path) -> None:
     assert len(load_recordings([tmp_path], degrees=True).reports) == 2
 
 
+def test_radians_are_not_read_as_degrees(tmp_path: Path) -> None:
+    write_bag(tmp_path / "1", "mcap", stamped(REACHES))
+    (refusal,) = load_recordings([tmp_path], degrees=True).refused
+    assert re.search("radians rather than degrees: leave out --degrees", refusal.reason)
+
+
 def test_a_joint_that_turns_on_and_on_is_not_in_degrees(tmp_path: Path) -> None:
     turns = np.column_stack([12.0 * REACHES[:, 0], REACHES])
     path = write_bag(tmp_path / "x", "mcap", stamped(turns, names=("wheel", "a", "b")))
