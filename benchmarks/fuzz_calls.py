@@ -39,6 +39,7 @@ from typing import Any
 import numpy as np
 
 import mp_pca_planner as mp
+from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.options import (
     BrakingOptions,
@@ -457,8 +458,13 @@ def calls(folder: Path) -> list[Call]:
 
 def without_call(known: list[Call]) -> list[str]:
     """Public functions that none of some calls is of; also those of what the calls return."""
+    results = []
     with printing_nothing():
-        results = [call.made(call.arguments) for call in known if call.free]
+        for call in known:
+            # What an extra that is not installed returns has no methods to call either.
+            with contextlib.suppress(MissingDependencyError):
+                if call.free:
+                    results.append(call.made(call.arguments))
     return sorted(public_functions(results) - {call.name for call in known})
 
 
