@@ -7,6 +7,7 @@ It does so whatever the other threads do.
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from contextlib import suppress
@@ -82,6 +83,7 @@ class SafetyThread:
     """Watches the robot at 20 Hz and answers ``~/stop`` at 100 Hz.
 
     What it calls reads no files, builds no models, plans nothing and waits at most 5 ms for a lock.
+    It runs in real time where the system permits it.
 
     Parameters
     ----------
@@ -136,6 +138,11 @@ class SafetyThread:
         self._thread.join()
 
     def _run(self) -> None:
+        # The others keep their priority: with a lower one, they would keep the lock of the
+        # interpreter for longer while other processes are busy.
+        with suppress(OSError):  # the user may not (ulimit -r)
+            lowest = os.sched_param(os.sched_get_priority_min(os.SCHED_RR))
+            os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, lowest)
         while not self._is_ending:
             # Not an event: waiting for one takes the lock of the interpreter several times.
             time.sleep(self.period)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -89,6 +90,38 @@ def test_stop_is_answered_while_parameters_are_changed(
     may_end.set()
     client.wait(changed.done, HANG, "did not set the parameter")
     assert waited == [True]
+
+
+def policy_of(thread: int) -> int:
+    """The scheduling policy of a thread of this process: the 41st field of its state."""
+    stat = Path(f"/proc/self/task/{thread}/stat").read_text(encoding="ascii")
+    return int(stat.rpartition(")")[2].split()[38])
+
+
+def may_run_in_real_time() -> bool:
+    """Whether the system lets a thread of this process run in real time."""
+    permitted = []
+
+    def ask() -> None:
+        try:
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+        except OSError:
+            return
+        permitted.append(policy_of(threading.get_native_id()) == os.SCHED_RR)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    thread.join()
+    return permitted == [True]
+
+
+def test_only_the_thread_that_stops_the_robot_runs_in_real_time_where_that_is_permitted(
+    node: PlannerNode, client: NodeClient
+) -> None:
+    assert client.stop(HANG)[0].message  # the thread is running
+    found = {t.name: policy_of(t.native_id) for t in threading.enumerate() if t.native_id}
+    assert found.pop("safety") == (os.SCHED_RR if may_run_in_real_time() else os.SCHED_OTHER)
+    assert {found["planning"], found["obstacles"], found["meshes"]} == {os.SCHED_OTHER}
 
 
 def test_goal_is_refused_if_the_limits_change_while_it_is_planned(
