@@ -20,9 +20,9 @@ from ..exceptions import RobotError, WorldError, unknown_name
 from ..input_limits import INPUT_LIMITS
 from .joints import joint_of
 from .mesh_files import find_mesh, scaled
-from .mesh_pieces import MeshPiece, whole_piece
+from .mesh_pieces import MeshPiece
 from .urdf import Description, StatedShape
-from .world import NO_VOLUME, Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
+from .world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
 try:
     import coal as coal
@@ -88,17 +88,19 @@ _HULLS: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
 
 
 def link_solid(piece: MeshPiece) -> Solid:
-    """The mesh of a link for the distance library, always with its triangles.
+    """A piece of the mesh of a link for the distance library.
 
-    Equal meshes share the same objects while one of them is used.
+    Equal pieces share the same objects while one of them is used.
     """
     content = hashlib.sha256(piece.vertices.tobytes() + piece.triangles.tobytes()).digest()
-    surface, hull = _SURFACES.get(content), _HULLS.get(content)
-    if surface is None:
-        surface = _SURFACES[content] = _surface_of(piece)
+    hull, surface = _HULLS.get(content), _SURFACES.get(content)
     if hull is None:
         hull = _HULLS[content] = _hull_of(piece)
-    return Solid(surface, hull, piece.is_convex)
+    if piece.is_convex:
+        return Solid(hull, hull, True)
+    if surface is None:
+        surface = _SURFACES[content] = _surface_of(piece)
+    return Solid(surface, hull, False)
 
 
 def _hull_of(piece: MeshPiece) -> Any:
@@ -135,7 +137,9 @@ class LinkShapes:
     Attributes
     ----------
     solids : tuple of Solid
-        The shapes.
+        The shapes: several for the pieces of a large mesh.
+    numbers : tuple of int
+        For each of them, the number of the shape in the URDF that it is of.
     notes : tuple of str
         What is unusual about shapes, as sentences.
 
@@ -152,10 +156,9 @@ class LinkShapes:
         if count > most:
             raise RobotError(f"{source} has {count} collision shapes, at most {most} are accepted")
         self._links, self._places = list[str](), list[Any]()
-        solids, notes, n_triangles = list[Solid](), list[str](), 0
-        for link, stated in (
-            (link, one) for link, many in description.shapes.items() for one in many
-        ):
+        solids, numbers, notes, n_triangles = list[Solid](), list[int](), list[str](), 0
+        every = ((link, one) for link, many in description.shapes.items() for one in many)
+        for number, (link, stated) in enumerate(every):
             try:
                 shape = _shape(stated, package_dirs)
             except WorldError as error:
@@ -166,15 +169,17 @@ class LinkShapes:
                     raise RobotError(
                         f"the collision meshes of the {source} have more than {most} triangles"
                     )
-                piece = whole_piece(shape.vertices, shape.triangles)
-                solids.append(link_solid(piece))
-                notes += [f"link '{link}': {NO_VOLUME}"] if piece.is_thin else []
+                found = [link_solid(piece) for piece in shape.pieces]
+                notes += [f"link '{link}': {shape.note}"] if shape.note else []
             else:
-                solids += solids_of(shape)
+                found = solids_of(shape)
             place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
-            self._links.append(link)
-            self._places.append(place)
-        self.solids, self.notes = tuple(solids), tuple(dict.fromkeys(notes))
+            solids += found
+            numbers += [number] * len(found)
+            self._links += [link] * len(found)
+            self._places += [place] * len(found)
+        self.solids, self.numbers = tuple(solids), tuple(numbers)
+        self.notes = tuple(dict.fromkeys(notes))
 
     def __iter__(self) -> Iterator[tuple[str, Any, Solid]]:
         """The link, the placement on the link, and the shape of each one."""

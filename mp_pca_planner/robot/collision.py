@@ -88,7 +88,9 @@ class CollisionGeometry:
         if srdf is not None:
             geometry.addAllCollisionPairs()
             _remove_disabled(model, geometry, Path(srdf))
-        pairs = _pairs_of_links(model, geometry, touching=srdf is not None)
+        pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+        if srdf is None:
+            pairs = _apart(model, geometry, pairs, links.numbers)
         self._links = Bodies.of_links(model, geometry, links.solids)
         self._notes = links.notes
         self._tree, joints = JointTree(model, order), self._links.joints
@@ -230,16 +232,21 @@ def _pairs_with_world(bodies: Bodies, n_links: int, world: World) -> Iterator[tu
                 yield a, b
 
 
-def _pairs_of_links(model: Any, geometry: Any, *, touching: bool) -> list[tuple[int, int]]:
-    """The pairs of a geometry, without those that touch in the neutral configuration if asked."""
+def _apart(
+    model: Any, geometry: Any, pairs: Sequence[tuple[int, int]], numbers: Sequence[int]
+) -> list[tuple[int, int]]:
+    """The pairs of a geometry whose shapes, by their numbers, are apart in the neutral position."""
     neutral = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
-    data = geometry.createData()
+    data, touching = geometry.createData(), set[tuple[int, int]]()
     pin.updateGeometryPlacements(model, model.createData(), geometry, data, neutral)
-    return [
-        (pair.first, pair.second)
-        for k, pair in enumerate(geometry.collisionPairs)
-        if touching or pin.computeDistance(geometry, data, k).min_distance >= CONTACT
-    ]
+    shapes = [(numbers[a], numbers[b]) for a, b in pairs]
+    for k, both in enumerate(shapes):
+        # One by one: each call keeps the lock of the interpreter.
+        if both not in touching and not (
+            pin.computeDistance(geometry, data, k).min_distance >= CONTACT
+        ):
+            touching.add(both)
+    return [pair for pair, both in zip(pairs, shapes, strict=True) if both not in touching]
 
 
 def _remove_disabled(model: Any, geometry: Any, srdf: Path) -> None:

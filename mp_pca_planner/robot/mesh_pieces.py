@@ -3,8 +3,8 @@
 """Pieces of triangle meshes with their convex hulls.
 
 The hulls are built by SciPy, which rejects vertices without volume and runs without the lock of the
-interpreter. Coal ends the process on such vertices. Large obstacles are cut, because Coal keeps the
-lock while it builds the tree of a mesh, and the robot may have to stop.
+interpreter. Coal ends the process on such vertices. Large meshes are cut, because Coal keeps the
+lock while it builds the tree of a mesh or measures a distance, and the robot may have to stop.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ _THIN, _SMALLEST = 1e-6, 1e-7
 # Share of its convex hull's volume, or area, from which on a mesh is convex: files hold 6 digits.
 # The hull in its place is on the safe side.
 _CONVEX_SHARE = 1.0 - 1e-3
-# Coal takes some 10 ms for the tree of this many triangles, and for a hull of twice as many
-# vertices.
+# Coal takes some 15 ms for the tree of this many triangles, and for a hull of so many vertices.
 _MAX_TRIANGLES, _MAX_VERTICES = 5_000, 10_000
 # The corners of a box by their coordinates, and its triangles.
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)

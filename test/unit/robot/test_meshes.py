@@ -153,6 +153,28 @@ def test_large_meshes_are_cut_and_their_distances_stay():
     assert whole.is_convex
 
 
+def test_large_meshes_of_links_are_cut_and_may_touch_other_links_at_the_start(tmp_path):
+    vertices, triangles = sphere(110)
+    bowl = triangles[vertices[triangles].mean(axis=1)[:, 2] < 0.5]
+    (tmp_path / "bowl.stl").write_bytes(binary_stl(vertices, bowl))
+    ball, at = f'<geometry><sphere radius="{RADIUS}"/>', '<origin xyz="0 0 1"/><geometry>'
+
+    def robot_in_bowl(radius: float) -> CollisionModel:
+        mesh = f'{at}<mesh filename="{tmp_path}/bowl.stl" scale="{radius} {radius} {radius}"/>'
+        return CollisionModel(mp.Robot(URDF.replace(ball, mesh, 1)))
+
+    found = robot_in_bowl(1.0)
+    meshes = [one for one in found.body_pairs._bodies.shapes if hasattr(one, "num_tris")]
+    assert len(meshes) > 1 and max(one.num_tris for one in meshes) <= 5_000
+    assert sum(one.num_tris for one in meshes) == len(bowl)
+    # The turner is at 0.5 m from the centre of the bowl.
+    near = found.near(np.zeros((1, 2)), np.inf)
+    of_turner = [k for k, pair in enumerate(found.pairs) if pair == ("base", "turner")]
+    assert near.bounds[0, of_turner].min() == pytest.approx(0.5 - RADIUS, abs=1e-3)
+    # A bowl that touches it in one place may always touch it.
+    assert ("base", "turner") not in robot_in_bowl(0.5).pairs
+
+
 # Files
 
 
