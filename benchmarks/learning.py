@@ -20,8 +20,8 @@ import numpy as np
 from tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.learning.refined_motion import primitive_around
-from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, refine
+from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_around
+from mp_pca_planner.learning.refinement import RefinementOptions, refine
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
@@ -96,7 +96,6 @@ def learn_by_trials(
     found: dict[str, list[float]] = {}
     for seed in range(n_seeds):
         robot = perturbed_robot(seed)
-        cost = RefinementCost([plan.motion], robot)
         optimum = refine([plan.motion], robot, planner.limits).effort
         for label, parameters in (("one shot", None), ("off-line refinement", start)):
             learner = TrialLearner(
@@ -110,7 +109,7 @@ def learn_by_trials(
                 proposal = learner.propose()
                 if check_limits(proposal.trajectory, planner.robot, planner.limits).violations:
                     raise SystemExit("a trial breaks limits")
-                learner.record(cost.effort_and_cost(proposal.motion.parameters)[0])
+                learner.record(proposal.motion.effort(robot))
             best = min(trial.cost for trial in learner.trials)
             first = learner.trials[0].cost
             for when, effort in (("first trial", first), (f"best of {n_trials} trials", best)):
@@ -132,20 +131,20 @@ def learn_with_noise(
         ]
         found |= {name: [] for name in names}
         for seed in range(n_seeds):
-            cost = RefinementCost([plan.motion], perturbed_robot(seed))
+            robot = perturbed_robot(seed)
             rng, options = np.random.default_rng(seed), RefinementOptions(seed=seed)
             problem = [plan.motion], planner.robot, planner.limits, options
             learner = TrialLearner(*problem, start=parameters)
             for _ in range(n_trials):
-                tried = learner.propose().motion.parameters
-                effort, _ = cost.effort_and_cost(tried)
+                effort = learner.propose().motion.effort(robot)
                 learner.record(effort * (1.0 + NOISE * rng.normal()))
             gain, least = learner.gain(), min(learner.trials, key=lambda trial: trial.cost)
             kept = [gain] if gain is not None and gain.is_certain else []
             for name, several in zip(names, (kept, [least]), strict=True):
                 for one in several:
                     efforts = (
-                        cost.effort_and_cost(np.array(x))[0] for x in (one.parameters, 0 * start)
+                        RefinedMotion([plan.motion], np.array(x)).effort(robot)
+                        for x in (one.parameters, 0 * start)
                     )
                     ratio = np.divide(*efforts)
                     found[name].append(100.0 * (1.0 - ratio))

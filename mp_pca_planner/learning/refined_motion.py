@@ -30,10 +30,14 @@ from numpy.polynomial import legendre
 from ..arrays import FloatArray, frozen_array, set_frozen
 from ..control.law import with_gains_only
 from ..exceptions import LearningError, PlannerError
-from ..motion.interpolation import hermite_functions
+from ..motion.interpolation import hermite_functions, quintics
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
-from ..primitives.basis import end_vanishing_coefficients, legendre_values
+from ..primitives.basis import (
+    end_vanishing_coefficients,
+    legendre_derivatives,
+    legendre_values,
+)
 from ..primitives.pace import time_scaling
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
@@ -43,9 +47,12 @@ AMPLITUDE, LOG_DURATION, WARP = 0, 1, slice(2, 5)
 middle, and both); zeros leave it unchanged."""
 N_PARAMETERS = WARP.stop
 
+# Gauss–Legendre nodes of integrals over a segment.
+_N_NODES = 40
 
-def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Evaluate a warp, with its derivatives by phase and by parameter.
+
+def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> FloatArray:
+    """Evaluate a warp and its derivatives by phase.
 
     Parameters
     ----------
@@ -56,46 +63,48 @@ def evaluate_warp(parameters: FloatArray, phases: FloatArray) -> tuple[FloatArra
 
     Returns
     -------
-    values : array, shape (3, n_steps)
-        σ, σ' and σ''.
-    by_parameter : array, shape (3, n_steps, n_parameters)
-        Their derivatives by the parameters.
+    values : array, shape (4, n_steps)
+        σ and its first three derivatives.
     """
-    quadrature, analysis, table = _warp_tables()
-    bump, bumps = table[:, 0], table[:, 1:]
-    kappa = _normalising(bumps @ parameters, bump, quadrature)
-    rate = quadrature * np.exp(bumps @ parameters - kappa * bump)
-    # κ follows the parameters so that the integral of σ' stays 1.
-    admissible = bumps - bump[:, None] * ((rate @ bumps) / (rate @ bump))
-    # Columns: of the values, then of their derivatives by each parameter.
-    exponents = (analysis @ np.column_stack([bumps @ parameters - kappa * bump, admissible])).T
-    u, bend = (legendre_values(exponents, phases, d) for d in (0, 1))
-    ratio = np.exp(u[:, :1])
-    rates = np.hstack([ratio, ratio * u[:, 1:]])
-    bends = np.hstack([ratio * bend[:, :1], rates[:, 1:] * bend[:, :1] + ratio * bend[:, 1:]])
-    at_nodes = (rate / quadrature)[:, None] * np.column_stack([np.ones(len(rate)), admissible])
-    # dp = dx / 2, and σ(0) = 0.
-    integrals = legendre.legint((analysis @ at_nodes).T, scl=0.5, lbnd=-1.0, axis=1)
-    shares = legendre_values(np.asarray(integrals, dtype=np.float64), phases)
-    tables = np.stack([shares, rates, bends])
-    return tables[:, :, 0], tables[:, :, 1:]
+    analysis, integrals, bumps = _warp_tables()
+    exponent = bumps[:, 1:] @ parameters
+    exponent = exponent - _normalising(exponent, bumps[:, 0]) * bumps[:, 0]
+    u, u1, u2 = legendre_derivatives(analysis @ exponent, phases, 2)
+    shares, rates = legendre_values(integrals @ np.exp(exponent), phases), np.exp(u)
+    return np.stack([shares, rates, rates * u1, rates * (u1**2 + u2)])
+
+
+@cache
+def _gauss_legendre() -> tuple[FloatArray, FloatArray]:
+    return legendre.leggauss(_N_NODES)
 
 
 @cache
 def _warp_tables() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Weights of nodes; Legendre coefficients of values at them; b₀ (1 in the middle) … there."""
+    """Tables of warps.
+
+    Returns
+    -------
+    analysis, integrals : array
+        Matrices from values at the nodes to the coefficients of their Legendre series, and to those
+        of its integral over phase, from 0 on.
+    bumps : array
+        b₀ (1 in the middle), b₁ … at the nodes.
+    """
     # exp(u) is analytic: so many nodes give it to rounding for parameters of a few units.
-    n_nodes = 40
-    nodes, quadrature = legendre.leggauss(n_nodes)
-    values = legendre.legvander(nodes, n_nodes - 1)
-    analysis = (values * quadrature[:, None] * (np.arange(n_nodes) + 0.5)).T
+    nodes, quadrature = _gauss_legendre()
+    values = legendre.legvander(nodes, _N_NODES - 1)
+    analysis = (values * quadrature[:, None] * (np.arange(_N_NODES) + 0.5)).T
+    # The phase is p = (x + 1) / 2.
+    integrals = np.asarray(legendre.legint(analysis, scl=0.5, lbnd=-1.0), np.float64)
     phases = (nodes + 1.0) / 2.0
     bump = 16.0 * (phases * (1.0 - phases)) ** 2
-    return quadrature, analysis, bump[:, None] * values[:, : WARP.stop - WARP.start + 1]
+    return analysis, integrals, bump[:, None] * values[:, : WARP.stop - WARP.start + 1]
 
 
-def _normalising(exponent: FloatArray, bump: FloatArray, quadrature: FloatArray) -> float:
+def _normalising(exponent: FloatArray, bump: FloatArray) -> float:
     """The κ that makes the integral of exp(exponent − κ bump) over phase 1."""
+    _, quadrature = _gauss_legendre()
     kappa = 0.0
     for _ in range(50):
         rate = quadrature * np.exp(exponent - kappa * bump) / 2.0
@@ -151,6 +160,16 @@ class RefinedMotion:
         """When the segments end, shape (n_segments,) [s]."""
         return np.cumsum(self.durations)
 
+    def effort(self, robot: Robot) -> float:
+        """½∫‖τ‖²dt [N²·m²·s]."""
+        (x, weights), total = _gauss_legendre(), 0.0
+        for segment, part, duration in zip(
+            self.segments, self.parameters, self.durations, strict=True
+        ):
+            tau = robot.inverse_dynamics(*segment_states(segment, part, (x + 1.0) / 2.0)[:3])
+            total += 0.25 * duration * float(weights @ np.sum(tau**2, axis=1))
+        return total
+
     def lasting(self, duration: float) -> RefinedMotion:
         """The motion with all segments scaled to a total duration [s]."""
         parameters = self.parameters.copy()
@@ -173,7 +192,7 @@ class RefinedMotion:
             here = index == i
             # This form gives exactly 0 and 1 at the ends.
             phases = np.clip((times[here] - starts[i]) / (ends[i] - starts[i]), 0.0, 1.0)
-            values = segment_states(segment, self.parameters[i], phases).values
+            values = segment_states(segment, self.parameters[i], phases)[:3]
             for end, state in ((phases == 0.0, segment.start), (phases == 1.0, segment.goal)):
                 exact = np.stack([state.positions, state.velocities, state.accelerations])
                 values[:, end] = exact[:, None]
@@ -188,27 +207,8 @@ class RefinedMotion:
         return Trajectory(robot.joint_names, times, q, v, a, robot.known_efforts(q, v, a))
 
 
-@dataclass(frozen=True, eq=False)
-class SegmentStates:
-    """A refined segment at some phases.
-
-    Attributes
-    ----------
-    duration : float
-        Its duration [s].
-    values : array, shape (3, n_steps, n_joints)
-        Positions, velocities and accelerations.
-    by_parameter : array, shape (3, n_steps, n_joints, N_PARAMETERS)
-        Their derivatives by the parameters.
-    """
-
-    duration: float
-    values: FloatArray
-    by_parameter: FloatArray
-
-
-def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) -> SegmentStates:
-    """Evaluate one refined segment with its derivatives by the parameters.
+def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) -> FloatArray:
+    """Positions to jerks of one refined segment, shape (4, n_steps, n_joints).
 
     Parameters
     ----------
@@ -220,37 +220,18 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
         Phases of the refined segment.
     """
     duration = segment.duration * float(np.exp(parameters[LOG_DURATION]))
-    (s, rate, bend), by_parameter = evaluate_warp(parameters[WARP], phases)
-    by_s, by_rate, by_bend = (x[:, None, :] for x in by_parameter)
-    s = np.clip(s, 0.0, 1.0)
+    warp = evaluate_warp(parameters[WARP], phases)[:, :, None]
+    s, rate, bend, third = np.clip(warp[0, :, 0], 0.0, 1.0), *warp[1:]
     boundary = replace(segment, duration=duration).boundary
-    # A boundary value of order d is proportional to Tᵈ.
-    growth = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])[:, None] * boundary
-    hermite = [hermite_functions(s, d) for d in range(4)]
-    shape = segment.basis.shapes(segment.weights, s, 3)
-    x, x1, x2, x3 = (
-        table @ boundary + (1.0 + parameters[AMPLITUDE]) * part
-        for table, part in zip(hermite, shape, strict=True)
-    )
-    rate, bend = rate[:, None], bend[:, None]
-    values = np.stack([x, x1 * rate / duration, (x2 * rate**2 + x1 * bend) / duration**2])
-    derivatives = np.zeros((*values.shape, N_PARAMETERS))
-    for column, (y, y1, y2) in (
-        (AMPLITUDE, shape[:3]),
-        (LOG_DURATION, [table @ growth for table in hermite[:3]]),
-    ):
-        derivatives[0, :, :, column] = y
-        derivatives[1, :, :, column] = y1 * rate / duration
-        derivatives[2, :, :, column] = (y2 * rate**2 + y1 * bend) / duration**2
-    derivatives[1, :, :, LOG_DURATION] -= values[1]
-    derivatives[2, :, :, LOG_DURATION] -= 2.0 * values[2]
-    x1, x2, x3, rate, bend = (part[:, :, None] for part in (x1, x2, x3, rate, bend))
-    derivatives[0, :, :, WARP] = x1 * by_s
-    derivatives[1, :, :, WARP] = (x2 * rate * by_s + x1 * by_rate) / duration
-    derivatives[2, :, :, WARP] = (
-        (x3 * rate**2 + x2 * bend) * by_s + 2.0 * x2 * rate * by_rate + x1 * by_bend
-    ) / duration**2
-    return SegmentStates(duration, values, derivatives)
+    shapes = segment.basis.shapes(segment.weights, s, 3)
+    x, x1, x2, x3 = quintics(s, boundary, 3) + (1.0 + parameters[AMPLITUDE]) * shapes
+    by_phase = [
+        x,
+        x1 * rate,
+        x2 * rate**2 + x1 * bend,
+        x3 * rate**3 + 3.0 * x2 * rate * bend + x1 * third,
+    ]
+    return np.asarray(by_phase / duration ** np.arange(4.0)[:, None, None])
 
 
 def primitive_around(

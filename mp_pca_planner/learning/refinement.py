@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
-from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, minimize
 
 from ..arrays import FloatArray
@@ -21,7 +21,9 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_executable, check_limits
 from ..planning.motion import Motion
 from ..planning.options import ClearanceOptions
-from ..planning.program.clearance import least_distances, with_phases_of
+from ..planning.program.clearance import least_distances
+from ..planning.program.limits import limit_shares
+from ..robot.distances import NearPairs
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .refined_motion import (
@@ -29,7 +31,6 @@ from .refined_motion import (
     LOG_DURATION,
     N_PARAMETERS,
     RefinedMotion,
-    SegmentStates,
     segment_states,
 )
 
@@ -51,9 +52,11 @@ _MAX_TIME_FACTOR = 3.0
 _MAX_WARP = 3.0
 # Distance to a limit, as a share of it, within which it is an initial constraint.
 _NEAR = 0.4
-# Quadrature nodes of a segment, and its phases at which limits are constraints, besides those of
-# violations found.
-_N_NODES, _N_PHASES = 40, 25
+# Phases of a segment at which limits and clearances are constraints, besides those of violations
+# and collisions found.
+_N_PHASES = 40
+# Step of the central differences by a parameter.
+_STEP = 1e-5
 
 
 @dataclass(frozen=True)
@@ -179,38 +182,33 @@ def refine(
     RobotError
         If a moving link of the robot has no valid inertia.
     """
-    cost = RefinementCost(segments, robot, options.time_price)
+    robot.require_inertias("refinements")
     judge = ExecutableMotions(segments, robot, limits, options, collision)
     original = RefinedMotion(segments)
     best = judge.accept(original)
-    before = cost.effort_and_cost(original.parameters)
-    best_cost, iterations = before[1], 0
-    kept = LimitConstraints(len(segments), robot, limits)
-    apart = ClearanceConstraints(segments, collision)
-    visited = [np.zeros(len(segments) * N_PARAMETERS)]
+    original_cost = best_cost = judge.cost(original)
+    kept, iterations = Constraints(judge), 0
+    visited = [original.parameters.ravel()]
     for _ in range(_MAX_ROUNDS):
-        found = _minimise(cost, [kept, apart], segments, visited, options)
+        found = _minimise(judge, kept, visited)
         iterations += int(found.nit)
         motion = RefinedMotion(segments, found.x)
         _, check, collisions = judge.examine(motion)
         if not (check.violations or collisions):
             break
-        kept.add_phases(motion, check)
-        apart.add(motion, collisions)
+        kept.add(motion, check, collisions)
         visited.append(found.x)
     for factor in (1.0, *_RETREATS):
         candidate = RefinedMotion(segments, factor * found.x)
         if options.time_price is None:
             candidate = candidate.lasting(original.duration)
-        now = cost.effort_and_cost(candidate.parameters)[1]
-        if now < best_cost:
+        cost = judge.cost(candidate)
+        if cost < best_cost:
             with suppress(TrajectoryError):
-                best, best_cost = judge.accept(candidate), now
+                best, best_cost = judge.accept(candidate), cost
                 break
-    effort, total = cost.effort_and_cost(best.motion.parameters)
-    return Refinement(
-        best.motion, best.trajectory, best.check, before[1], total, before[0], effort, iterations
-    )
+    costs = original_cost, best_cost, original.effort(robot), best.motion.effort(robot)
+    return Refinement(best.motion, best.trajectory, best.check, *costs, iterations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,6 +234,10 @@ class ExecutableMotions:
     limits: JointLimits
     options: RefinementOptions
     collision: CollisionModel | None = None
+
+    def cost(self, motion: RefinedMotion) -> float:
+        """Effort of a motion [N²·m²·s], plus the price of its duration."""
+        return motion.effort(self.robot) + (self.options.time_price or 0.0) * motion.duration
 
     def examine(
         self, motion: RefinedMotion
@@ -264,47 +266,48 @@ class ExecutableMotions:
 
 
 def _minimise(
-    cost: RefinementCost,
-    kept: Sequence[LimitConstraints | ClearanceConstraints],
-    segments: Sequence[Motion],
-    visited: Sequence[FloatArray],
-    options: RefinementOptions,
+    judge: ExecutableMotions, kept: Constraints, visited: Sequence[FloatArray]
 ) -> OptimizeResult:
     """Sequential least squares programming (SciPy) with constraints that are near.
 
     It starts from the original motion, the first of those visited. From within a collision, it
     might leave that on the other side. Constraints that were near for any visited motion count.
     """
-    start = visited[0]
-    scale = max(cost.effort_and_cost(start)[1], np.finfo(float).tiny)
+    segments, start = judge.segments, visited[0]
+    scale = max(judge.cost(RefinedMotion(segments)), np.finfo(float).tiny)
 
-    def objective(x: FloatArray) -> tuple[float, FloatArray]:
-        value, gradient = cost.value_and_gradient(x)
-        return value / scale, gradient / scale
+    def cost(segment: Motion, parameters: FloatArray) -> float:
+        return judge.cost(RefinedMotion([segment], parameters)) / scale
 
-    constraints: list[dict[str, Any]] = []
-    for terms in kept:
-        values = [terms.values_and_jacobian(segments, x)[0] for x in visited]
-        near = np.min(values, axis=0) < _NEAR
-        if near.any():
-            constraints.append(_inequality(terms, segments, near))
-    if options.time_price is None:
+    def total(x: FloatArray) -> float:
+        return sum(map(cost, segments, _by_segment(x)))
+
+    def gradient(x: FloatArray) -> FloatArray:
+        parts = zip(segments, _by_segment(x), strict=True)
+        return np.concatenate([_slopes(partial(cost, segment), part) for segment, part in parts])
+
+    near = np.min([kept.values(x) for x in visited], axis=0) < _NEAR
+    constraints: list[dict[str, Any]] = [
+        {
+            "type": "ineq",
+            "fun": lambda x: kept.values(x)[near],
+            "jac": lambda x: kept.jacobian(x)[near],
+        }
+    ]
+    if judge.options.time_price is None:
         shares = np.array([segment.duration for segment in segments])
-        # Rows that pick the logarithms of the durations out of the parameters.
-        pick = np.eye(start.size)[LOG_DURATION::N_PARAMETERS]
         shares /= shares.sum()
         constraints.append(
             {
                 "type": "eq",
-                "fun": lambda x: shares @ np.exp(pick @ x) - 1.0,
-                "jac": lambda x: (shares * np.exp(pick @ x)) @ pick,
+                "fun": lambda x: shares @ np.exp(_by_segment(x)[:, LOG_DURATION]) - 1.0,
             }
         )
     bounds = parameter_bounds(len(segments)).ravel()
     return minimize(
-        objective,
+        total,
         start,
-        jac=True,
+        jac=gradient,
         method="SLSQP",
         bounds=np.column_stack([-bounds, bounds]),
         constraints=constraints,
@@ -312,204 +315,101 @@ def _minimise(
     )
 
 
-def _inequality(
-    terms: LimitConstraints | ClearanceConstraints,
-    segments: Sequence[Motion],
-    chosen: NDArray[np.bool_],
-) -> dict[str, Any]:
-    """Some rows of a constraint for SciPy."""
-    return {
-        "type": "ineq",
-        "fun": lambda x: terms.values_and_jacobian(segments, x)[0][chosen],
-        "jac": lambda x: terms.values_and_jacobian(segments, x)[1][chosen],
-    }
+class Constraints:
+    """Limits and clearances at some phases of each segment, as inequalities g(parameters) ≥ 0.
 
-
-class RefinementCost:
-    """Effort, and the price of time, by the parameters of a refinement.
+    The values are the shares of the limits that are left, and distances [m] of the pairs of bodies
+    that collided in a refinement.
 
     Parameters
     ----------
-    segments : sequence of Motion
-        The motions to refine.
-    robot : Robot
-        The model.
-    time_price : float or None
-        Cost of a second; None for none.
-    """
+    judge : ExecutableMotions
+        The original motion, the robot and its limits.
 
-    def __init__(
-        self, segments: Sequence[Motion], robot: Robot, time_price: float | None = None
-    ) -> None:
-        robot.require_inertias("refinements")
-        self._segments = tuple(segments)
-        self._robot = robot
-        self._price = time_price or 0.0
-        x, weights = legendre.leggauss(_N_NODES)
-        self._phases, self._quadrature = (x + 1.0) / 2.0, weights / 2.0
-
-    def effort_and_cost(self, parameters: FloatArray) -> tuple[float, float]:
-        """½∫‖τ‖²dt [N²·m²·s], and that with the price of time."""
-        return self._evaluated(parameters)[:2]
-
-    def value_and_gradient(self, parameters: FloatArray) -> tuple[float, FloatArray]:
-        """The cost and its gradient, by the parameters of all segments in one row."""
-        return self._evaluated(parameters)[1:]
-
-    def _evaluated(self, parameters: FloatArray) -> tuple[float, float, FloatArray]:
-        """Effort, cost and its gradient."""
-        efforts, total, gradient = 0.0, 0.0, np.zeros((len(self._segments), N_PARAMETERS))
-        for i, part in enumerate(_by_segment(parameters)):
-            states = segment_states(self._segments[i], part, self._phases)
-            tau, by_parameter = _efforts(self._robot, states)
-            weights = self._quadrature * states.duration
-            effort = 0.5 * float(weights @ np.sum(tau**2, axis=1))
-            cost = effort + self._price * states.duration
-            efforts, total = efforts + effort, total + cost
-            gradient[i] = np.einsum("s,sj,sjp->p", weights, tau, by_parameter)
-            # The cost is proportional to the duration.
-            gradient[i, LOG_DURATION] += cost
-        return efforts, total, gradient.ravel()
-
-
-class LimitConstraints:
-    """Limits at chosen phases as inequalities g(parameters) ≥ 0, of order 1.
-
-    Parameters
+    Attributes
     ----------
-    n_segments : int
-        Segments of the motion.
-    robot : Robot
-        The model.
-    limits : JointLimits
-        Limits of the joints.
+    phases : list of array
+        The phases of each segment, from 0 to 1, increasing.
     """
 
-    def __init__(self, n_segments: int, robot: Robot, limits: JointLimits) -> None:
-        self._robot = robot
-        self._phases = [np.linspace(0.02, 0.98, _N_PHASES)] * n_segments
-        # Rows: positions, velocities, accelerations, efforts and jerks.
-        magnitudes = (limits.velocity, limits.acceleration, limits.effort, limits.jerk)
-        upper = np.stack([limits.upper, *magnitudes])
-        lower = np.stack([limits.lower, *(-x for x in magnitudes)])
-        span = np.stack([limits.upper - limits.lower, *magnitudes])
-        self._span = np.where(np.isfinite(span), span, 1.0)
-        bounds = np.stack([upper, lower])
-        self._is_limited = np.isfinite(bounds)
-        self._bounds = np.where(self._is_limited, bounds, 0.0)
-
-    def add_phases(self, motion: RefinedMotion, check: LimitCheck) -> None:
-        """Add the phases at which a check found violations."""
-        ends = np.cumsum(motion.durations)
-        for violation in check.violations:
-            i = min(int(np.searchsorted(ends, violation.time)), len(ends) - 1)
-            phase = 1.0 - (ends[i] - violation.time) / motion.durations[i]
-            self._phases[i] = np.unique([*self._phases[i], np.clip(phase, 0.0, 1.0)])
-
-    def values_and_jacobian(
-        self, segments: Sequence[Motion], parameters: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Values of g, and their derivatives by the parameters of all segments in one row."""
-        values, rows = [], []
-        signs = np.array([1.0, -1.0])[:, None, None, None]
-        for i, part in enumerate(_by_segment(parameters)):
-            states = segment_states(segments[i], part, self._phases[i])
-            tau, by_parameter = _efforts(self._robot, states)
-            jerks, of_jerks = _jerks(segments[i], part, self._phases[i])
-            x = np.concatenate([states.values, tau[None], jerks[None]])
-            dx = np.concatenate([states.by_parameter, by_parameter[None], of_jerks[None]])
-            room = signs * (self._bounds[:, :, None] - x) / self._span[:, None] - MARGIN
-            slope = -signs[..., None] * dx / self._span[:, None, :, None]
-            limited = np.broadcast_to(self._is_limited[:, :, None], room.shape)
-            values.append(room[limited])
-            rows.append(np.zeros((values[-1].size, parameters.size)))
-            rows[-1][:, i * N_PARAMETERS : (i + 1) * N_PARAMETERS] = slope[limited]
-        return np.concatenate(values), np.concatenate(rows)
-
-
-class ClearanceConstraints:
-    """Distances of the pairs of bodies that collided, as inequalities g(parameters) ≥ 0 [m].
-
-    Parameters
-    ----------
-    segments : sequence of Motion
-        The motions to refine.
-    collision : CollisionModel or None
-        Computes the distances, if collisions are avoided.
-    """
-
-    def __init__(self, segments: Sequence[Motion], collision: CollisionModel | None) -> None:
-        self._model = collision
-        # Of each segment.
-        self._phases, self._least = list[FloatArray](), list[FloatArray]()
+    def __init__(self, judge: ExecutableMotions) -> None:
+        self._judge = judge
+        self.phases = [np.linspace(0.0, 1.0, _N_PHASES)] * len(judge.segments)
         self._pairs = np.zeros(0, dtype=np.intp)
-        if collision is not None:
-            phases = np.linspace(0.0, 1.0, ClearanceOptions().n_phases + 1)
-            for one in segments:
-                q, _, _ = one.evaluate(phases * one.duration)
-                # Bodies may come as near to each other as in the original.
-                self._least.append(least_distances(q, collision))
-                self._phases.append(phases[1:-1])
 
-    def add(self, motion: RefinedMotion, collisions: Sequence[Collision]) -> None:
-        """Constrain the pairs of some collisions of a motion."""
-        ended = np.cumsum(motion.durations)
-        for i, (end, duration) in enumerate(zip(ended, motion.durations, strict=True)):
-            own = [one.within(end - duration, end) for one in collisions]
-            met = [one for one in own if one is not None]
-            if met:
-                n_more = ClearanceOptions().n_more
-                self._phases[i] = with_phases_of(met, self._phases[i], duration, n_more)
+    @cached_property
+    def _least(self) -> list[FloatArray]:
+        """Least distances in each segment: bodies may come as near as in the original."""
+        assert self._judge.collision is not None
+        times = np.linspace(0.0, 1.0, ClearanceOptions().n_phases + 1)
+        paths = [one.evaluate(one.duration * times)[0] for one in self._judge.segments]
+        return [least_distances(q, self._judge.collision) for q in paths]
+
+    def add(
+        self, motion: RefinedMotion, check: LimitCheck, collisions: Sequence[Collision]
+    ) -> None:
+        """Add the phases and the pairs of bodies at which a motion failed."""
+        n_more = ClearanceOptions().n_more
+        met = [np.linspace(one.first_time, one.last_time, n_more) for one in collisions]
+        times = np.concatenate([[one.time for one in check.violations], *met])
+        ends = np.cumsum(motion.durations)
+        for i, (end, duration) in enumerate(zip(ends, motion.durations, strict=True)):
+            phases = 1.0 - (end - times) / duration
+            inside = phases[(phases >= 0.0) & (phases <= 1.0)]
+            self.phases[i] = np.union1d(self.phases[i], inside)
         self._pairs = np.union1d(self._pairs, [one.pair for one in collisions]).astype(np.intp)
 
-    def values_and_jacobian(
-        self, segments: Sequence[Motion], parameters: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """See :meth:`LimitConstraints.values_and_jacobian`."""
-        values, rows = [np.zeros(0)], [np.zeros((0, parameters.size))]
-        if not self._pairs.size:
-            return values[0], rows[0]
-        assert self._model is not None
-        for i, part in enumerate(_by_segment(parameters)):
-            states = segment_states(segments[i], part, self._phases[i])
-            near = self._model.near(states.values[0], ClearanceOptions().reach)
-            values.append((near.bounds - self._least[i])[:, self._pairs].ravel())
-            slopes = np.zeros((*near.bounds.shape, parameters.size))
-            own = slice(i * N_PARAMETERS, (i + 1) * N_PARAMETERS)
-            by_parameter = states.by_parameter[0][near.configurations]
-            slopes[near.configurations, near.pairs, own] = np.einsum(
-                "ej,ejp->ep", near.rows, by_parameter
-            )
-            rows.append(slopes[:, self._pairs].reshape(-1, parameters.size))
-        return np.concatenate(values), np.concatenate(rows)
+    def values(self, x: FloatArray) -> FloatArray:
+        """The values g for the parameters of all segments in one row."""
+        parts = []
+        for i, part in enumerate(_by_segment(x)):
+            parts.append(self._room(i, part).ravel())
+            if self._pairs.size:
+                bounds = self._near(i, part).bounds - self._least[i]
+                parts.append(bounds[:, self._pairs].ravel())
+        return np.concatenate(parts)
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Their derivatives, shape (n_values, n_parameters)."""
+        blocks = []
+        for i, part in enumerate(_by_segment(x)):
+            rows = [_slopes(partial(self._room, i), part).reshape(-1, N_PARAMETERS)]
+            if self._pairs.size:
+                near, q_slopes = self._near(i, part), _slopes(partial(self._positions, i), part)
+                slopes = np.zeros((*near.bounds.shape, N_PARAMETERS))
+                slopes[near.configurations, near.pairs] = np.einsum(
+                    "ej,ejp->ep", near.rows, q_slopes[near.configurations]
+                )
+                rows.append(slopes[:, self._pairs].reshape(-1, N_PARAMETERS))
+            blocks.append(np.concatenate(rows))
+        return np.asarray(block_diag(*blocks))
+
+    def _room(self, i: int, part: FloatArray) -> FloatArray:
+        """Shares of the limits that are left, shape (5, n_phases, n_joints)."""
+        judge, states = self._judge, segment_states(self._judge.segments[i], part, self.phases[i])
+        shares = limit_shares(judge.limits, states, judge.robot.inverse_dynamics(*states[:3]))
+        # Only jerks are free at the ends.
+        shares[np.ix_([0, 1, 2, 4], [0, -1])] = 0.0
+        return np.asarray(1.0 - MARGIN - shares)
+
+    def _positions(self, i: int, part: FloatArray) -> FloatArray:
+        states = segment_states(self._judge.segments[i], part, self.phases[i])
+        return np.asarray(states[0])
+
+    def _near(self, i: int, part: FloatArray) -> NearPairs:
+        assert self._judge.collision is not None
+        return self._judge.collision.near(self._positions(i, part), ClearanceOptions().reach)
 
 
-def _efforts(robot: Robot, states: SegmentStates) -> tuple[FloatArray, FloatArray]:
-    """Efforts (n_steps, n_joints) and their derivatives (…, N_PARAMETERS)."""
-    tau, dtau = robot.inverse_dynamics_derivatives(*states.values)
-    _, n_steps, n_joints, n_parameters = states.by_parameter.shape
-    stacked = states.by_parameter.transpose(1, 0, 2, 3).reshape(n_steps, 3 * n_joints, n_parameters)
-    return tau, dtau @ stacked
-
-
-def _jerks(
-    segment: Motion, parameters: FloatArray, phases: FloatArray, step: float = 1e-4
-) -> tuple[FloatArray, FloatArray]:
-    """Jerks (n_steps, n_joints) and their derivatives (…, N_PARAMETERS), by differences.
-
-    The first and the last are those at the ends, where jerks are often largest.
-    """
-    at = np.concatenate([[0.0], phases[1:-1], [1.0]])
-    around = np.clip([at - step, at + step], 0.0, 1.0)
-    states = segment_states(segment, parameters, around.ravel())
-    behind, ahead = states.values[2].reshape(2, len(at), -1)
-    shape = (2, *ahead.shape, N_PARAMETERS)
-    by_behind, by_ahead = states.by_parameter[2].reshape(shape)
-    times = states.duration * (around[1] - around[0])[:, None]
-    jerks = (ahead - behind) / times
-    by_parameter = (by_ahead - by_behind) / times[..., None]
-    by_parameter[..., LOG_DURATION] -= jerks  # the time between the two states grows, too
-    return jerks, by_parameter
+def _slopes(
+    function: Callable[[FloatArray], FloatArray | float], parameters: FloatArray
+) -> FloatArray:
+    """Derivatives of a function by the parameters of a segment, in the last axis."""
+    slopes = [
+        np.subtract(function(parameters + step), function(parameters - step)) / (2.0 * _STEP)
+        for step in _STEP * np.eye(N_PARAMETERS)
+    ]
+    return np.asarray(np.stack(slopes, axis=-1))
 
 
 def _by_segment(parameters: FloatArray) -> FloatArray:

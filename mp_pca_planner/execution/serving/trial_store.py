@@ -24,7 +24,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...exceptions import GoalError, LearningError, PlannerError, TrajectoryError
 from ...learning.refined_motion import RefinedMotion, primitive_around
-from ...learning.refinement import ExecutableMotions, RefinementCost, RefinementOptions, refine
+from ...learning.refinement import ExecutableMotions, RefinementOptions, refine
 from ...learning.trials import TrialLearner, read_request
 from ...motion.goal import JointGoal, JointState
 from ...planning.plan import Plan
@@ -171,7 +171,7 @@ class TrialStore:
             trajectory, check = accepted.trajectory, accepted.check
             parameters = accepted.motion.parameters
             break
-        effort, _ = RefinementCost(segments, learned.robot).effort_and_cost(parameters)
+        effort = RefinedMotion(segments, parameters).effort(learned.robot)
         varied = replace(
             plan,
             message=f"trial {number}, a variation of the planned motion",

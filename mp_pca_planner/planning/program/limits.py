@@ -233,12 +233,12 @@ def near_limits(
     None of them if the expected motion keeps the limits at the nodes, and its duration is known;
     otherwise those of which it takes more than a share.
     """
-    shares = limit_shares(limits, expected.states, expected.nodes.efforts)
-    return ~(shares <= (1.0 if is_timed and np.all(shares <= 1.0) else share))
+    shares = limit_shares(limits, expected.states, expected.nodes.efforts).max(axis=1)
+    return np.asarray(~(shares <= (1.0 if is_timed and np.all(shares <= 1.0) else share)))
 
 
 def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> FloatArray:
-    """Largest values of a motion as shares of the limits, shape (5, n_joints).
+    """Values of a motion as shares of the limits, shape (5, n_steps, n_joints).
 
     Those of positions are 0 in the middle of a range and 1 at its ends.
 
@@ -252,10 +252,10 @@ def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -
         Efforts; NaN counts as beyond a limit.
     """
     half = (limits.upper - limits.lower) / 2.0
-    beyond = np.maximum(limits.lower - states[0], states[0] - limits.upper).max(axis=0)
+    beyond = np.maximum(limits.lower - states[0], states[0] - limits.upper)
     bounds = np.array([limits.velocity, limits.acceleration, limits.jerk, limits.effort])
-    magnitudes = np.abs([*states[1:], efforts]).max(axis=1)
-    return np.vstack([1.0 + beyond / np.where(np.isfinite(half), half, 1.0), magnitudes / bounds])
+    of_positions = 1.0 + beyond / np.where(np.isfinite(half), half, 1.0)
+    return np.stack([of_positions, *(np.abs([*states[1:], efforts]) / bounds[:, None])])
 
 
 def _end_states(robot: Robot, ends: Sequence[JointState]) -> FloatArray:

@@ -23,9 +23,8 @@ from mp_pca_planner.learning.refined_motion import (
 )
 from mp_pca_planner.learning.refinement import (
     MARGIN,
-    ClearanceConstraints,
-    LimitConstraints,
-    RefinementCost,
+    Constraints,
+    ExecutableMotions,
     RefinementOptions,
     refine,
 )
@@ -115,28 +114,14 @@ def test_velocities_and_accelerations_are_derivatives_of_the_positions():
     np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * step), a, rtol=1e-6, atol=1e-6)
 
 
-def test_derivatives_by_parameter_are_those_of_differences():
+def test_states_are_derivatives_of_each_other_up_to_the_jerk():
     segment, x = joined_motions()[1], some_parameters(1, 3)[0]
-    phases = np.linspace(0.0, 1.0, 11)
-    found = segment_states(segment, x, phases).by_parameter
-    for k, e in enumerate(1e-6 * np.eye(N_PARAMETERS)):
-        ahead, behind = (segment_states(segment, x + s * e, phases).values for s in (1, -1))
-        np.testing.assert_allclose(
-            (ahead - behind) / 2e-6, found[..., k], rtol=1e-5, atol=1e-5 * np.abs(found).max()
-        )
-
-
-@pytest.mark.parametrize("price", [None, 30.0])
-def test_gradient_of_the_cost_is_that_of_differences(price):
-    cost = RefinementCost(joined_motions(), ROBOT, price)
-    x = some_parameters(2, 1).ravel()
-    value, gradient = cost.value_and_gradient(x)
-    assert value == pytest.approx(cost.effort_and_cost(x)[1], rel=1e-12)
-    slopes = [
-        (cost.effort_and_cost(x + e)[1] - cost.effort_and_cost(x - e)[1]) / 2e-6
-        for e in 1e-6 * np.eye(x.size)
-    ]
-    np.testing.assert_allclose(gradient, slopes, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
+    phases, step = np.linspace(0.05, 0.95, 11), 1e-6
+    ahead, behind = (segment_states(segment, x, phases + s * step) for s in (1, -1))
+    duration = RefinedMotion([segment], x).duration
+    slopes = (ahead - behind)[:3] / (2 * step * duration)
+    found = segment_states(segment, x, phases)[1:]
+    np.testing.assert_allclose(slopes, found, rtol=1e-5, atol=1e-6 * np.abs(found).max())
 
 
 def least(motion, world):
@@ -156,18 +141,18 @@ def test_gradients_of_clearances_are_those_of_differences():
     price = RefinementOptions(time_price=3.0)
     refined = refine(plan.motions, ROBOT, LIMITS, price)
     model = CollisionModel(ROBOT, world=ball_beside(plan.trajectory, refined.trajectory))
-    terms = ClearanceConstraints(plan.motions, model)
+    terms = Constraints(ExecutableMotions(plan.motions, ROBOT, LIMITS, price, model))
     x = refined.motion.parameters.ravel()
-    assert terms.values_and_jacobian(plan.motions, x)[0].size == 0
-    terms.add(refined.motion, model.collisions(refined.trajectory))
-    values, rows = terms.values_and_jacobian(plan.motions, x)
+    terms.add(refined.motion, refined.check, model.collisions(refined.trajectory))
+    n_limits = 5 * ROBOT.n_joints * terms.phases[0].size
+    values, rows = terms.values(x)[n_limits:], terms.jacobian(x)[n_limits:]
     assert values.min() < 0.0 and np.abs(rows).max() > 0.01
     # In contact, the nearest points of Coal before release 3 coincide: derivatives are approximate.
     exact = values > (-np.inf if coal.__name__ == "coal" else 0.0)
     near = np.any(rows != 0.0, axis=1) & exact
     assert np.count_nonzero(near) > 1
     for k, e in enumerate(1e-6 * np.eye(x.size)):
-        ahead, behind = (terms.values_and_jacobian(plan.motions, x + s * e)[0] for s in (1, -1))
+        ahead, behind = (terms.values(x + s * e)[n_limits:] for s in (1, -1))
         slopes = (ahead - behind)[near] / 2e-6
         np.testing.assert_allclose(slopes, rows[near, k], atol=2e-3 * np.abs(rows).max())
 
@@ -198,10 +183,11 @@ def test_refining_a_detour_keeps_clear_of_the_obstacle():
 def test_cost_is_the_integral_of_the_efforts():
     motion = RefinedMotion(joined_motions(), some_parameters(2))
     trajectory = motion.sample(ROBOT, 1e-3)
-    effort, total = RefinementCost(motion.segments, ROBOT, 5.0).effort_and_cost(motion.parameters)
+    effort = motion.effort(ROBOT)
+    judge = ExecutableMotions(motion.segments, ROBOT, LIMITS, RefinementOptions(time_price=5.0))
     by_points = 0.5 * trapezoid(np.sum(trajectory.efforts**2, axis=1), trajectory.times)
     assert effort == pytest.approx(by_points, rel=1e-4)
-    assert total == pytest.approx(effort + 5.0 * motion.duration, rel=1e-12)
+    assert judge.cost(motion) == pytest.approx(effort + 5.0 * motion.duration, rel=1e-12)
 
 
 def test_refining_lowers_the_cost_in_the_same_time_and_keeps_ends_and_limits():
@@ -249,9 +235,11 @@ def test_time_that_costs_is_spared():
     assert dear.cost <= dear.original_cost
     # At an optimum inside of the bounds a longer duration gains as much as it costs.
     if abs(cheap.motion.parameters[0, LOG_DURATION]) < 1.0 and not cheap.check.worst_excess:
-        cost = RefinementCost([plan.motion], ROBOT, 10.0)
-        _, gradient = cost.value_and_gradient(cheap.motion.parameters)
-        assert abs(gradient[LOG_DURATION]) < 0.02 * cheap.cost
+        slower, faster = (
+            motion.effort(ROBOT) + 10.0 * motion.duration
+            for motion in (cheap.motion.lasting(x * cheap.motion.duration) for x in (1.01, 0.99))
+        )
+        assert abs(slower - faster) < 0.02 * 0.02 * cheap.cost
 
 
 def test_what_is_not_executable_is_refused():
@@ -318,11 +306,11 @@ def test_amplitude_of_minus_one_is_the_motion_of_least_jerk():
 def test_limits_and_their_slopes_are_those_of_differences(n_segments):
     segments = joined_motions()[:n_segments]
     limits = ROBOT.limits({name: {"max_jerk": 40.0, "max_acceleration": 9.0} for name in JOINTS})
-    terms = LimitConstraints(n_segments, ROBOT, limits)
+    terms = Constraints(ExecutableMotions(segments, ROBOT, limits, RefinementOptions()))
     x = some_parameters(n_segments, 4).ravel()
-    values, slopes = terms.values_and_jacobian(segments, x)
+    values, slopes = terms.values(x), terms.jacobian(x)
     for k, e in enumerate(1e-6 * np.eye(x.size)):
-        ahead, behind = (terms.values_and_jacobian(segments, x + s * e)[0] for s in (1, -1))
+        ahead, behind = (terms.values(x + s * e) for s in (1, -1))
         np.testing.assert_allclose((ahead - behind) / 2e-6, slopes[:, k], rtol=1e-4, atol=1e-3)
     # The least room for jerk is that of the motion itself, on a fine grid.
     motion, step = RefinedMotion(segments, x), 1e-5

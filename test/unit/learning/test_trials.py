@@ -16,7 +16,7 @@ from worlds import ball_beside, least_distance
 
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.learning.refined_motion import AMPLITUDE, RefinedMotion
-from mp_pca_planner.learning.refinement import RefinementCost, RefinementOptions, parameter_bounds
+from mp_pca_planner.learning.refinement import RefinementOptions, parameter_bounds
 from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
@@ -76,7 +76,7 @@ def learn_proposals(learner, n):
 
 
 def effort(proposal):
-    return RefinementCost([motion()], ROBOT).effort_and_cost(proposal.motion.parameters)[0]
+    return proposal.motion.effort(ROBOT)
 
 
 def learn(learner, n_trials):
