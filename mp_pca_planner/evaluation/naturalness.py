@@ -21,9 +21,9 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..motion.goal import JointGoal, JointState
 from ..motion.interpolation import hermite_functions
-from ..planning.likeness import NATURAL
 from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
+from ..planning.request import NATURAL
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
 from ..primitives.differences import FINE_PHASES, MEASURES, PHASES, by_way, differences

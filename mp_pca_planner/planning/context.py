@@ -42,20 +42,30 @@ class Context:
     bases: BasisStore
     longest: float
 
-    def check_duration(self, what: str, seconds: float) -> None:
-        """Reject a motion whose points would take too much time and memory, or overflow.
 
-        Raises
-        ------
-        GoalError
-            If the duration is longer than `longest`, or shorter than a microsecond.
-        """
-        if not seconds <= self.longest:
-            raise GoalError(
-                f"{what} {seconds:.4g} s, at most {self.longest:g} s are accepted with a sample "
-                f"period of {self.options.sample_period:g} s"
-            )
-        if not seconds >= INPUT_LIMITS.shortest:
-            raise GoalError(
-                f"{what} {seconds:.4g} s, at least {INPUT_LIMITS.shortest:g} s are accepted"
-            )
+def check_duration(context: Context, what: str, seconds: float) -> None:
+    """Reject a motion whose points would take too much time and memory, or overflow.
+
+    Parameters
+    ----------
+    context : Context
+        Of the planner.
+    what : str
+        The beginning of the message, such as "the duration is".
+    seconds : float
+        The duration [s].
+
+    Raises
+    ------
+    GoalError
+        If the duration is longer than `longest`, or shorter than a microsecond.
+    """
+    if not seconds <= context.longest:
+        raise GoalError(
+            f"{what} {seconds:.4g} s, at most {context.longest:g} s are accepted with a sample "
+            f"period of {context.options.sample_period:g} s"
+        )
+    if not seconds >= INPUT_LIMITS.shortest:
+        raise GoalError(
+            f"{what} {seconds:.4g} s, at least {INPUT_LIMITS.shortest:g} s are accepted"
+        )

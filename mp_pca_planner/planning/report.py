@@ -22,11 +22,10 @@ from ..motion.validation import LimitCheck
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
 from .context import Context
-from .likeness import NATURAL
 from .objectives import Effort
 from .options import AUTO, DEMONSTRATED, FREE, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
-from .request import Request
+from .request import NATURAL, Request
 from .requests.selection import Selection
 from .search.candidate import Candidate
 from .search.sampling import missing_planner
@@ -197,7 +196,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     status, message = _status(context, outcome, solve_time, score, corrections)
     ends = np.cumsum([motion.duration for motion in motions])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
-    selection, deviation = _selection(goal, outcome), _deviation_score(best)
+    selection, deviation = _selection(context, goal, outcome), _deviation_score(best)
     outside, error = _outside_and_error(context, best, score)
     return Plan(
         status=status,
@@ -506,14 +505,14 @@ def collision_words(collision: CollisionModel | None, trajectory: Trajectory) ->
     return text if collision.checks_links else f"{text}; {SENTENCES['links_unchecked']}"
 
 
-def _selection(goal: Goal, outcome: Outcome) -> str:
+def _selection(context: Context, goal: Goal, outcome: Outcome) -> str:
     """The reason for the choice of the primitives."""
-    request = outcome.best.request
+    request, n_named = outcome.best.request, context.options.selection.max_named
     if goal.primitive is not None:
         return SENTENCES["named"].format(name=goal.primitive)
     if request.mode:
         reasons = [
-            selection_reason(one.selection, one.primitive.name, {one.primitive.name: None})
+            selection_reason(one.selection, one.primitive.name, {one.primitive.name: None}, n_named)
             for one in request.segments
         ]
         return "; ".join(dict.fromkeys(reasons))
@@ -525,10 +524,12 @@ def _selection(goal: Goal, outcome: Outcome) -> str:
             for one in outcome.found
             if one.request.goal is request.goal
         }
-    return selection_reason(segment.selection, segment.primitive.name, solved)
+    return selection_reason(segment.selection, segment.primitive.name, solved, n_named)
 
 
-def selection_reason(selection: Selection, winner: str, solved: Mapping[str, float | None]) -> str:
+def selection_reason(
+    selection: Selection, winner: str, solved: Mapping[str, float | None], n_named: int
+) -> str:
     """The reason for the choice of a primitive, one sentence.
 
     Parameters
@@ -539,6 +540,8 @@ def selection_reason(selection: Selection, winner: str, solved: Mapping[str, flo
         Name of the chosen one.
     solved : mapping of str to float or None
         Costs of the motions that were planned, by primitive; None: not within the limits.
+    n_named : int
+        Number of primitives that are named at most.
     """
     if selection.n_primitives == 1:
         return SENTENCES["only_primitive"].format(winner=winner)
@@ -547,10 +550,9 @@ def selection_reason(selection: Selection, winner: str, solved: Mapping[str, flo
         return SENTENCES["only_near"].format(
             n=selection.n_primitives, winner=winner, score=first.expected.in_span_score
         )
-    most = selection.options.max_named
-    names = quote_names([one.name for one in considered[:most]])
-    if len(considered) > most:
-        names += SENTENCES["more_names"].format(n=len(considered) - most)
+    names = quote_names([one.name for one in considered[:n_named]])
+    if len(considered) > n_named:
+        names += SENTENCES["more_names"].format(n=len(considered) - n_named)
     if len(solved) == 1:
         reason = SENTENCES["least_expected"].format(
             winner=winner, cost=first.cost, second=considered[1].name, other=considered[1].cost

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,13 +19,17 @@ import numpy as np
 from ..arrays import FloatArray, set_frozen
 from ..exceptions import TrajectoryError
 from ..motion.goal import JointState, Pose
+from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from .likeness import NATURAL
-from .options import DEMONSTRATED
+from .options import AUTO, DEMONSTRATED, FREE, PlannerOptions
 
 if TYPE_CHECKING:
     from .requests.selection import Selection
+
+
+NATURAL = 1.0
+"""Naturalness ρ of motions like the demonstrations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +79,7 @@ class Request:
         How the segments of a sequence are joined, with or without optimisation; empty for a single
         goal.
     naturalness : float
-        ρ, see :mod:`.likeness`.
+        ρ, see :func:`naturalness_for`.
     timing : {'demonstrated', 'shortest', 'free'}
         Timing of a free duration of a single goal.
     start, goal : JointState
@@ -100,7 +105,7 @@ class Request:
 
     def __post_init__(self) -> None:
         last = self.segments[-1]
-        duration = float(sum([segment.duration for segment in self.segments]))
+        duration = float(sum(map(attrgetter("duration"), self.segments)))
         set_frozen(self, start=self.segments[0].start, goal=last.goal, pose=last.pose)
         set_frozen(self, duration=duration, duration_is_free=not self.groups[-1][1])
 
@@ -159,3 +164,39 @@ def duration_groups(times: Sequence[float | None]) -> tuple[tuple[tuple[int, ...
     if current:
         groups.append((tuple(current), False))
     return tuple(groups)
+
+
+def naturalness_for(options: PlannerOptions, score: float) -> float:
+    """Naturalness ρ: that of the options, else 1 up to a score of 3, (3 / score)³ above.
+
+    The prediction holds for requests like the demonstrations. For others, its error grows with the
+    in-span score, and cost counts more.
+
+    Parameters
+    ----------
+    options : PlannerOptions
+        The options.
+    score : float
+        In-span score of the request.
+    """
+    if options.naturalness is not None:
+        return options.naturalness
+    share = UNUSUAL_IN_SPAN_SCORE / max(score, UNUSUAL_IN_SPAN_SCORE)
+    return float(NATURAL * share**3)
+
+
+def timing_for(options: PlannerOptions, score: float, *, is_detour: bool = False) -> str:
+    """Timing: that of the options, else 'free' for scores above 3 and detours, else predicted.
+
+    Parameters
+    ----------
+    options : PlannerOptions
+        The options.
+    score : float
+        In-span score of the request.
+    is_detour : bool
+        Whether the motion follows a collision-free path, because the predicted one collides.
+    """
+    if options.timing != AUTO:
+        return options.timing
+    return FREE if is_detour or score > UNUSUAL_IN_SPAN_SCORE else DEMONSTRATED

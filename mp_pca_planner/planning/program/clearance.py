@@ -17,7 +17,7 @@ from ...arrays import FloatArray
 from ...motion.collision import Collision, CollisionModel
 from ...primitives.basis import Basis
 from ..options import ClearanceOptions
-from .constraints import Findings
+from .constraints import Ends, Findings, fixed_positions
 from .segment import Course, StateMap, Unknowns, state_map
 
 
@@ -60,8 +60,8 @@ class Clearance:
         The unknowns of the segment.
     basis : Basis
         Its basis.
-    ends : sequence of (array, shape (n_joints,), or None)
-        Positions at its start and goal, None where they are free.
+    ends : tuple of (JointState or None)
+        Its ends.
     options : ClearanceOptions
         Options.
     phases : array, shape (n_phases,), optional
@@ -80,7 +80,7 @@ class Clearance:
         model: CollisionModel,
         unknowns: Unknowns,
         basis: Basis,
-        ends: Sequence[FloatArray | None],
+        ends: Ends,
         options: ClearanceOptions,
         phases: FloatArray | None = None,
         least: FloatArray | float = 0.0,
@@ -98,7 +98,7 @@ class Clearance:
         model, unknowns, _, ends, options = self._for
         phases = np.linspace(0.0, 1.0, options.n_phases + 1)
         phases = phases[ends[0] is not None : None if ends[1] is None else -1]
-        fixed = np.array([end for end in ends if end is not None]).reshape(-1, unknowns.n_joints)
+        fixed = fixed_positions(ends).reshape(-1, unknowns.n_joints)
         least = least_distances(fixed, model, options)
         return Clearance(*self._for, phases, least)
 
@@ -141,7 +141,7 @@ class Distances:
         self, states: StateMap, model: CollisionModel, x: FloatArray, reach: float
     ) -> None:
         q = states.values(x)
-        self._jacobian = states.jacobian(x, q).reshape(*q.shape, x.size)
+        self._jacobian = states.slopes(x, q).rows().reshape(*q.shape, x.size)
         self._near = near = model.near(q.T, reach)
         self.values = near.bounds.T.ravel()
         self._places = near.pairs * q.shape[1] + near.configurations

@@ -9,14 +9,13 @@ from itertools import pairwise
 import numpy as np
 
 from ...arrays import FloatArray
-from ...motion.goal import JointState
 from ...primitives.prediction import ConditionalDistribution
 from ..context import Context
 from ..options import SearchOptions
 from ..request import Request
 from .bases import MotionBasis
 from .clearance import Clearance
-from .constraints import AlongPath, Constraint, PoseTarget
+from .constraints import AlongPath, Constraint, Ends, PoseTarget
 from .limits import Limits, near_limits
 from .motion_program import Chain, MotionProgram, junctions_of
 from .segment import (
@@ -34,6 +33,8 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
     """Make the program of a request."""
     junctions = junctions_of(request, setting.initial)
     segments, terms, targets = [], [], list[PoseTarget | None]()
+    # Whether motions stay near an expected one.
+    near = setting.naturalness >= context.options.search.near_expected
     for i, (requested, basis) in enumerate(zip(request.segments, setting.bases, strict=True)):
         here, there = junctions[i : i + 2]
         motion, tables = setting.initial[i], basis.tables
@@ -48,14 +49,12 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
             context.robot, tables, unknowns, motion.weights, setting.objectives
         )
         segments.append(segment)
+        near = near and basis.precision is not None
         terms.append(_naturalness(context, request, setting, segment, i))
         targets.append(None)
         if requested.pose is not None:
             targets[i] = PoseTarget(context.robot, tables, unknowns, requested.pose)
     links = Chain(junctions, segments) if request.mode else None
-    # Whether motions stay near an expected one.
-    uncertain = [basis for basis in setting.bases if basis.precision is None]
-    near = not uncertain and setting.naturalness >= context.options.search.near_expected
     starts = [links.start] if links else _starts(setting, segments[0], terms[0], near)
     collision, clear = context.collision, setting.bases[0].is_detour
     if collision is not None and collision.pairs and not (clear or links or setting.is_shortest):
@@ -173,7 +172,7 @@ def _constraints(
     context: Context,
     program: SegmentProgram,
     natural: list[Naturalness],
-    ends: tuple[JointState | None, JointState | None],
+    ends: Ends,
     *,
     near: bool,
     clear: bool,
@@ -184,8 +183,6 @@ def _constraints(
     first motions collides.
     """
     tables, unknowns, options = program.tables, program.unknowns, context.options
-    known = [end for end in ends if end is not None]
-    places = [None if end is None else end.positions for end in ends]
     chosen = None
     if near:
         expected, _ = program.at(program.expected)
@@ -194,15 +191,15 @@ def _constraints(
             is_known = natural[0].precision[timed, timed] > 0.0
         chosen = near_limits(context.limits, expected, options.search.near_limit, is_known)
     found: list[Constraint] = [
-        Limits(context.robot, tables, unknowns, context.limits, known, chosen)
+        Limits(context.robot, tables, unknowns, context.limits, ends, chosen)
     ]
     if context.collision is not None:
         basis = tables.basis
-        clearance = Clearance(context.collision, unknowns, basis, places, options.clearance)
+        clearance = Clearance(context.collision, unknowns, basis, ends, options.clearance)
         found.append(clearance.everywhere() if clear else clearance)
     for path in options.constraints:
         phases = np.linspace(0.0, 1.0, options.search.n_path_phases)
-        found.append(AlongPath(context.robot, path, unknowns, tables.basis, places, phases))
+        found.append(AlongPath(context.robot, path, unknowns, tables.basis, ends, phases))
     return found
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...motion.collision import Collision
-from ...motion.goal import Pose
+from ...motion.goal import JointState, Pose
 from ...motion.validation import Violation
 from ...primitives.basis import Basis
 from ...robot.model import Robot
@@ -30,6 +30,14 @@ from .tables import Tables
 # Distance from the bound of a path constraint for the motion between the phases, at most half of
 # that of fixed ends.
 _MARGIN = 0.01
+
+Ends = tuple[JointState | None, JointState | None]
+"""States at the start and the goal of a segment; None where the position is free."""
+
+
+def fixed_positions(ends: Ends) -> FloatArray:
+    """Positions of the fixed ends, shape (n_ends, n_joints)."""
+    return np.array([end.positions for end in ends if end is not None])
 
 
 class Linear(Protocol):
@@ -139,8 +147,8 @@ class AlongPath:
         The unknowns of the segment.
     basis : Basis
         Its basis.
-    ends : sequence of (array, shape (n_joints,), or None)
-        Positions at its start and goal, None where they are free.
+    ends : tuple of (JointState or None)
+        Its ends.
     phases : array, shape (n_phases,)
         Phases of the constraints from 0 to 1, increasing.
 
@@ -156,14 +164,14 @@ class AlongPath:
         constraint: PathConstraint,
         unknowns: Unknowns,
         basis: Basis,
-        ends: Sequence[FloatArray | None],
+        ends: Ends,
         phases: FloatArray,
     ) -> None:
         self._for = robot, constraint, unknowns, basis, ends
         self._robot, self._constraint, self._phases = robot, constraint, phases
         free = phases[int(ends[0] is not None) : phases.size - int(ends[1] is not None)]
         self._states = state_map(unknowns, basis, free, 0)
-        known = np.array([end for end in ends if end is not None]).reshape(-1, robot.n_joints)
+        known = fixed_positions(ends).reshape(-1, robot.n_joints)
         at_ends, _ = constraint.values(robot, known)
         least = np.clip(0.5 * at_ends.min(axis=0, initial=2.0 * _MARGIN), 0.0, _MARGIN)
         self.lower = np.repeat(least, free.size)
@@ -172,7 +180,7 @@ class AlongPath:
     def at(self, course: Course) -> Dense:
         """The values of a motion."""
         q = self._states.values(course.x)
-        by_unknown = self._states.jacobian(course.x, q).reshape(*q.shape, -1)
+        by_unknown = self._states.slopes(course.x, q).rows().reshape(*q.shape, -1)
         values, slopes = self._constraint.values(self._robot, q.T)
         rows = np.einsum("svj,jsx->vsx", slopes, by_unknown)
         return Dense(values.T.ravel(), rows.reshape(values.size, -1))
@@ -222,7 +230,7 @@ class PoseTarget:
         """The same with the derivatives by the unknowns, shape (n_errors, n_unknowns)."""
         q = self._goal.values(x)
         error, by_position = self._error(q[:, 0])
-        return error, np.asarray(by_position @ self._goal.jacobian(x, q))
+        return error, np.asarray(by_position @ self._goal.slopes(x, q).rows())
 
     def _error(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         pose = self._pose

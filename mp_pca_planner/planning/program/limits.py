@@ -9,19 +9,18 @@ they are smooth, so the polynomial through the nodes of each piece interpolates 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...motion.goal import JointState
 from ...motion.interpolation import hermite_functions
 from ...motion.validation import Violation
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
-from .constraints import Findings
+from .constraints import Ends, Findings
 from .segment import Course, StateMap, Unknowns
 from .tables import N_LIMIT_POINTS, N_RATES, Tables, limit_phases
 
@@ -49,8 +48,8 @@ class Limits:
         Its unknowns.
     limits : JointLimits
         Limits of its joints. Infinite ones make no constraints.
-    ends : sequence of JointState
-        The fixed ends: the margin is reduced where an end is closer to the limit.
+    ends : tuple of (JointState or None)
+        Its ends: the margin is reduced where a fixed one is closer to the limit.
     chosen : array of bool, shape (5, n_joints), optional
         Limits that become constraints, by quantity and joint; all unless given.
 
@@ -71,7 +70,7 @@ class Limits:
         tables: Tables,
         unknowns: Unknowns,
         limits: JointLimits,
-        ends: Sequence[JointState],
+        ends: Ends,
         chosen: NDArray[np.bool_] | None = None,
     ) -> None:
         self._for = robot, tables, unknowns, limits, ends
@@ -258,11 +257,12 @@ def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -
     return np.stack([of_positions, *(np.abs([*states[1:], efforts]) / bounds[:, None])])
 
 
-def _end_states(robot: Robot, ends: Sequence[JointState]) -> FloatArray:
-    """Positions, velocities, accelerations and efforts of states, shape (n_ends, 4, n_joints)."""
-    if not ends:
+def _end_states(robot: Robot, ends: Ends) -> FloatArray:
+    """Positions, velocities, accelerations and efforts at fixed ends, shape (n, 4, n_joints)."""
+    values = [end.values for end in ends if end is not None]
+    if not values:
         return np.zeros((0, 4, robot.n_joints))
-    q, v, a = np.array([end.values for end in ends]).transpose(1, 0, 2)
+    q, v, a = np.array(values).transpose(1, 0, 2)
     return np.stack([q, v, a, robot.inverse_dynamics(q, v, a)], axis=1)
 
 

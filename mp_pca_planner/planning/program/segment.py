@@ -259,7 +259,7 @@ class StateMap:
     def values(self, x: FloatArray) -> FloatArray:
         """The states, shape (n_rows, n_phases)."""
         if not self._unknowns.duration_is_free:
-            return np.asarray(self._fixed + self._constant.changes(x).reshape(self._fixed.shape))
+            return np.asarray(self._fixed + (self._constant.columns @ x).reshape(self._fixed.shape))
         boundary, _ = self._unknowns.boundary_at(x)
         weights = x[: self._unknowns.n_weights]
         shape = self._mean + (self._columns[:, : weights.size] @ weights).reshape(self._mean.shape)
@@ -279,10 +279,6 @@ class StateMap:
         of_states = np.repeat(rates[:, 0], n_phases)
         timing = Timing(unknowns.growth(x), of_states, by_duration, decay)
         return Slopes(self._columns, unknowns.scales.size, timing)
-
-    def jacobian(self, x: FloatArray, values: FloatArray) -> FloatArray:
-        """The same as an array, shape (n_rows * n_phases, n_unknowns)."""
-        return self.slopes(x, values).rows()
 
 
 def state_map(unknowns: Unknowns, basis: Basis, phases: FloatArray, highest: int) -> StateMap:
@@ -389,8 +385,8 @@ class SegmentProgram:
         duration, by_row = unknowns.duration_at(x), self._states.values(x)
         if self._slopes is None or timed:
             n_nodes, n_joints = self.tables.n_nodes, unknowns.n_joints
-            rows = self._states.jacobian(x, by_row).reshape(N_RATES, n_joints, n_nodes, x.size)
-            by_rate = rows.transpose(0, 2, 1, 3)
+            rows = self._states.slopes(x, by_row).rows()
+            by_rate = rows.reshape(N_RATES, n_joints, n_nodes, x.size).transpose(0, 2, 1, 3)
             stacked = by_rate[:3].transpose(1, 0, 2, 3).reshape(n_nodes, 3 * n_joints, x.size)
             self._slopes = by_rate, stacked
         by_rate, stacked = self._slopes

@@ -25,11 +25,17 @@ from ...primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..configurations import configurations_at, starts_near
-from ..context import Context
-from ..likeness import naturalness_for, timing_for
+from ..context import Context, check_duration
 from ..options import SHORTEST
 from ..program.setting import expected_cost
-from ..request import Request, RequestSegment, duration_groups, fit_durations
+from ..request import (
+    Request,
+    RequestSegment,
+    duration_groups,
+    fit_durations,
+    naturalness_for,
+    timing_for,
+)
 from ..search.budget import Budget
 from .selection import Selector
 
@@ -84,7 +90,7 @@ def resolve(
     _check_within_limits(context, "present", here, inside)
     _check_path(context, "start", here)
     if not isinstance(goal, SequenceGoal) and goal.duration is not None:
-        context.check_duration("the duration is", goal.duration)
+        check_duration(context, "the duration is", goal.duration)
     if goal.primitive is not None:
         selector = selector.named(goal.primitive)
     if isinstance(goal, SequenceGoal):
@@ -150,7 +156,7 @@ def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
     """Reject a goal that can't be served from any start, see :meth:`.Planner.check`."""
     robot, limits = context.robot, context.limits
     if goal.duration is not None:
-        context.check_duration("the duration is", goal.duration)
+        check_duration(context, "the duration is", goal.duration)
     if goal.primitive is not None:
         selector.primitives.check_name(goal.primitive)
     zero = np.zeros(robot.n_joints)
@@ -215,19 +221,19 @@ def _sequence(
 ) -> Request:
     """Choose configurations, primitives and usual durations of a sequence."""
     last = max((when for when in goal.times if when is not None), default=1.0)
-    context.check_duration("the sequence asks for a time of", last)
+    check_duration(context, "the sequence asks for a time of", last)
     n_passed = _n_passed(context, goal, here)
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
     states = _route(context, selector, targets, here, n_passed + 1)
     chosen = [selector.choose(a.positions, b.positions) for a, b in pairwise(states)]
-    usual = [selection.first.expected.duration for selection in chosen]
+    usual = [selection.considered[0].expected.duration for selection in chosen]
     durations = fit_durations(usual, times)
-    context.check_duration("the sequence would take", sum(durations))
-    context.check_duration("a segment of the sequence would take", min(durations))
+    check_duration(context, "the sequence would take", sum(durations))
+    check_duration(context, "a segment of the sequence would take", min(durations))
     segments = []
     for i, selection in enumerate(chosen):
-        pose, first = targets[i], selection.first
+        pose, first = targets[i], selection.considered[0]
         segments.append(
             RequestSegment(
                 states[i],

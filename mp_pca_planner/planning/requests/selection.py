@@ -64,28 +64,15 @@ class Selection:
     ----------
     considered : tuple of Considered
         Those that passed the filter, the one with the least expected cost first.
+    contenders : tuple of Considered
+        The first of these, whose expected costs are too close to each other to be ranked.
     n_primitives : int
         Number of available primitives.
-    options : SelectionOptions
-        Options.
     """
 
     considered: tuple[Considered, ...]
+    contenders: tuple[Considered, ...]
     n_primitives: int
-    options: SelectionOptions = SelectionOptions()
-
-    @property
-    def first(self) -> Considered:
-        """The one with the least expected cost."""
-        return self.considered[0]
-
-    @property
-    def contenders(self) -> tuple[Considered, ...]:
-        """Those whose expected costs are too close to the least one to be ranked."""
-        first, *others = self.considered
-        near = (1.0 + self.options.usual_error) * first.cost
-        close = [one for one in others if one.cost <= near]
-        return (first, *close)[: self.options.max_contenders]
 
 
 class Selector:
@@ -175,9 +162,12 @@ class Selector:
             expected = primitive.model.predict(*ends, duration)
             cost = float("nan") if len(chosen) == 1 else self._cost(i, start, goal, expected)
             found.append(Considered(primitive, expected, cost))
+        n_close = 1
         if len(found) > 1:
             found.sort(key=lambda one: rank_of(one.cost))
-        return Selection(tuple(found), len(self.primitives), self._options)
+            near = (1.0 + self._options.usual_error) * found[0].cost
+            n_close += sum(one.cost <= near for one in found[1 : self._options.max_contenders])
+        return Selection(tuple(found), tuple(found[:n_close]), len(self.primitives))
 
     def _cost(
         self, i: int, start: FloatArray, goal: FloatArray, expected: ConditionalDistribution

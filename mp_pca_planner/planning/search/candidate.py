@@ -19,7 +19,7 @@ from ...motion.interpolation import GRID_PERIOD
 from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
 from ..configurations import POSE_TOLERANCE, nearest_configuration
-from ..context import Context
+from ..context import Context, check_duration
 from ..motion import Motion, rank_of
 from ..options import AUTO
 from ..plan import NOT_SOLVED, MotionSolution
@@ -125,7 +125,7 @@ def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, Li
         If the motion would take too long or too short; nothing is sampled then.
     """
     ends = np.cumsum([motion.duration for motion in motions])
-    context.check_duration("the motion would take", float(ends[-1]))
+    check_duration(context, "the motion would take", float(ends[-1]))
     times, states = [], []
     for i, (motion, end) in enumerate(zip(motions, ends, strict=True)):
         own, values = motion.sample(context.options.sample_period)

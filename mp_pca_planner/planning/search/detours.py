@@ -16,13 +16,12 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ..context import Context
-from ..likeness import timing_for
 from ..motion import Motion
 from ..options import FREE, SHORTEST
 from ..program.bases import MotionBasis
 from ..program.clearance import least_distances
 from ..program.setting import Setting, first_setting
-from ..request import Request
+from ..request import Request, timing_for
 from ..time_scaling import kinematic_stretch, slowdown
 from .budget import Budget
 from .candidate import Candidate, attempt, checked, sampled

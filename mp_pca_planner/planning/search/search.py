@@ -4,6 +4,7 @@
 
 `ORDER` lists the stages for one request; the first valid candidate ends them. If no request has a
 valid one, a slow motion is searched; if the requested duration has none, the shortest duration.
+A stage is a function of a case and a budget, whose result is None if it does not apply.
 """
 
 from __future__ import annotations
@@ -52,17 +53,20 @@ class Case:
         The first setting.
     joined : Candidate or None
         The expected motion of several segments, within the limits if possible.
-    tried : tuple of str
-        Names of the stages that were tried.
+    may_detour : bool
+        Whether paths around bodies may help: those of single segments.
+    starts_at_path : bool
+        Whether paths are tried before descent from the expected motion.
     found : tuple of Candidate
-        Their candidates.
+        The candidates of the stages so far.
     """
 
     context: Context
     request: Request
     first: Setting
-    joined: Candidate | None
-    tried: tuple[str, ...] = ()
+    joined: Candidate | None = None
+    may_detour: bool = False
+    starts_at_path: bool = False
     found: tuple[Candidate, ...] = ()
 
 
@@ -86,7 +90,26 @@ def first_case(context: Context, request: Request, budget: Budget) -> Case:
         expected = _joined(context, request, bases, budget)
         first = sequence_setting(context, request, bases, expected.motions)
         return Case(context, request, first, expected)
-    return Case(context, request, expected_setting(context, request), None)
+    first = expected_setting(context, request)
+    if context.collision is None or not context.collision.pairs:
+        return Case(context, request, first)
+    at_path = _starts_at_path(context, request, first)
+    return Case(context, request, first, may_detour=True, starts_at_path=at_path)
+
+
+def _starts_at_path(context: Context, request: Request, first: Setting) -> bool:
+    """Whether the expected motion is in collision at a quadrature node.
+
+    Descent from there takes longer than a path. It stays nearer to the demonstrations, so it comes
+    first where their timing or naturalness is asked for.
+    """
+    is_natural = request.naturalness >= context.options.search.near_expected
+    if is_natural or request.timing == DEMONSTRATED or not request.duration_is_free:
+        return False
+    assert context.collision is not None
+    motion = replace(first.initial[0], duration=request.duration)
+    positions = motion.evaluate(request.duration * first.bases[0].tables.phases)[0]
+    return context.collision.collide_anywhere(positions)
 
 
 def _joined(
@@ -106,25 +129,6 @@ def _joined(
                 break
             durations = longer
     return min(found, key=attrgetter("violation"))
-
-
-@dataclass(frozen=True)
-class SearchStage:
-    """What is tried, and when.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    applies : callable
-        Whether it is tried for a case.
-    search : callable
-        Its candidate; None if there is none.
-    """
-
-    name: str
-    applies: Callable[[Case], object]
-    search: Callable[[Case, Budget], Candidate | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,61 +171,24 @@ class Outcome:
     mode: str
 
 
-def searches_paths(context: Context) -> bool:
-    """Whether there are pairs of bodies that paths lead around."""
-    return context.collision is not None and bool(context.collision.pairs)
-
-
-def expected_collides(case: Case) -> bool:
-    """Whether paths are tried before descent from the expected motion.
-
-    They are if that is in collision at a quadrature node: descent from there takes longer than a
-    path. It stays nearer to the demonstrations, so it comes first where their timing or
-    naturalness is asked for.
-    """
-    context, request = case.context, case.request
-    if request.mode or not (searches_paths(context) and request.duration_is_free):
-        return False
-    is_natural = request.naturalness >= context.options.search.near_expected
-    if is_natural or request.timing == DEMONSTRATED:
-        return False
-    assert context.collision is not None
-    basis = case.first.bases[0]
-    motion = replace(case.first.initial[0], duration=request.duration)
-    positions = motion.evaluate(request.duration * basis.tables.phases)[0]
-    return context.collision.collide_anywhere(positions)
-
-
-def bodies_meet(case: Case) -> bool:
-    """Whether descent failed by collisions between the ends of a single segment."""
-    if not case.found or case.request.mode or not searches_paths(case.context):
-        return False
-    last = case.found[-1]
-    if "path" in case.tried or last.is_hopeless:
-        return False
-    # Collisions of a motion outside the limits are not known yet.
-    return last.meets_bodies or collides(case.context, last.trajectory)
-
-
-def optimises(case: Case) -> bool:
-    """Whether motions are optimised; otherwise segments are only joined."""
-    return case.request.mode != REAL_TIME
-
-
-def path(case: Case, budget: Budget) -> Candidate | None:
-    """The best motion along a collision-free path."""
+def path_first(case: Case, budget: Budget) -> Candidate | None:
+    """The best motion along a collision-free path, if the expected motion collides."""
+    if not case.starts_at_path:
+        return None
     return along_path(case.context, case.request, budget)
 
 
-def descent(case: Case, budget: Budget) -> Candidate:
+def descent(case: Case, budget: Budget) -> Candidate | None:
     """The best motion by descent from the expected one, with recoveries of single segments.
 
-    If paths may help, it ends when bodies collide.
+    If paths may help, it ends when bodies collide. Segments that are only joined have none.
     """
     context, request, setting = case.context, case.request, case.first
-    leads = not request.mode and searches_paths(context) and not missing_planner()
+    if request.mode == REAL_TIME:
+        return None
+    leads = case.may_detour and not missing_planner()
     within, found, same = budget, list[Candidate](), list[Candidate]()
-    if leads and not case.tried:
+    if leads and not case.starts_at_path:
         within = budget.share(context.options.search.share_of_descent)
     while True:
         candidate = attempt(context, request, setting, within)
@@ -244,18 +211,30 @@ def descent(case: Case, budget: Budget) -> Candidate:
     return min(found, key=attrgetter("violation"))
 
 
-def joined(case: Case, budget: Budget) -> Candidate:
+def path_after(case: Case, budget: Budget) -> Candidate | None:
+    """The best motion along a collision-free path, if descent failed by collisions between ends."""
+    if case.starts_at_path or not (case.may_detour and case.found):
+        return None
+    last = case.found[-1]
+    # Collisions of a motion outside the limits are not known yet.
+    if last.is_hopeless or not (last.meets_bodies or collides(case.context, last.trajectory)):
+        return None
+    return along_path(case.context, case.request, budget)
+
+
+def joined(case: Case, budget: Budget) -> Candidate | None:
     """The expected motion of several segments, joined within the limits if possible."""
-    assert case.joined is not None
+    if case.joined is None:
+        return None
     passes = sum(one.solution.iterations for one in case.found)
     return replace(case.joined, solution=replace(NOT_SOLVED, iterations=passes))
 
 
-ORDER = (
-    SearchStage("path", expected_collides, path),
-    SearchStage("descent", optimises, descent),
-    SearchStage("path", bodies_meet, path),
-    SearchStage("joined", attrgetter("joined"), joined),
+ORDER: tuple[Callable[[Case, Budget], Candidate | None], ...] = (
+    path_first,
+    descent,
+    path_after,
+    joined,
 )
 """What is tried for one request, in this order; the first valid candidate ends it."""
 
@@ -288,13 +267,11 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
             # Once time has run out, no further motion is optimised; joining takes hardly any.
             if case.found and case.joined is None and first.is_over():
                 break
-            if stage.applies(case):
-                candidate = stage.search(case, first)
-                case = replace(case, tried=(*case.tried, stage.name))
-                if candidate is not None:
-                    case = replace(case, found=(*case.found, candidate))
-                    if candidate.is_valid:
-                        break
+            candidate = stage(case, first)
+            if candidate is not None:
+                case = replace(case, found=(*case.found, candidate))
+                if candidate.is_valid:
+                    break
         found.append(min(case.found, key=attrgetter("violation")))
         every += case.found
         # Further configurations of a pose are for where the most natural one has no motion.
@@ -314,7 +291,7 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
     elif case.first.is_shortest:
         stated = best.duration
     if request.mode:
-        is_joined = best is slow.candidate or case.tried[-1] == "joined"
+        is_joined = best is slow.candidate or len(case.found) > 1 or request.mode == REAL_TIME
         mode = REAL_TIME if is_joined else OPTIMAL
         optimised = case.found[0] if is_joined and request.mode == OPTIMAL else None
     is_slow = best is slow.candidate

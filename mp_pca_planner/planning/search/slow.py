@@ -16,7 +16,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...exceptions import GoalError, TrajectoryError
 from ...motion.goal import JointState
-from ..context import Context
+from ..context import Context, check_duration
 from ..options import SHORTEST
 from ..plan import MotionSolution
 from ..program.bases import MotionBasis
@@ -208,7 +208,7 @@ def _durations(
     if route.moves_at_ends and not (request.mode and request.groups[0][1]):
         # Between other points, the controller's quintics would exceed the jerk of the brake.
         durations[0] = route.step * np.ceil(durations[0] / route.step - 1e-9)
-    context.check_duration("the slow motion would take", float(durations.sum()))
+    check_duration(context, "the slow motion would take", float(durations.sum()))
     return legs * np.repeat(durations / least, counts)
 
 

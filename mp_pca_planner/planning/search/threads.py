@@ -20,9 +20,11 @@ def one_blas_thread() -> Iterator[None]:
 
     No effect if threadpoolctl is not installed, as in ROS workspaces that lack it.
     """
-    several = [(one, n) for one in _libraries() if (n := one.num_threads or 1) > 1]
-    for library, _ in several:
-        library.set_num_threads(1)
+    several = []
+    for library in _libraries():
+        if (n_threads := library.num_threads or 1) > 1:
+            several.append((library, n_threads))
+            library.set_num_threads(1)
     try:
         yield
     finally:

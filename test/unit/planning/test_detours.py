@@ -124,11 +124,7 @@ def test_no_other_motion_is_optimised_when_time_is_over(post, monkeypatch):
     def never(*_):
         raise AssertionError("a stage began after the time")
 
-    stages = (
-        search.SearchStage("descent", bool, search.descent),
-        search.SearchStage("path", bool, never),
-    )
-    monkeypatch.setattr(search, "ORDER", stages)
+    monkeypatch.setattr(search, "ORDER", (search.descent, never))
     _, planner, start, goal = post
     options, model = PlannerOptions(max_solve_time=1e-6), planner.collision
     hasty = Planner(planner.robot, planner.primitives, None, options, model)

@@ -13,10 +13,10 @@ from test_detours import WALL
 
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
-from mp_pca_planner.planning.likeness import naturalness_for, timing_for
 from mp_pca_planner.planning.objectives import Jerk
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.request import naturalness_for, timing_for
 from mp_pca_planner.recordings.reaches import random_ends
 from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.world import World

@@ -13,6 +13,7 @@ import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.motion import Motion, cost_of, rank_of
 from mp_pca_planner.planning.objectives import Effort
+from mp_pca_planner.planning.options import SelectionOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.tables import Tables
@@ -77,8 +78,18 @@ def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
 
 
 def test_contenders_are_those_whose_expected_costs_are_near_the_least() -> None:
-    selection = Selection(tuple(considered(c) for c in (100.0, 101.0, 104.0, 106.0)), 9)
-    assert [c.cost for c in selection.contenders] == [100.0, 101.0, 104.0]
+    n_close = []
+    for usual_error in (0.0, 0.01, 0.5):
+        options = SelectionOptions(usual_error=usual_error, max_contenders=3)
+        selector = Selector(arm_robot(), library(), options=options)
+        start, goal = arm_demonstrations(10, 9)[0].positions[[0, -1]]
+        selection = selector.choose(start, goal)
+        costs = [one.cost for one in selection.considered]
+        near = [cost for cost in costs if cost <= (1.0 + usual_error) * costs[0]]
+        assert [one.cost for one in selection.contenders] == near[:3]
+        n_close.append(len(near))
+    assert n_close[0] == 1
+    assert n_close[-1] > 1
 
 
 def considered(cost: float) -> Considered:
@@ -123,8 +134,8 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender_and_says_so() -> 
 
 
 def test_a_motion_outside_of_the_limits_is_told_in_the_reason() -> None:
-    selection = Selection((considered(100.0), considered(101.0)), 2)
-    reason = selection_reason(selection, "b", {"a": None, "b": 12.5})
+    two = considered(100.0), considered(101.0)
+    reason = selection_reason(Selection(two, two, 2), "b", {"a": None, "b": 12.5}, 8)
     assert "'b' has the least cost of the 2 planned: 'a' not within the limits, 'b' 12.5" in reason
 
 
@@ -151,7 +162,7 @@ def test_the_only_primitive_is_not_compiled_to_be_chosen() -> None:
     assert plan.summary()["selection"] == f"'{plan.primitive}' is the only primitive"
     assert plan.summary()["considered"] == 1
     selection = Selector(robot, [arm_primitive()]).choose(start.positions, goal.positions)
-    assert np.isnan(selection.first.cost)
+    assert np.isnan(selection.considered[0].cost)
 
 
 def test_score_does_not_depend_on_whole_turns_of_a_joint_that_turns_without_end() -> None:
@@ -189,4 +200,4 @@ def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:
         (only,) = strict.considered
         assert only.expected.in_span_score == pytest.approx(scores.min())
         none = Selector(robot, primitives, max_score=0.5 * float(scores.min())).choose(*ends)
-        assert none.first.expected.in_span_score == pytest.approx(scores.min())
+        assert none.considered[0].expected.in_span_score == pytest.approx(scores.min())
