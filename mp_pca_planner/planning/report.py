@@ -7,7 +7,7 @@ All sentences about plans are in this module.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -192,11 +192,10 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     best, request, motions = outcome.best, outcome.best.request, outcome.best.motions
     trajectory = best.trajectory
     solve_time = max([best.solved_at, *[one.solved_at for one in outcome.found]]) - began
-    score, corrections = _novelty(context, best), _corrections(best)
-    status, message = _status(context, outcome, solve_time, score, corrections)
+    score, (correction, deviation, n_components) = _novelty(context, best), _of_weights(best)
+    status, message = _status(context, outcome, solve_time, score, correction)
     ends = np.cumsum([motion.duration for motion in motions])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
-    selection, deviation = _selection(context, goal, outcome), _deviation_score(best)
     outside, error = _outside_and_error(context, best, score)
     return Plan(
         status=status,
@@ -206,7 +205,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         primitives=tuple([segment.primitive.name for segment in request.segments]),
         solution=best.solution,
         considered=max([len(segment.selection.considered) for segment in request.segments]),
-        selection=selection,
+        selection=_selection(context, goal, outcome),
         in_span_score=score,
         outside=outside,
         expected_error=error,
@@ -216,8 +215,8 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         via_error=max(best.target_errors[:-1], default=0.0),
         via_phases=tuple((ends[:-1] / ends[-1]).tolist()),
         shortest_duration=outcome.stated,
-        n_components_used=max([basis.n_components for basis in best.bases]),
-        correction=max(corrections, default=0.0),
+        n_components_used=n_components,
+        correction=correction,
         deviation_score=deviation,
         naturalness=best.naturalness,
         solve_time=solve_time,
@@ -231,13 +230,13 @@ def _status(
     outcome: Outcome,
     solve_time: float,
     score: float,
-    corrections: Sequence[float],
+    correction: float,
 ) -> tuple[str, str]:
-    """Status and message of a plan, see :func:`_novelty` and :func:`_corrections`."""
+    """Status and message of a plan, see :func:`_novelty` and :func:`_of_weights`."""
     best = outcome.best
     if why := _refusal(context, outcome, solve_time, score):
         return INFEASIBLE, why
-    concessions = _concessions(context, best, corrections)
+    concessions = _concessions(context, best, correction)
     if outcome.is_slow:
         return STOPPED_EARLY, _slow(context, outcome) + concessions
     if outcome.mode == REAL_TIME:
@@ -419,7 +418,7 @@ def _slow(context: Context, outcome: Outcome) -> str:
     return SENTENCES["slow"].format(searched=searched, follows=SENTENCES[follows], rests=rests)
 
 
-def _concessions(context: Context, best: Candidate, corrections: Sequence[float]) -> str:
+def _concessions(context: Context, best: Candidate, correction: float) -> str:
     """The concessions that were made for the goal, as the end of a sentence."""
     options, collision = context.options, context.collision
     usual, duration = best.request.duration, best.duration
@@ -443,8 +442,8 @@ def _concessions(context: Context, best: Candidate, corrections: Sequence[float]
         kept += SENTENCES["cleared"]
     if collision is not None and not collision.has_geometry:
         kept += NOT_CHECKED
-    if options.basis == "pca" and corrections:
-        kept += SENTENCES["corrected"].format(added=max(corrections))
+    if options.basis == "pca" and correction > 0.0:
+        kept += SENTENCES["corrected"].format(added=correction)
     return kept
 
 
@@ -632,27 +631,34 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
     return "; ".join(named[:_N_NAMED]), max(errors)
 
 
-def _corrections(best: Candidate) -> list[float]:
-    """RMS of what B-splines add to components, of the segments that have them [rad or m]."""
-    found, phases = [], np.linspace(0.0, 1.0, 101)
-    for basis, motion in zip(best.bases, best.motions, strict=True):
-        if basis.n_components < basis.expected.size:
-            shape = basis.tables.basis.shape
-            only = np.where(np.arange(basis.expected.size) < basis.n_components, 0.0, 1.0)
-            added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
-            found.append(float(np.sqrt(np.mean(added**2))))
-    return found
+def _of_weights(best: Candidate) -> tuple[float, float, int]:
+    """What the weights of a motion say, the largest of its segments.
 
-
-def _deviation_score(best: Candidate) -> float:
-    """RMS deviation of the components' weights from the expected ones, in standard deviations."""
-    found = []
+    Returns
+    -------
+    correction : float
+        RMS of what B-splines add to components [rad or m]; 0 without B-splines.
+    deviation : float
+        RMS deviation of the components' weights from the expected ones, in standard deviations; NaN
+        without components.
+    n_components : int
+        Number of principal components.
+    """
+    correction, deviation, n_components = 0.0, float("nan"), 0
     for basis, motion in zip(best.bases, best.motions, strict=True):
-        if n := basis.n_components:
+        n, n_weights = basis.n_components, basis.expected.size
+        n_components = max(n, n_components)
+        if n:
             assert basis.precision is not None
             off = motion.weights[:n] - basis.expected[:n]
-            found.append(float(np.sqrt(off @ basis.precision[:n, :n] @ off / n)))
-    return max(found, default=float("nan"))
+            own = float(np.sqrt(off @ basis.precision[:n, :n] @ off / n))
+            deviation = own if np.isnan(deviation) else max(deviation, own)
+        if n < n_weights:
+            shape, phases = basis.tables.basis.shape, np.linspace(0.0, 1.0, 101)
+            only = np.where(np.arange(n_weights) < n, 0.0, 1.0)
+            added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
+            correction = max(correction, float(np.sqrt(np.mean(added**2))))
+    return correction, deviation, n_components
 
 
 def table(plan: Plan) -> str:

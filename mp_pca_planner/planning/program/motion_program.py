@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from operator import is_
 
 import numpy as np
@@ -216,10 +216,12 @@ class MotionProgram:
         self.constraints, self.links, self.starts = constraints, links, starts
         size = segments[0].unknowns.scales.size
         self.slices = (slice(0, size),) if links is None else links.slices
-        flat = [one for part in constraints for one in part]
-        self.lower = np.concatenate([np.zeros(0), *(one.lower for one in flat)])
-        self.upper = np.concatenate([np.zeros(0), *(one.upper for one in flat)])
-        self.has_clearances = any(one.lower.size for one in flat if isinstance(one, Clearance))
+        lower, upper, self.has_clearances = [np.zeros(0)], [np.zeros(0)], False
+        for one in chain.from_iterable(constraints):
+            lower.append(one.lower)
+            upper.append(one.upper)
+            self.has_clearances |= isinstance(one, Clearance) and one.lower.size > 0
+        self.lower, self.upper = np.concatenate(lower), np.concatenate(upper)
 
     def parts(self, x: FloatArray) -> Sequence[tuple[FloatArray, FloatArray | None]] | None:
         """Each segment's unknowns, and their derivatives by its slice of x (None: the identity).
@@ -230,7 +232,38 @@ class MotionProgram:
 
     def evaluate(self, x: FloatArray) -> MotionPoint:
         """Objective and constraints at x; the cost is NaN if there is no motion."""
-        return MotionPoint(self, x, self.parts(x))
+        parts, cost, gradient = self.parts(x), 0.0, np.zeros(x.size)
+        hessian, inequalities = np.zeros((x.size, x.size)), np.zeros(self.lower.size)
+        errors, slopes, linear, first = [np.zeros(0)], [np.zeros((0, x.size))], [], 0
+        for i, (own, by_x) in enumerate(parts or ()):
+            course, (own_cost, by_own, curved) = self.segments[i].at(own)
+            for term in self.terms[i]:
+                more = term.at(course)
+                own_cost, by_own = own_cost + more.cost, by_own + more.gradient
+                curved = curved + more.hessian
+            if by_x is not None:
+                by_own, curved = by_own @ by_x, by_x.T @ curved @ by_x
+            where = self.slices[i]
+            cost += own_cost
+            gradient[where] += by_own
+            hessian[where, where] += curved
+            for constraint in self.constraints[i]:
+                if constraint.lower.size:
+                    at = constraint.at(course)
+                    rows = slice(first, first + at.values.size)
+                    inequalities[rows] = at.values
+                    linear.append((where, by_x, rows, at))
+                    first = rows.stop
+            if (target := self.targets[i]) is not None:
+                missed, of_target = target.equations(own)
+                errors.append(missed)
+                slopes.append(np.zeros((missed.size, x.size)))
+                slopes[-1][:, where] = of_target if by_x is None else of_target @ by_x
+        cost = float("nan") if parts is None else cost
+        equalities, equality_rows = np.concatenate(errors), np.concatenate(slopes)
+        return MotionPoint(
+            cost, gradient, hessian, inequalities, equalities, equality_rows, tuple(linear)
+        )
 
     def equalities_at(self, x: FloatArray) -> FloatArray:
         """Errors of the targets alone."""
@@ -276,6 +309,7 @@ class MotionProgram:
         )
 
 
+@dataclass(frozen=True, eq=False)
 class MotionPoint:
     """A program at one x (see :class:`.solver.program.Point`).
 
@@ -293,55 +327,25 @@ class MotionPoint:
         Errors of the targets.
     equality_rows : array, shape (n_equalities, n)
         Their derivatives.
+    linear : tuple
+        For each constraint that has values: the unknowns of its segment, their derivatives by these
+        (None: the identity), the place of the values, and the values with their derivatives.
     """
 
-    def __init__(
-        self,
-        program: MotionProgram,
-        x: FloatArray,
-        parts: Sequence[tuple[FloatArray, FloatArray | None]] | None,
-    ) -> None:
-        self.cost, self.gradient, self._size = 0.0, np.zeros(x.size), x.size
-        self.inequalities, self.equalities = np.zeros(program.lower.size), np.zeros(0)
-        self.equality_rows = np.zeros((0, x.size))
-        self._linear: list[tuple[slice, FloatArray | None, slice, Linear]] = []
-        self.hessian = np.zeros((x.size, x.size))
-        if parts is None:
-            self.cost = float("nan")
-            return
-        first, errors, slopes = 0, [self.equalities], [self.equality_rows]
-        for i, (own, by_x) in enumerate(parts):
-            segment, where = program.segments[i], program.slices[i]
-            course, (cost, gradient, hessian) = segment.at(own)
-            for term in program.terms[i]:
-                more = term.at(course)
-                cost, gradient = cost + more.cost, gradient + more.gradient
-                hessian = hessian + more.hessian
-            if by_x is not None:
-                gradient, hessian = gradient @ by_x, by_x.T @ hessian @ by_x
-            self.cost += cost
-            self.gradient[where] += gradient
-            self.hessian[where, where] += hessian
-            for constraint in program.constraints[i]:
-                if constraint.lower.size:
-                    at = constraint.at(course)
-                    rows = slice(first, first + at.values.size)
-                    self.inequalities[rows] = at.values
-                    self._linear.append((where, by_x, rows, at))
-                    first = rows.stop
-            if (target := program.targets[i]) is not None:
-                missed, by_own = target.equations(own)
-                errors.append(missed)
-                slopes.append(np.zeros((missed.size, x.size)))
-                slopes[-1][:, where] = by_own if by_x is None else by_own @ by_x
-        self.equalities, self.equality_rows = np.concatenate(errors), np.concatenate(slopes)
+    cost: float
+    gradient: FloatArray
+    hessian: FloatArray
+    inequalities: FloatArray
+    equalities: FloatArray
+    equality_rows: FloatArray
+    linear: tuple[tuple[slice, FloatArray | None, slice, Linear], ...]
 
     def inequality_rows(
         self, chosen: NDArray[np.intp], bounds: FloatArray | None = None
     ) -> FloatArray:
         """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
-        rows = np.zeros((chosen.size, self._size))
-        for where, by_x, at_rows, at in self._linear:
+        rows = np.zeros((chosen.size, self.gradient.size))
+        for where, by_x, at_rows, at in self.linear:
             own = (chosen >= at_rows.start) & (chosen < at_rows.stop)
             if own.any():
                 there = None if bounds is None else bounds[own]
@@ -352,6 +356,6 @@ class MotionPoint:
     def inequalities_after(self, step: FloatArray) -> FloatArray:
         """Their linear prediction."""
         after = np.empty(self.inequalities.size)
-        for where, by_x, rows, at in self._linear:
+        for where, by_x, rows, at in self.linear:
             after[rows] = at.after(step[where] if by_x is None else by_x @ step[where])
         return after

@@ -174,7 +174,7 @@ def checked(
     collisions: tuple[Collision, ...] = ()
     if context.collision is not None and not check.violations:
         collisions = context.collision.collisions(trajectory, precisely=False)
-    errors, strayed, excess = [], list[str](), 0.0
+    errors, strayed, excess, duration = [], list[str](), 0.0, 0.0
     for constraint in context.options.constraints:
         values, _ = constraint.values(context.robot, trajectory.positions)
         if values.min() < -_ROUNDING:
@@ -188,7 +188,7 @@ def checked(
                 pose.frame, reached, pose.position, pose.orientation
             )
         errors.append(float(np.abs(missed).max()))
-    duration = float(sum([motion.duration for motion in motions]))
+        duration += motion.duration
     fixed_end = duration if request.pose is None else np.inf
     at_ends = [one for one in collisions if one.first_time == 0.0 or one.last_time >= fixed_end]
     violation = (
@@ -230,17 +230,6 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
     budget : Budget
         The time for it.
     """
-    found = _attempt(context, request, setting, budget)
-    if not setting.is_timed or setting.is_shortest or context.options.timing != AUTO:
-        return found
-    longest = max(request.duration, setting.duration)
-    if found.duration > longest and not budget.is_over():
-        return _attempt(context, request, lasting(setting, longest), budget)
-    return found
-
-
-def _attempt(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
-    """An attempt with any free duration."""
     refined = program = compile_program(context, request, setting)
     n_starts, passes, touched = context.options.n_starts, 0, False
 
@@ -256,11 +245,11 @@ def _attempt(context: Context, request: Request, setting: Setting, budget: Budge
             if is_clear or (solutions and budget.is_over()):
                 break
             solutions.append(solve(program, x, setting.solver, memory, budget.deadline))
+            passes += solutions[-1].iterations
         best = solutions[0]
         if len(solutions) > 1:
             best = min(solutions, key=lambda one: (not is_feasible(one), rank_of(one.cost)))
         solved_at = time.perf_counter()
-        passes += sum([one.iterations for one in solutions])
         motions = motions_at(context, request, setting, program, best.unknowns)
         found = checked(context, request, setting.bases, motions)
         is_wrong = bool(found.check.violations or found.collisions or found.strayed)
@@ -279,6 +268,10 @@ def _attempt(context: Context, request: Request, setting: Setting, budget: Budge
             touched = not found.check.violations and (touched or bool(found.check.touched))
         starts = _continued(program, best, is_longer, is_cut, n_starts)
         program = refined
+    if setting.is_timed and not setting.is_shortest and context.options.timing == AUTO:
+        longest = max(request.duration, setting.duration)
+        if found.duration > longest and not budget.is_over():
+            return attempt(context, request, lasting(setting, longest), budget)
     return replace(
         found,
         solution=_described(program, setting, best, motions, passes),

@@ -59,7 +59,7 @@ def test_values_are_those_of_the_cone_and_slopes_equal_central_differences(axis)
 @pytest.mark.parametrize("name", BASES)
 def test_rows_of_the_program_equal_central_differences(name):
     segment, motion = compile_motion(BASES[name])
-    ends, phases = [motion.start.positions, None], np.linspace(0.0, 1.0, 9)
+    ends, phases = (motion.start, None), np.linspace(0.0, 1.0, 9)
     upright = Upright(FRAME, 0.7)
     subject = AlongPath(arm_robot(), upright, segment.unknowns, segment.tables.basis, ends, phases)
     x = motion.weights / segment.unknowns.scales
@@ -77,7 +77,7 @@ def test_phases_are_added_where_a_motion_strays_between_the_others():
     segment, motion = compile_motion(BASES["arm"])
     basis, phases = segment.tables.basis, np.array([0.33, 0.66])
     subject = AlongPath(
-        arm_robot(), Upright(FRAME, 0.01), segment.unknowns, basis, [None, None], phases
+        arm_robot(), Upright(FRAME, 0.01), segment.unknowns, basis, (None, None), phases
     )
     at = np.linspace(0.0, 1.0, 41)
     q, _, _ = motion.evaluate(motion.duration * at)
