@@ -8,6 +8,7 @@ All sentences about plans are in this module.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -191,9 +192,9 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     """
     best, request, motions = outcome.best, outcome.best.request, outcome.best.motions
     trajectory = best.trajectory
-    solve_time = max([best.solved_at, *[one.solved_at for one in outcome.found]]) - began
+    solve_time = max(map(attrgetter("solved_at"), (best, *outcome.found))) - began
     score, (correction, deviation, n_components) = _novelty(context, best), _of_weights(best)
-    status, message = _status(context, outcome, solve_time, score, correction)
+    status, message = _status(context, outcome, solve_time, score, correction, n_components)
     ends = np.cumsum([motion.duration for motion in motions])
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
     outside, error = _outside_and_error(context, best, score)
@@ -231,6 +232,7 @@ def _status(
     solve_time: float,
     score: float,
     correction: float,
+    n_components: int,
 ) -> tuple[str, str]:
     """Status and message of a plan, see :func:`_novelty` and :func:`_of_weights`."""
     best = outcome.best
@@ -247,19 +249,19 @@ def _status(
         return STOPPED_EARLY, SENTENCES["early"] + concessions
     if np.isfinite(outcome.stated):
         return SOLVED, SENTENCES["shortest"] + concessions
-    return SOLVED, _optimal(context, best) + concessions
+    return SOLVED, _optimal(context, best, n_components) + concessions
 
 
-def _optimal(context: Context, best: Candidate) -> str:
+def _optimal(context: Context, best: Candidate, n_components: int) -> str:
     """What an optimal motion is: near the prediction, or of least effort, by its naturalness."""
     objectives, rho = context.options.objectives, best.naturalness
-    is_effort = [type(objective) for _, objective in objectives] == [Effort]
+    is_effort = len(objectives) == 1 and type(objectives[0][1]) is Effort
     effort, predicted = best.solution.effort_cost, best.solution.start_cost
     if best.bases[0].is_detour:
         its_effort = SENTENCES["its_effort"].format(effort=effort)
         return SENTENCES["found"] + (its_effort if np.isfinite(effort) else "")
     name = "least"
-    if rho > 0.0 and any(basis.n_components for basis in best.bases):
+    if rho > 0.0 and n_components:
         name = "close" if rho >= _CLOSE and not _preferences(context, best) else "between"
     beside = ""
     if predicted > 0.0 and np.isfinite(effort):
@@ -625,8 +627,10 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
                 degrees=np.degrees(numbers),
             )
             found.append((float(beyond[end, j]), text))
+    if not found:
+        return "", max(errors)
     found.sort(reverse=True)
-    least = min(found[0][0], _OUTSIDE) if is_unusual and found else _FAR_OUTSIDE
+    least = min(found[0][0], _OUTSIDE) if is_unusual else _FAR_OUTSIDE
     named = [text for distance, text in found if distance >= least]
     return "; ".join(named[:_N_NAMED]), max(errors)
 

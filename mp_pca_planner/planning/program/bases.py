@@ -182,15 +182,7 @@ class BasisStore:
             zero = np.zeros(self._splines(primitive.n_joints).basis.n_weights)
             tables = self._splines(primitive.n_joints)
             return MotionBasis(tables, zero, None, 0, (zero,))
-        components = self._components(segment, is_paced=is_paced, has_starts=has_starts)
-        return components if width == 0 else self._corrected(components, primitive)
-
-    def _components(
-        self, segment: RequestSegment, *, is_paced: bool, has_starts: bool
-    ) -> MotionBasis:
-        """The principal components of the primitive."""
-        primitive, expected = segment.primitive, segment.expected
-        ends = segment.start.positions, segment.goal.positions
+        expected, ends = segment.expected, (segment.start.positions, segment.goal.positions)
         if is_paced and expected.pace.any():
             # The basis of a motion with its own time scaling is not known in advance.
             tables = Tables(primitive.paced_basis(*ends, expected.pace), self._options.n_nodes)
@@ -204,9 +196,10 @@ class BasisStore:
             nearest = np.argsort(distances, kind="stable")[:_N_NEAREST]
             starts += list(primitive.weights[nearest])
         n_components = len(expected.weights)
-        return MotionBasis(
+        components = MotionBasis(
             tables, expected.weights, expected.precision, n_components, tuple(starts)
         )
+        return components if width == 0 else self._corrected(components, primitive)
 
     def _corrected(self, narrow: MotionBasis, primitive: MovementPrimitive) -> MotionBasis:
         """The components with B-splines of every joint added."""

@@ -16,7 +16,7 @@ from ..request import Request
 from .bases import MotionBasis
 from .clearance import Clearance
 from .constraints import AlongPath, Constraint, Ends, PoseTarget
-from .limits import Limits, near_limits
+from .limits import Limits, limit_shares
 from .motion_program import Chain, MotionProgram, junctions_of
 from .segment import (
     END_SCALES,
@@ -179,8 +179,9 @@ def _constraints(
 ) -> list[Constraint]:
     """The constraints of a segment. To add a constraint, append it here.
 
-    Of limits, those that motions near the expected one may come near; clearances if one of its
-    first motions collides.
+    Of limits, near an expected motion only those of which it takes more than a share; none if it
+    keeps them at the nodes and its duration is known. Clearances if one of its first motions
+    collides.
     """
     tables, unknowns, options = program.tables, program.unknowns, context.options
     chosen = None
@@ -189,7 +190,9 @@ def _constraints(
         timed, is_known = unknowns.n_linear, not unknowns.duration_is_free
         if natural and not is_known:
             is_known = natural[0].precision[timed, timed] > 0.0
-        chosen = near_limits(context.limits, expected, options.search.near_limit, is_known)
+        shares = limit_shares(context.limits, expected.states, expected.nodes.efforts).max(axis=1)
+        is_within = is_known and bool(np.all(shares <= 1.0))
+        chosen = ~(shares <= (1.0 if is_within else options.search.near_limit))
     found: list[Constraint] = [
         Limits(context.robot, tables, unknowns, context.limits, ends, chosen)
     ]
@@ -208,11 +211,11 @@ def _starts(
 ) -> list[FloatArray]:
     """Unknowns to start from, the cheapest first."""
     n_starts = 1 if is_near else None
-    found = [program.unknowns.from_weights(start) for start in setting.bases[0].starts[:n_starts]]
+    found = program.unknowns.from_weights(np.array(setting.bases[0].starts[:n_starts]))
     if len(found) > 1:
-        costs = program.costs(np.array(found))
+        costs = program.costs(found)
         for term in terms:
-            off = np.array(found) - term.expected
+            off = found - term.expected
             costs += 0.5 * np.einsum("ij,jk,ik->i", off, term.precision, off)
-        found = [found[i] for i in np.argsort(costs, kind="stable")]
-    return found
+        found = found[np.argsort(costs, kind="stable")]
+    return list(found)

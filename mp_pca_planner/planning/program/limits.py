@@ -224,18 +224,6 @@ class LimitsAt:
         return values
 
 
-def near_limits(
-    limits: JointLimits, expected: Course, share: float, is_timed: bool
-) -> NDArray[np.bool_]:
-    """Limits that a motion near the expected one may reach, shape (5, n_joints).
-
-    None of them if the expected motion keeps the limits at the nodes, and its duration is known;
-    otherwise those of which it takes more than a share.
-    """
-    shares = limit_shares(limits, expected.states, expected.nodes.efforts).max(axis=1)
-    return np.asarray(~(shares <= (1.0 if is_timed and np.all(shares <= 1.0) else share)))
-
-
 def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> FloatArray:
     """Values of a motion as shares of the limits, shape (5, n_steps, n_joints).
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
-from operator import is_
+from operator import attrgetter, is_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,20 +79,20 @@ class Junction:
 
 def junctions_of(request: Request, initial: Sequence[Motion]) -> tuple[Junction, ...]:
     """The junctions of a request, with initial values of a motion."""
-    durations = np.array([motion.duration for motion in initial])
-    ends = np.cumsum(durations)
-    last_of_groups = [group[-1] for group, _ in request.groups]
+    ends = np.cumsum([0.0, *map(attrgetter("duration"), initial)])
     start = initial[0].start
     found = [Junction(start, 0.0, 1.0, (), False, start)]
-    for i, (motion, segment) in enumerate(zip(initial, request.segments, strict=True)):
-        orders = (*([] if segment.pose is None else [0]), *([] if segment.stops else [1, 2]))
-        unit = float(durations[i : i + 2].mean())
-        fixed: JointState | None = motion.goal
-        if orders:
-            rests = 0 not in orders
-            fixed = JointState(motion.goal.joint_names, motion.goal.positions) if rests else None
-        is_free = i not in last_of_groups
-        found.append(Junction(motion.goal, float(ends[i]), unit, orders, is_free, fixed))
+    for group, _ in request.groups:
+        for i in group:
+            segment, goal = request.segments[i], initial[i].goal
+            orders = (*([] if segment.pose is None else [0]), *([] if segment.stops else [1, 2]))
+            unit = float(np.diff(ends[i : i + 3]).mean())
+            fixed: JointState | None = goal
+            if orders:
+                rests = 0 not in orders
+                fixed = JointState(goal.joint_names, goal.positions) if rests else None
+            is_free = i != group[-1]
+            found.append(Junction(goal, float(ends[i + 1]), unit, orders, is_free, fixed))
     return tuple(found)
 
 

@@ -82,9 +82,20 @@ class Unknowns:
         self.powers = np.repeat(_POWERS[self.free_rows], self.n_joints)
 
     def from_weights(self, weights: FloatArray) -> FloatArray:
-        """Unknowns with these weights and otherwise the request's values, shape (n_unknowns,)."""
-        x = np.zeros(self.scales.size)
-        x[: self.n_weights] = weights / self.scales[: self.n_weights]
+        """Unknowns with these weights, and otherwise the values of the request.
+
+        Parameters
+        ----------
+        weights : array, shape (..., n_weights)
+            Weights of one motion or of several.
+
+        Returns
+        -------
+        x : array, shape (..., n_unknowns)
+            The unknowns.
+        """
+        x = np.zeros((*weights.shape[:-1], self.scales.size))
+        x[..., : self.n_weights] = weights / self.scales[: self.n_weights]
         return x
 
     def weights(self, x: FloatArray) -> FloatArray:
@@ -383,14 +394,14 @@ class SegmentProgram:
     def _course(self, x: FloatArray) -> Course:
         unknowns, timed = self.unknowns, self.unknowns.duration_is_free
         duration, by_row = unknowns.duration_at(x), self._states.values(x)
+        n_nodes, n_joints = self.tables.n_nodes, unknowns.n_joints
         if self._slopes is None or timed:
-            n_nodes, n_joints = self.tables.n_nodes, unknowns.n_joints
             rows = self._states.slopes(x, by_row).rows()
             by_rate = rows.reshape(N_RATES, n_joints, n_nodes, x.size).transpose(0, 2, 1, 3)
             stacked = by_rate[:3].transpose(1, 0, 2, 3).reshape(n_nodes, 3 * n_joints, x.size)
             self._slopes = by_rate, stacked
         by_rate, stacked = self._slopes
-        states = self._in_order(by_row)
+        states = by_row.reshape(N_RATES, n_joints, n_nodes).transpose(0, 2, 1)
         tau, dtau = self._robot.inverse_dynamics_derivatives(*states[:3])
         ends = unknowns.boundary[0], unknowns.boundary[3]
         nodes = Nodes(self._robot, states[0], states[1], states[2], states[3], tau, *ends)
@@ -443,10 +454,7 @@ class SegmentProgram:
 
     def states(self, x: FloatArray) -> FloatArray:
         """Positions to jerks at the nodes, shape (4, n_nodes, n_joints)."""
-        return self._in_order(self._states.values(x))
-
-    def _in_order(self, by_row: FloatArray) -> FloatArray:
-        """The states from rows of them, shape (4, n_nodes, n_joints)."""
+        by_row = self._states.values(x)
         by_joint = by_row.reshape(N_RATES, self.unknowns.n_joints, self.tables.n_nodes)
         return by_joint.transpose(0, 2, 1)
 

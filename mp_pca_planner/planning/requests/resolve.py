@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, islice, pairwise
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 import numpy as np
 
@@ -140,7 +140,7 @@ def _requests(
     groups, found = (((0,), goal.duration is not None),), []
     # The same for all primitives, so that the costs of their motions can be compared.
     contenders = selection.contenders
-    score = min(one.expected.in_span_score for one in contenders)
+    score = min(map(attrgetter("expected.in_span_score"), contenders))
     naturalness = naturalness_for(context.options, score)
     timing = timing_for(context.options, score)
     for one in contenders[: 1 if one_each else None]:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, repeat
+from operator import attrgetter
 
 import numpy as np
 
@@ -124,11 +125,11 @@ def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, Li
     GoalError
         If the motion would take too long or too short; nothing is sampled then.
     """
-    ends = np.cumsum([motion.duration for motion in motions])
-    check_duration(context, "the motion would take", float(ends[-1]))
-    times, states = [], []
-    for i, (motion, end) in enumerate(zip(motions, ends, strict=True)):
+    check_duration(context, "the motion would take", sum(map(attrgetter("duration"), motions)))
+    times, states, end = [], [], 0.0
+    for i, motion in enumerate(motions):
         own, values = motion.sample(context.options.sample_period)
+        end += motion.duration
         times.append(end - motion.duration + own[min(i, 1) :])
         states.append(values[:, min(i, 1) :])
     q, v, a = np.concatenate(states, axis=1)
@@ -190,10 +191,13 @@ def checked(
         errors.append(float(np.abs(missed).max()))
         duration += motion.duration
     fixed_end = duration if request.pose is None else np.inf
-    at_ends = [one for one in collisions if one.first_time == 0.0 or one.last_time >= fixed_end]
+    depth, is_hopeless = 0.0, False
+    for one in collisions:
+        depth += POSE_TOLERANCE + one.penetration
+        is_hopeless = is_hopeless or one.first_time == 0.0 or one.last_time >= fixed_end
     violation = (
         check.worst_excess if check.violations else 0.0,
-        sum([POSE_TOLERANCE + one.penetration for one in collisions]),
+        depth,
         excess,
         0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
     )
@@ -211,7 +215,7 @@ def checked(
         violation,
         duration,
         is_valid=not any(violation),
-        is_hopeless=bool(at_ends),
+        is_hopeless=is_hopeless,
         strayed=tuple(strayed),
         refusal=refusal,
     )
@@ -371,12 +375,13 @@ def _described(
     """
     parts = program.parts(found.unknowns)
     assert parts is not None
-    weights = [motion.weights for motion in motions]
-    natural = effort = expected = 0.0
-    for segment, terms, (own, _) in zip(program.segments, program.terms, parts, strict=True):
+    weights, natural, effort, expected = list[FloatArray](), 0.0, 0.0, 0.0
+    for i, segment in enumerate(program.segments):
+        own, _ = parts[i]
         course, _ = segment.at(own)
-        for term in terms:
+        for term in program.terms[i]:
             natural += term.at(course).cost
+        weights.append(motions[i].weights)
         effort += segment.effort(own)
         expected += segment.effort(segment.expected)
     return MotionSolution(

@@ -275,21 +275,24 @@ class Subproblem:
             has_free = bool(self._gradient.size)
             self._first = Held(self._free.step, np.zeros(0), 0.0, has_free)
 
-    def largest_decrease(self) -> float:
-        """Predicted decrease of the objective within the given sides alone.
+    def within_sides(self) -> tuple[float, FloatArray]:
+        """What the step within the given sides alone predicts.
 
-        Within all inequalities it is at most as large. It is infinite if no such step was found.
+        Returns
+        -------
+        decrease : float
+            Predicted decrease of the objective. Within all inequalities it is at most as large. It
+            is infinite if no such step was found.
+        pull : array, shape (n_free,)
+            Gradient of the Lagrangian along the equalities, with the multipliers of that step.
         """
-        if not self._first.is_within:
-            return math.inf
-        change = self._lifted(self._first.step)
-        return -float((self._here.gradient + 0.5 * (self._whole @ change)) @ change)
-
-    @property
-    def pull(self) -> FloatArray:
-        """Gradient of the Lagrangian along the equalities, with the multipliers of that step."""
         pull = self._here.gradient + self._first.multipliers @ self._rows
-        return pull if self._tangent is None else np.asarray(pull @ self._tangent.directions)
+        if self._tangent is not None:
+            pull = pull @ self._tangent.directions
+        if not self._first.is_within:
+            return math.inf, pull
+        change = self._lifted(self._first.step)
+        return -float((self._here.gradient + 0.5 * (self._whole @ change)) @ change), pull
 
     def solve(self) -> Step:
         """The step within the linearised constraints.
@@ -445,9 +448,10 @@ class _Search:
             try:
                 subproblem = Subproblem(self._program, self.here, hessian, self.radius, self.sides)
                 is_feasible = self.violated <= options.feasible
-                converged = is_feasible and subproblem.largest_decrease() <= enough
+                largest, pull = subproblem.within_sides()
+                converged = is_feasible and largest <= enough
                 if converged:
-                    self.pull = subproblem.pull
+                    self.pull = pull
                     break
                 step = subproblem.solve()
             except np.linalg.LinAlgError:  # numbers overflow: there is no better point from here

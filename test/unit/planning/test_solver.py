@@ -96,7 +96,7 @@ def test_no_step_within_all_bounds_gains_more_than_the_one_within_some(x, y, is_
     here = program.evaluate(np.array([x, y]))
     sides = np.array([1] if is_known else [], dtype=np.intp)
     subproblem = Subproblem(program, here, here.hessian, 100.0, sides)
-    step, most = subproblem.solve(), subproblem.largest_decrease()
+    step, most = subproblem.solve(), subproblem.within_sides()[0]
     assert x + step.change[0] <= 0.5 + 1e-9
     assert step.decrease <= most + 1e-9 * here.cost
     if is_known:  # then these are all
