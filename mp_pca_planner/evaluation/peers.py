@@ -21,7 +21,7 @@ from ..exceptions import PlannerError, require
 from ..files import read_text
 from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
-from ..planning.search.sampling import SamplingOptions, sampled_path
+from ..planning.search.sampling import sampled_path
 from ..robot.collision import package_folders
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -201,7 +201,7 @@ _SAME_PLACE = 1e-3  # Distance of the hand in two models of a robot [m]; VAMP ha
 def ompl_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
     """RRT-Connect of OMPL with shortcuts and smoothing, then TOPP-RA."""
     require("ompl", "ompl", "the peer 'ompl_toppra'")
-    limits, options = scene.limits, SamplingOptions(step=0.05, smooths=True)
+    limits = scene.limits
 
     def search(problem: Problem) -> tuple[FloatArray | None, float]:
         """Search a path with the planner's own distances."""
@@ -210,8 +210,9 @@ def ompl_method(scene: Scene, max_time: float, collision: CollisionModel) -> Met
             collision.collides,
             (limits.lower, limits.upper),
             (problem.start, problem.goal),
-            options,
             lambda: time.perf_counter() - began > max_time,
+            step=0.05,
+            smooths=True,
         )
         return path, time.perf_counter() - began
 

@@ -25,7 +25,7 @@ from ..request import Request, timing_for
 from ..time_scaling import kinematic_stretch, slowdown
 from .budget import Budget
 from .candidate import Candidate, attempt, checked, sampled
-from .sampling import SamplingOptions, missing_planner, sampled_path
+from .sampling import missing_planner, sampled_path
 
 
 def along_path(context: Context, request: Request, budget: Budget) -> Candidate | None:
@@ -163,9 +163,16 @@ def paths(
     for seed in range(1, options.n_paths + 1):
         search = budget.share(options.share_of_search)
         # Few searches take far longer than most: another seed is often faster.
-        sampling = SamplingOptions(seed, options.step, max_checks=options.n_checks * seed)
         near = _around(ends, options.reach * seed, bounds)
-        path = sampled_path(collides, near, ends, sampling, search.is_over)
+        path = sampled_path(
+            collides,
+            near,
+            ends,
+            search.is_over,
+            seed=seed,
+            step=options.step,
+            max_checks=options.n_checks * seed,
+        )
         if path is not None:
             found.append(path)
         is_last = seed == options.n_paths or early.is_over() or search.is_over()

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,34 +17,8 @@ from ...exceptions import MissingDependencyError, require
 # numbers. The log level stays.
 _LOCK = threading.Lock()
 _BEYOND = np.pi  # Range beyond the ends of joints without limits [rad].
-
-
-@dataclass(frozen=True)
-class SamplingOptions:
-    """Options of the search for paths.
-
-    Attributes
-    ----------
-    seed : int
-        Seed of the random numbers, at least 1.
-    step : float
-        Distance between the configurations of a path that are checked [rad or m].
-    range : float
-        Longest distance by which a tree grows at once [rad or m].
-    max_checks : int
-        Largest number of configurations that are checked.
-    n_shortcuts : int
-        Largest number of shortcuts that are tried.
-    smooths : bool
-        Whether the corners of the path are rounded.
-    """
-
-    seed: int = 1
-    step: float = 0.1
-    range: float = 0.5
-    max_checks: int = 100_000
-    n_shortcuts: int = 50
-    smooths: bool = False
+# Longest distance by which a tree grows at once [rad or m], and shortcuts that are tried at most.
+_RANGE, _N_SHORTCUTS = 0.5, 50
 
 
 def missing_planner() -> str:
@@ -61,8 +34,12 @@ def sampled_path(
     collides: Callable[[FloatArray], bool],
     bounds: tuple[FloatArray, FloatArray],
     ends: tuple[FloatArray, FloatArray],
-    options: SamplingOptions,
     should_stop: Callable[[], bool] = lambda: False,
+    *,
+    seed: int = 1,
+    step: float = 0.1,
+    max_checks: int = 100_000,
+    smooths: bool = False,
 ) -> FloatArray | None:
     """Find a path by RRT-Connect, and shorten it.
 
@@ -76,10 +53,16 @@ def sampled_path(
         Least and largest positions.
     ends : tuple of (array, shape (n_joints,))
         Start and goal.
-    options : SamplingOptions
-        Options of the search.
     should_stop : callable
         Whether to end the search.
+    seed : int
+        Seed of the random numbers, at least 1.
+    step : float
+        Distance between the configurations of a path that are checked [rad or m].
+    max_checks : int
+        Largest number of configurations that are checked.
+    smooths : bool
+        Whether the corners of the path are rounded.
 
     Returns
     -------
@@ -103,19 +86,19 @@ def sampled_path(
         return not collides(np.array(state[0:n_joints]))
 
     def ends_now() -> bool:
-        return n_checks > options.max_checks or should_stop()
+        return n_checks > max_checks or should_stop()
 
     setup: Any = None
     try:
         with _LOCK:
             # It logs an error when the seed is set again, but uses it.
             util.setLogLevel(util.LogLevel.LOG_NONE)
-            util.RNG.setSeed(options.seed)
-            setup = geometric.SimpleSetup(_space(base, bounds, ends, options.step))
+            util.RNG.setSeed(seed)
+            setup = geometric.SimpleSetup(_space(base, bounds, ends, step))
             setup.setStateValidityChecker(is_free)
             setup.setStartAndGoalStates(*(_state(setup, end) for end in ends))
             planner = geometric.RRTConnect(setup.getSpaceInformation())
-            planner.setRange(options.range)
+            planner.setRange(_RANGE)
             setup.setPlanner(planner)
             # A search that ends at once: its sources of random numbers are made by then.
             setup.solve(base.PlannerTerminationCondition(lambda: True))
@@ -124,20 +107,16 @@ def sampled_path(
         if not setup.haveExactSolutionPath():
             return None
         path = setup.getSolutionPath()
-        _shorten(simplifier, path, options)
+        simplifier.reduceVertices(path)
+        simplifier.partialShortcutPath(path, _N_SHORTCUTS, _N_SHORTCUTS // 2)
+        simplifier.reduceVertices(path)
+        if smooths:
+            simplifier.smoothBSpline(path, 4)
         return np.array([state[0:n_joints] for state in path.getStates()])
     finally:
         # Without this, the setup and its checker keep each other.
         if setup is not None:
             setup.setStateValidityChecker(lambda state: True)
-
-
-def _shorten(simplifier: Any, path: Any, options: SamplingOptions) -> None:
-    simplifier.reduceVertices(path)
-    simplifier.partialShortcutPath(path, options.n_shortcuts, options.n_shortcuts // 2)
-    simplifier.reduceVertices(path)
-    if options.smooths:
-        simplifier.smoothBSpline(path, 4)
 
 
 def _space(

@@ -11,9 +11,6 @@ infeasible programs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 from scipy.linalg import lapack
 
@@ -39,25 +36,9 @@ def _solved(lower: FloatArray, right: FloatArray, transposed: int = 0) -> FloatA
     return np.asarray(found)
 
 
-@dataclass(frozen=True, eq=False)
-class QuadraticSolution:
-    """Minimiser of a quadratic program.
-
-    Attributes
-    ----------
-    step : array, shape (n,)
-        The minimiser.
-    multipliers : array, shape (m,)
-        Lagrange multipliers of the constraints, not negative.
-    """
-
-    step: FloatArray
-    multipliers: FloatArray
-
-
 def solve_quadratic(
     factor: FloatArray | None, gradient: FloatArray, rows: FloatArray, bounds: FloatArray
-) -> QuadraticSolution | None:
+) -> tuple[FloatArray, FloatArray] | None:
     """Minimise ½pᵀHp + gᵀp subject to A p ≤ b.
 
     Parameters
@@ -73,8 +54,9 @@ def solve_quadratic(
 
     Returns
     -------
-    solution : QuadraticSolution or None
-        None if the constraints contradict each other (or H is not positive definite).
+    solution : tuple of (array, shape (n,), array, shape (m,)), or None
+        The minimiser, and the Lagrange multipliers of the constraints, not negative. None if the
+        constraints contradict each other (or H is not positive definite).
     """
     # Imported here for a fast start of the node.
     from scipy.optimize import nnls
@@ -103,7 +85,7 @@ def solve_quadratic(
         return None
     u = -residual[:n] / residual[n]
     step = _solved(factor, u - shifted, transposed=1)
-    return QuadraticSolution(step, dual / -residual[n] / lengths)
+    return step, dual / -residual[n] / lengths
 
 
 def nearest_step(
@@ -134,25 +116,9 @@ def convex_factor(hessian: FloatArray) -> tuple[FloatArray, FloatArray | None]:
     return convex, cholesky(convex)
 
 
-class TrustRegionStep(NamedTuple):
-    """Minimiser of a quadratic model in a ball.
-
-    Attributes
-    ----------
-    step : array, shape (n,)
-        The minimiser p; its length meets the radius to a few percent.
-    predicted : float
-        Predicted decrease of the model.
-    shift : float
-        The μ ≥ 0 with (H + μI)p = −g.
-    """
-
-    step: FloatArray
-    predicted: float
-    shift: float
-
-
-def trust_region_step(hessian: FloatArray, gradient: FloatArray, radius: float) -> TrustRegionStep:
+def trust_region_step(
+    hessian: FloatArray, gradient: FloatArray, radius: float
+) -> tuple[FloatArray, float]:
     """Minimise gᵀp + ½pᵀHp over ‖p‖ ≤ radius.
 
     After Moré and Sorensen (SIAM J. Sci. Stat. Comput. 4(3), 1983).
@@ -165,12 +131,19 @@ def trust_region_step(hessian: FloatArray, gradient: FloatArray, radius: float) 
         g.
     radius : float
         Radius of the trust region.
+
+    Returns
+    -------
+    step : array, shape (n,)
+        The minimiser p; its length meets the radius to a few percent.
+    shift : float
+        The μ ≥ 0 with (H + μI)p = −g.
     """
     if not gradient.size:
-        return TrustRegionStep(gradient, 0.0, 0.0)
+        return gradient, 0.0
     _, newton, failed = lapack.dposv(hessian, gradient)
     if not failed and newton @ newton <= radius**2:
-        return TrustRegionStep(-newton, 0.5 * float(newton @ gradient), 0.0)
+        return -newton, 0.0
     eigenvalues, vectors = np.linalg.eigh(hessian)
     rotated = vectors.T @ gradient
     margin = 1e-10 * max(float(np.abs(eigenvalues).max()), 1e-300)
@@ -185,5 +158,4 @@ def trust_region_step(hessian: FloatArray, gradient: FloatArray, radius: float) 
         slope = float(np.sum(step**2 / (eigenvalues + shift))) / length
         shift = max(lowest, shift + excess * length / slope)
     step = -rotated / (eigenvalues + shift)
-    predicted = -float(rotated @ step + 0.5 * step @ (eigenvalues * step))
-    return TrustRegionStep(vectors @ step, predicted, shift)
+    return vectors @ step, shift

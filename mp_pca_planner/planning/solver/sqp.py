@@ -37,7 +37,6 @@ from .program import (
 )
 from .quadratic import (
     TINY,
-    TrustRegionStep,
     cholesky,
     convex_factor,
     nearest_step,
@@ -273,7 +272,7 @@ class Subproblem:
             self._first = self._held(self._rows, self._bounds, 0.0)
         else:
             has_free = bool(self._gradient.size)
-            self._first = Held(self._free.step, np.zeros(0), 0.0, has_free)
+            self._first = Held(self._free[0], np.zeros(0), 0.0, has_free)
 
     def within_sides(self) -> tuple[float, FloatArray]:
         """What the step within the given sides alone predicts.
@@ -357,8 +356,8 @@ class Subproblem:
         return np.asarray(self._tangent.normal + self._tangent.directions @ y)
 
     @cached_property
-    def _free(self) -> TrustRegionStep:
-        """The step without inequalities."""
+    def _free(self) -> tuple[FloatArray, float]:
+        """The step without inequalities, and the shift of the Hessian for it."""
         return trust_region_step(self._hessian, self._gradient, self._radius)
 
     @cached_property
@@ -384,11 +383,11 @@ class Subproblem:
                 regular = hessian + damping * np.eye(len(hessian)) if damping else hessian
                 step, multipliers = nearest_step(regular, self._gradient, rows, bounds)
             else:
-                step, multipliers = found.step, found.multipliers
+                step, multipliers = found
             length = math.sqrt(float(step @ step))
             if length <= longest or found is None:
                 break
-            least = max(0.03 * self._free.shift, 1e-4 * float(np.trace(hessian)) / len(hessian))
+            least = max(0.03 * self._free[1], 1e-4 * float(np.trace(hessian)) / len(hessian))
             damping = max(4.0 * damping, least)
         share = min(1.0, longest / max(length, TINY))
         return Held(share * step, multipliers, damping, found is not None)

@@ -26,7 +26,7 @@ from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.search import search
 from mp_pca_planner.planning.search.budget import Budget
 from mp_pca_planner.planning.search.detours import paths
-from mp_pca_planner.planning.search.sampling import SamplingOptions, sampled_path
+from mp_pca_planner.planning.search.sampling import sampled_path
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.world import World
 
@@ -58,13 +58,12 @@ def dense(path: np.ndarray, n: int = 2001) -> np.ndarray:
 
 def test_search_finds_the_way_through_a_maze():
     pytest.importorskip("ompl", reason="the extra ompl is not installed")
-    options = SamplingOptions(step=0.01)
-    path = sampled_path(in_maze, BOUNDS, ENDS, options)
+    path = sampled_path(in_maze, BOUNDS, ENDS, step=0.01)
     np.testing.assert_allclose(path[[0, -1]], ENDS)
     # Corners of walls are cut by less than the distance between the configurations checked.
     assert sum(map(in_maze, dense(path))) < 20
-    np.testing.assert_array_equal(sampled_path(in_maze, BOUNDS, ENDS, options), path)
-    other = sampled_path(in_maze, BOUNDS, ENDS, SamplingOptions(seed=2, step=0.01))
+    np.testing.assert_array_equal(sampled_path(in_maze, BOUNDS, ENDS, step=0.01), path)
+    other = sampled_path(in_maze, BOUNDS, ENDS, seed=2, step=0.01)
     assert other.shape != path.shape or not np.array_equal(other, path)
 
 
@@ -72,7 +71,7 @@ def test_paths_of_threads_are_those_of_one_thread():
     pytest.importorskip("ompl", reason="the extra ompl is not installed")
 
     def path(seed):
-        return sampled_path(in_maze, BOUNDS, ENDS, SamplingOptions(seed=seed, step=0.01))
+        return sampled_path(in_maze, BOUNDS, ENDS, seed=seed, step=0.01)
 
     expected = [path(seed) for seed in range(1, 21)]
     with ThreadPoolExecutor(4) as threads:
@@ -83,14 +82,14 @@ def test_paths_of_threads_are_those_of_one_thread():
 def test_search_ends_on_request_or_after_enough_checks():
     pytest.importorskip("ompl", reason="the extra ompl is not installed")
     closed = lambda q: bool(abs(q[0]) < 0.1)  # noqa: E731
-    assert sampled_path(closed, BOUNDS, ENDS, SamplingOptions(max_checks=500)) is None
-    assert sampled_path(closed, BOUNDS, ENDS, SamplingOptions(), lambda: True) is None
+    assert sampled_path(closed, BOUNDS, ENDS, max_checks=500) is None
+    assert sampled_path(closed, BOUNDS, ENDS, lambda: True) is None
 
 
 def test_without_the_extra_the_search_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "ompl.base", None)
     with pytest.raises(MissingDependencyError, match=r"needs the Python module 'ompl'.*\[ompl\]"):
-        sampled_path(in_maze, BOUNDS, ENDS, SamplingOptions())
+        sampled_path(in_maze, BOUNDS, ENDS)
 
 
 @pytest.fixture

@@ -28,12 +28,12 @@ def test_the_solution_meets_the_optimality_conditions(seed):
     hessian, gradient, rows, bounds = random_program(seed)
     found = solve_quadratic(cholesky(hessian), gradient, rows, bounds)
     lengths = np.linalg.norm(rows, axis=1)
-    assert np.all(rows @ found.step - bounds <= 1e-7 * lengths)
-    assert np.all(found.multipliers >= 0.0)
-    scale = 1.0 + np.abs(gradient).max() + np.abs(hessian @ found.step).max()
-    stationary = hessian @ found.step + gradient + rows.T @ found.multipliers
+    assert np.all(rows @ found[0] - bounds <= 1e-7 * lengths)
+    assert np.all(found[1] >= 0.0)
+    scale = 1.0 + np.abs(gradient).max() + np.abs(hessian @ found[0]).max()
+    stationary = hessian @ found[0] + gradient + rows.T @ found[1]
     assert np.abs(stationary).max() <= 1e-6 * scale
-    slack = (bounds - rows @ found.step) * found.multipliers
+    slack = (bounds - rows @ found[0]) * found[1]
     assert np.abs(slack).max() <= 1e-6 * scale
 
 
@@ -44,7 +44,7 @@ def test_another_solver_finds_nothing_better(seed):
     def objective(p):
         return 0.5 * p @ hessian @ p + gradient @ p
 
-    found = solve_quadratic(cholesky(hessian), gradient, rows, bounds).step
+    found, _ = solve_quadratic(cholesky(hessian), gradient, rows, bounds)
     other = minimize(
         objective,
         np.zeros(len(gradient)),
@@ -59,7 +59,7 @@ def test_another_solver_finds_nothing_better(seed):
 def test_contradictions_are_told_apart():
     rows = np.array([[1.0], [-1.0]])
     assert solve_quadratic(cholesky(np.eye(1)), np.zeros(1), rows, np.array([-1.0, -1.0])) is None
-    assert solve_quadratic(cholesky(np.eye(1)), np.zeros(1), rows, np.array([1.0, -1.0])).step == [
+    assert solve_quadratic(cholesky(np.eye(1)), np.zeros(1), rows, np.array([1.0, -1.0]))[0] == [
         pytest.approx(1.0)
     ]
 
