@@ -212,15 +212,18 @@ def test_an_existing_output_is_kept_without_force(recording, tmp_path):
 def test_killing_build_primitives_leaves_the_whole_file_or_none(recording, tmp_path):
     old, new = tmp_path / "old.npz", tmp_path / "new.npz"
     command = [sys.executable, "-m", "mp_pca_planner", "build_primitives", str(recording[0])]
-    began = time.monotonic()
     subprocess.run([*command, "--output", old], check=True, capture_output=True)
-    usual, before = time.monotonic() - began, old.read_bytes()
-    for share in (0.4, 0.7, 0.85, 0.95, 1.0):
+    before = old.read_bytes()
+    for delay in (0.0, 0.003):
         for output, force in ((old, ["--force"]), (new, [])):
+            there = set(tmp_path.iterdir())
             with subprocess.Popen(
                 [*command, "--output", output, *force], stdout=subprocess.DEVNULL
             ) as process:
-                time.sleep(share * usual)
+                # The result is written beside its place first: that is the moment to be killed.
+                while process.poll() is None and set(tmp_path.iterdir()) <= there:
+                    time.sleep(0.0005)
+                time.sleep(delay)
                 process.send_signal(signal.SIGKILL)
             assert old.read_bytes() == before
             if new.exists():
