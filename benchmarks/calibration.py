@@ -12,12 +12,11 @@ from scipy.stats import norm, t
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.motion.interpolation import hermite_functions
-from mp_pca_planner.primitives.alignment import align, aligned_positions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.cross_validation import expected_motion
-from mp_pca_planner.primitives.differences import by_way
+from mp_pca_planner.primitives.differences import by_way, expected_motion
 from mp_pca_planner.primitives.prediction import FREEDOM
 from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.primitives.timing import align, aligned_positions
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 CALIBRATION_SIZES = (3, 5, 8, 12, 20)

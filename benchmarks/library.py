@@ -26,11 +26,9 @@ from tables import Table, benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.primitives.build import build_from_statistics
-from mp_pca_planner.primitives.cross_validation import expected_motion
-from mp_pca_planner.primitives.differences import FINE_PHASES, differences
+from mp_pca_planner.primitives.differences import FINE_PHASES, differences, expected_motion
 from mp_pca_planner.primitives.in_span import in_span_score
-from mp_pca_planner.primitives.kinds.choice import choose_kinds
-from mp_pca_planner.primitives.kinds.find import OUTLIER, KindOptions, find_kinds
+from mp_pca_planner.primitives.kinds.find import OUTLIER, KindOptions, choose_kinds, find_kinds
 from mp_pca_planner.primitives.library.build import adjusted_rand_index
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions

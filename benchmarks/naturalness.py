@@ -44,11 +44,10 @@ from mp_pca_planner.evaluation.naturalness import (
     planned,
 )
 from mp_pca_planner.exceptions import MissingDependencyError
-from mp_pca_planner.primitives.alignment import arc_length_warp
 from mp_pca_planner.primitives.basis import legendre_values
 from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.differences import FINE_PHASES, MEASURES, by_way
-from mp_pca_planner.primitives.pace import fit_paces, time_scaling
+from mp_pca_planner.primitives.timing import arc_length_warp, fit_paces, time_scaling
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.robot.model import Robot

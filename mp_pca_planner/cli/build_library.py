@@ -18,7 +18,7 @@ from ..plotting.report import library_page
 from ..plotting.text import kinds_words, unit_of
 from ..primitives.kinds.find import KindOptions
 from ..primitives.library.build import ExistingLibraries, LibraryContent, build_library
-from ..primitives.library.journal import require_locks
+from ..primitives.library.versioned import require_locks
 from ..recordings.recording_set import RecordingSet
 from ..robot.model import Robot
 from .build_primitives import load, options_like, primitive_options, repairs_of

@@ -31,8 +31,7 @@ from ..plotting.text import (
 from ..primitives.build import build_from_statistics, options_to_update
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.foreign import Foreign, foreign_recordings
-from ..primitives.kinds.choice import KindErrors, choose_kinds
-from ..primitives.kinds.find import KindOptions
+from ..primitives.kinds.find import KindErrors, KindOptions, choose_kinds
 from ..primitives.library.build import origin
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions

@@ -25,10 +25,17 @@ from ..planning.plan import PlannerOptions
 from ..planning.planner import Planner
 from ..planning.request import NATURAL
 from ..primitives.build import PrimitiveOptions, build_primitive
-from ..primitives.cross_validation import expected_motion, minimum_jerk_motion
-from ..primitives.differences import FINE_PHASES, MEASURES, PHASES, by_way, differences
-from ..primitives.pace import fit_paces
+from ..primitives.differences import (
+    FINE_PHASES,
+    MEASURES,
+    PHASES,
+    by_way,
+    differences,
+    expected_motion,
+    minimum_jerk_motion,
+)
 from ..primitives.primitive import MovementPrimitive
+from ..primitives.timing import fit_paces
 from ..recordings.demonstration import Demonstration
 from ..robot.limits import JointLimits
 from ..robot.model import Robot

@@ -38,8 +38,8 @@ from ..primitives.basis import (
     legendre_derivatives,
     legendre_values,
 )
-from ..primitives.pace import time_scaling
 from ..primitives.primitive import MovementPrimitive
+from ..primitives.timing import time_scaling
 from ..robot.model import Robot
 
 AMPLITUDE, LOG_DURATION, WARP = 0, 1, slice(2, 5)

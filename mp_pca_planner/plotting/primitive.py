@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..primitives.alignment import own_phases
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
+from ..primitives.timing import own_phases
 from .style import (
     LINES,
     MAX_COMPONENTS,

@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..control.law import control_statement
 from ..exceptions import PlannerError, PrimitiveError
-from ..primitives.alignment import aligned_positions
-from ..primitives.cross_validation import HeldOutErrors, leave_one_out
-from ..primitives.differences import MEASURES, PHASES
+from ..primitives.differences import MEASURES, PHASES, HeldOutErrors, leave_one_out
 from ..primitives.foreign import foreign_recordings
 from ..primitives.in_span import in_span_score
 from ..primitives.kinds.find import OUTLIER
@@ -27,6 +25,7 @@ from ..primitives.library.build import LibraryContent
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
+from ..primitives.timing import aligned_positions
 from ..recordings.demonstration import Demonstration
 from ..recordings.recording_set import RecordingReport, RecordingSet, Refusal
 from ..recordings.repair import REPAIRS

@@ -21,18 +21,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, as_list, check_type, float_array, unique_names
+from ..arrays import FloatArray, as_list, float_array, unique_names
 from ..exceptions import PrimitiveError, RecordingError, shown, unknown_name
 from ..recordings.demonstration import TIME_COLUMNS, Demonstration, milliseconds_note
 from ..recordings.segmentation import ABSURD_EXTENT
 from .in_span import request_precision
-from .motion_sources import MotionSources
-from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
+from .motion_statistics import MotionSources, MotionStatistics, shape_functions, shape_smoother
 from .options import PrimitiveOptions as PrimitiveOptions
-from .pace import reversed_paces
 from .pca import angle_shares, fit_shapes
 from .prediction import ConditionalModel, left_out_squares
 from .primitive import MovementPrimitive
+from .timing import reversed_paces
 
 _DEFAULTS = PrimitiveOptions()
 
@@ -67,7 +66,6 @@ def build_primitive(
         If there is no demonstration, something else is among them, they have different joints, or
         nothing moves.
     """
-    check_type(name, "the name of a primitive", PrimitiveError, str)
     check_demonstrations(demonstrations, f"primitive '{name}' can't be built")
     if not demonstrations:
         raise PrimitiveError(f"primitive '{name}' can't be built: there is no demonstration")
@@ -79,15 +77,16 @@ def build_primitive(
 def check_demonstrations(values: Any, what: str) -> None:
     """Reject values that are not demonstrations, with what can't be done."""
     for one in values if isinstance(values, Sequence) else [values]:
+        if isinstance(one, Demonstration):
+            continue
         if isinstance(one, np.ndarray | list | tuple) or _has_columns(one):
             raise PrimitiveError(
                 f"{what}: arrays need times=, the times of their samples [s]; joint_names= names "
                 "their columns"
             )
-        if not isinstance(one, Demonstration):
-            raise PrimitiveError(
-                f"{what}: {shown(one)} is not a demonstration; load_demonstrations reads recordings"
-            )
+        raise PrimitiveError(
+            f"{what}: {shown(one)} is not a demonstration; load_demonstrations reads recordings"
+        )
 
 
 def demonstrations_of(
@@ -242,6 +241,7 @@ def build_from_statistics(
         "options": {key.removeprefix("n_"): value for key, value in asdict(options).items()},
         "angle_variance_ratio": angle_shares(statistics),
     }
+    facts["demonstrations"] = MotionSources(statistics.sources, as_facts=True)
     found = fit_shapes(statistics, options)
     # The prediction is fitted to some of the motions, and knows the spread of all requests.
     some, rows = statistics.thinned(), found.directions.reshape(-1, found.mean.size)
@@ -250,12 +250,11 @@ def build_from_statistics(
         some.both_shapes() @ rows.T,
         -rows @ found.mean.ravel(),
         np.array([some.paces, reversed_paces(some.paces)]),
-        MotionSources(some.sources).labels(),
+        some.labels(),
         request_precision(statistics.requests()),
     )
     _, series = shape_functions(options.degree, options.n_phases)
     series = shape_smoother(options.degree, options.n_phases) @ series
-    facts["demonstrations"] = MotionSources(statistics.sources, as_facts=True)
     return MovementPrimitive(
         name=name,
         joint_names=statistics.joint_names,
@@ -287,8 +286,7 @@ def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float,
     straight = np.sum(shapes[0] ** 2, axis=1)
     squares = np.full(straight.shape, np.nan)
     if len(straight) > 1:
-        labels = [motion.label for motion in used.motions]
-        squares = left_out_squares(used.requests(), shapes, labels=labels)
+        squares = left_out_squares(used.requests(), shapes, labels=used.labels())
     scale = n_phases * len(statistics.joint_names)
     predicted, straight = (np.sqrt((x + remainders).mean() / scale) for x in (squares, straight))
     return float(predicted), float(straight)

@@ -26,12 +26,11 @@ from ..files import check_form, load_json, open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 from ..rows import BLOCK, row_blocks
 from .in_span import request_precision
-from .motion_sources import MotionSource, MotionSources, source_rows
-from .motion_statistics import MotionStatistics, thinned
-from .pace import PACE_DEGREE, fit_paces, reversed_paces
+from .motion_statistics import MotionSource, MotionSources, MotionStatistics, source_rows, thinned
 from .prediction import ConditionalModel
 from .primitive import MovementPrimitive
 from .primitive_values import ARRAY_SHAPES
+from .timing import PACE_DEGREE, fit_paces, reversed_paces
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
 FORMAT_VERSION = 2

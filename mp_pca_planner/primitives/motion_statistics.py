@@ -9,10 +9,11 @@ the primitive.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+import json
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -22,21 +23,79 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveError, quote_names, unknown_name
 from ..motion.interpolation import boundary_values, hermite_functions
 from ..rows import empty_rows, release, row_blocks
-from .alignment import align, aligned_positions
 from .basis import end_vanishing_coefficients, legendre_values
-from .motion_sources import MotionSource, MotionSources, indices_of, source_rows
 from .options import PrimitiveOptions
-from .pace import fit_paces
+from .timing import align, aligned_positions, fit_paces, largest_jerk
 
 # The node loads primitives, but needs neither recordings nor the parts of SciPy that they need.
 if TYPE_CHECKING:
     from ..recordings.demonstration import Demonstration
 
+_FACTS = ("recording", "label", "checksum", "start_time_s", "end_time_s")
 # Highest degree of the polynomials that represent joint angles over time. Only the first components
 # are reported, which are much smoother.
 _ANGLE_DEGREE = 30
 # Predictions are fitted to fewer: the time grows with the cube of their number.
 _MAX_FITTED = 200
+
+
+class MotionSource(NamedTuple):
+    """Where a demonstration comes from.
+
+    Attributes
+    ----------
+    recording, label, checksum : str
+        Of the demonstration.
+    start_time, end_time : float
+        When it starts and ends, in seconds after the first message of the recording.
+    """
+
+    recording: str
+    label: str
+    checksum: str
+    start_time: float
+    end_time: float
+
+    @classmethod
+    def of_facts(cls, facts: Mapping[str, Any]) -> MotionSource:
+        """The source with these facts (see :func:`source_rows`); the checksum may be missing."""
+        return cls(*(facts.get(name, "") for name in _FACTS))
+
+    @property
+    def identity(self) -> tuple[str, float, float]:
+        """Equal for the same part of the same recording, whatever its name and label."""
+        return self.checksum, round(self.start_time, 6), round(self.end_time, 6)
+
+
+class MotionSources(Sequence[Any]):
+    """The sources in the rows of :func:`source_rows`, each made when it is used.
+
+    Parameters
+    ----------
+    rows : array of bytes, shape (n_demonstrations,)
+        The rows.
+    as_facts : bool
+        Whether the items are the facts.
+    """
+
+    def __init__(self, rows: NDArray[np.bytes_], *, as_facts: bool = False) -> None:
+        self._rows = rows
+        self._item: Callable[[Any], Any] = dict if as_facts else MotionSource.of_facts
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._item(json.loads(self._rows[index]))
+
+    def __iter__(self) -> Iterator[Any]:
+        for text in self.texts():
+            yield from map(self._item, json.loads(f"[{text}]"))
+
+    def texts(self) -> Iterator[str]:
+        """The JSON of all facts without the brackets around them, in blocks."""
+        for (block,) in row_blocks(self._rows):
+            yield b", ".join(block.tolist()).decode()
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,16 +164,20 @@ class MotionStatistics:
             If they have different joints.
         """
         _check_joints([(d.joint_names, d.recording) for d in demonstrations])
-        phases = np.linspace(0.0, 1.0, options.n_phases)
+        sources = [
+            MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time)
+            for d in demonstrations
+        ]
+        rows = source_rows(sources)
         durations = np.array([d.duration for d in demonstrations])
         # Joint angles over time: what [P] analyses.
         over_time = np.array([d.time_normalised(options.n_phases) for d in demonstrations])
-        angles, angle_remainders = _projected(over_time, _angle_functions(options.n_phases))
-        jerks = np.array([_largest_jerk(d) for d in demonstrations])
         # Step 1: the same timing for all.
+        phases = np.linspace(0.0, 1.0, options.n_phases)
         warps = align(demonstrations, options.align)
         pairs = zip(demonstrations, warps, strict=True)
         aligned = np.array([aligned_positions(d, warp, phases) for d, warp in pairs])
+        paces = fit_paces(warps, np.array([largest_jerk(d) for d in demonstrations]))
         # Step 2: what is left of each motion without the quintic between its ends.
         curves = [(d.positions, d.velocities, d.accelerations) for d in demonstrations]
         states = np.array([[q[0], v[0], a[0], q[-1], v[-1], a[-1]] for q, v, a in curves])
@@ -125,22 +188,19 @@ class MotionStatistics:
         sampled = aligned - hermite_functions(phases) @ boundaries
         functions, _ = shape_functions(options.degree, options.n_phases)
         shapes, shape_remainders = _projected(sampled, functions)
-        sources = [
-            MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time)
-            for d in demonstrations
-        ]
+        angles, angle_remainders = _projected(over_time, _angle_functions(options.n_phases))
         return cls(
             joint_names=demonstrations[0].joint_names,
             durations=durations,
             extents=np.linalg.norm([np.ptp(d.positions, axis=0) for d in demonstrations], axis=1),
             boundary_states=states,
             warps=warps,
-            paces=fit_paces(warps, jerks),
+            paces=paces,
             shapes=shapes,
             shape_remainders=shape_remainders,
             angles=angles,
             angle_remainders=angle_remainders,
-            sources=source_rows(sources),
+            sources=rows,
         )
 
     @classmethod
@@ -176,6 +236,10 @@ class MotionStatistics:
         blocks = row_blocks(self.boundary_states, self.durations)
         rows = (np.column_stack([s[:, 0], s[:, 3], np.log(duration)]) for s, duration in blocks)
         return np.concatenate(list(rows))
+
+    def labels(self) -> list[str]:
+        """Label of each demonstration."""
+        return [json.loads(row)["label"] for row in self.sources]
 
     def both_shapes(self) -> FloatArray:
         """Shapes, and shapes of the reversed motions, as rows: (2, n_demonstrations, n_values)."""
@@ -323,14 +387,6 @@ def _angle_functions(n_phases: int) -> FloatArray:
     return np.linalg.qr(legendre.legvander(np.linspace(-1.0, 1.0, n_phases), degree))[0]
 
 
-def _largest_jerk(demonstration: Demonstration) -> float:
-    """Largest jerk, in units of the path length per cubed duration."""
-    jerks = np.gradient(demonstration.accelerations, demonstration.times, axis=0)
-    path = float(np.linalg.norm(np.diff(demonstration.positions, axis=0), axis=1).sum())
-    highest = float(np.linalg.norm(jerks, axis=1).max())
-    return highest * demonstration.duration**3 / max(path, 1e-9)
-
-
 def _projected(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Coefficients of sampled curves, and sums of the squares of their residuals.
 
@@ -356,3 +412,42 @@ def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
                 f"are not those of '{first_recording}', {quote_names(first)}: choose joints that "
                 "all have, or leave recordings out"
             )
+
+
+def source_rows(sources: Iterable[MotionSource]) -> NDArray[np.bytes_]:
+    """Sources as rows of JSON: objects of Python take several times the memory.
+
+    Each row has the facts of a source, by their names in the metadata of a primitive.
+    """
+    encode = json.JSONEncoder(sort_keys=True).encode
+    rows = [encode(dict(zip(_FACTS, source, strict=True))) for source in sources]
+    return np.array(rows, dtype=np.bytes_)
+
+
+def indices_of(name: str, motions: Iterable[MotionSource]) -> list[int]:
+    """Indices of the demonstrations of a recording; none if there is no such recording.
+
+    Parameters
+    ----------
+    name :
+        Its name, or its checksum, or the first 8 or more digits of that.
+    motions :
+        The demonstrations.
+
+    Raises
+    ------
+    PrimitiveError
+        If several recordings have this name.
+    """
+    found = {
+        i: motion.checksum
+        for i, motion in enumerate(motions)
+        if motion.recording == name or (len(name) >= 8 and motion.checksum.startswith(name))
+    }
+    checksums = sorted(set(found.values()))
+    if len(checksums) > 1:
+        raise PrimitiveError(
+            f"several recordings are called '{name}': name one by its checksum, "
+            + " or ".join(checksum[:12] for checksum in checksums)
+        )
+    return list(found)

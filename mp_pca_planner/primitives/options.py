@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from ..arrays import check_choice, check_number
 from ..exceptions import PrimitiveError, names_options
-from .alignment import ALIGNMENTS
 from .basis import N_END_CONDITIONS
 from .primitive_values import COUPLINGS
+from .timing import ALIGNMENTS
 
 
 @names_options(PrimitiveError)

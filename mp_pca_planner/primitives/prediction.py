@@ -56,9 +56,6 @@ _TINY = 1e-300
 # Requests that are predicted at once.
 _BLOCK = 200
 
-Groups = Sequence[NDArray[np.intp]]
-"""Indices of demonstrations that are left out together, in arrays of groups of one size."""
-
 
 @dataclass(frozen=True, eq=False)
 class ConditionalDistribution:
@@ -78,7 +75,7 @@ class ConditionalDistribution:
         and with the distance from the demonstrations; more so, the fewer there are. With this
         covariance, errors follow Student's t distribution of `FREEDOM`.
     pace : array, shape (n_pace,)
-        Expected time scaling, see :mod:`.pace`; zero: even.
+        Expected time scaling, see :mod:`.timing`; zero: even.
     duration : float
         The duration of the request, or else the expected one [s].
     in_span_score : float
@@ -167,18 +164,28 @@ class ConditionalModel:
         precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
             See :func:`.request_precision`; of all demonstrations, if only some are fitted.
         """
-        partitions = _partitions(labels)
         similar, distances = RequestFeatures(requests)(requests)
         roots = np.sqrt(distances)[:, None]
-        shape, residuals = _fit(similar, shapes / roots, partitions)
-        pace, _ = _fit(similar, paces, partitions)
+        shape, residuals = _fit(similar, shapes / roots, labels)
+        pace, _ = _fit(similar, paces, labels)
         of_ends, _ = RequestFeatures(requests[:, :-1])(requests[:, :-1])
         times = requests[:, -1:] - requests[:, -1].mean() - np.log(roots)
-        duration, _ = _fit(of_ends, np.array([times, times]), partitions[:1])
-        novelties = _novelty(_without_own(similar[0, 0]))
-        left_out = _mixed(residuals, novelties) * roots
-        errors = _error_covariance(left_out, _variance(distances, novelties))
-        return cls(requests, shape, straight_weights, pace, duration, *errors, precision)
+        duration, _ = _fit(of_ends, np.array([times, times]))
+        # Covariance about zero, shrunk towards its diagonal, more strongly with fewer errors.
+        errors = residuals * roots
+        n, size = errors.shape
+        covariance = errors.T @ errors / n
+        diagonal = np.diag(covariance)
+        floor = max(1e-6 * float(diagonal.max(initial=0.0)), 1e-12)
+        shrunk = (n * covariance + size * np.diag(diagonal)) / (n + size)
+        positive = np.asarray(shrunk + floor * np.eye(size))
+        # Its factor, by which variances of 1 are as predicted, widened as Student's t distribution.
+        squares, freedom = np.sum(errors**2, axis=1), max(n, 3)
+        variances = _variance(distances, _novelty(similar, is_left_out=True))
+        unit = np.sum(squares / variances) + _TINY
+        factor = np.array([freedom / (freedom - 2.0) * unit / (np.sum(squares) + _TINY)])
+        of_weights = positive, np.asarray(np.linalg.inv(positive)), factor
+        return cls(requests, shape, straight_weights, pace, duration, *of_weights, precision)
 
     def predict(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -202,7 +209,7 @@ class ConditionalModel:
             deviation = min(max(math.log(distance) / 2.0 + residual, -reach), reach)
             duration = math.exp(self.mean[-1] + deviation)
         similar, distance = of_requests(np.append(ends, math.log(duration)))
-        novelty = _novelty(similar[0, 0])
+        novelty = _novelty(similar)
         both = _mixed(similar.ravel() @ coefficients, novelty)
         shape, pace = np.split(both, [self.straight_weights.size])
         weights = self.straight_weights + math.sqrt(distance) * shape
@@ -301,7 +308,7 @@ def left_out_squares(
     requests: FloatArray,
     shapes: FloatArray,
     used: NDArray[np.intp] | None = None,
-    labels: Sequence[str] | None = None,
+    labels: Sequence[str] = (),
 ) -> FloatArray:
     """Squared errors of shapes that are predicted from other demonstrations.
 
@@ -326,26 +333,33 @@ def left_out_squares(
     features = RequestFeatures(requests[used])
     similar, distances = features(requests[used])
     roots = np.sqrt(distances)[:, None]
-    partitions = _partitions([""] * len(used) if labels is None else labels)
-    coefficients, residuals = _fit(similar, shapes[:, used] / roots, partitions)
+    coefficients, residuals = _fit(similar, shapes[:, used] / roots, labels)
     errors = np.empty(shapes.shape[1:])
-    errors[used] = _mixed(residuals, _novelty(_without_own(similar[0, 0]))) * roots
+    errors[used] = residuals * roots
     others = np.setdiff1d(np.arange(len(requests)), used)
     for first in range(0, len(others), _BLOCK):
         some = others[first : first + _BLOCK]
         similar, distances = features(requests[some])
         fits = np.tensordot(coefficients, similar, axes=((1, 2, 3), (0, 1, 3))).swapaxes(1, 2)
-        predicted = np.sqrt(distances)[:, None] * _mixed(fits, _novelty(similar[0, 0]))
+        predicted = np.sqrt(distances)[:, None] * _mixed(fits, _novelty(similar))
         errors[some] = shapes[0, some] - predicted
     return np.asarray(np.sum(errors**2, axis=1))
 
 
-def _partitions(labels: Sequence[str]) -> list[Groups]:
-    """Single demonstrations and, if there are several activities, those of each activity."""
-    activities = np.asarray(labels)
-    singles: list[Groups] = [[np.arange(len(activities))[:, None]]]
-    names = np.unique(activities)
-    return singles + [[np.argwhere(activities == x).T for x in names]] * (len(names) > 1)
+def _novelty(similarities: FloatArray, *, is_left_out: bool = False) -> FloatArray:
+    """0 at a demonstrated request, 1 far from all.
+
+    Parameters
+    ----------
+    similarities : array, shape (n_lengths, 2, ..., n_demonstrations)
+        See :class:`RequestFeatures`.
+    is_left_out : bool
+        Whether these are the demonstrations, each of which is compared with the others.
+    """
+    nearest = similarities[0, 0]
+    if is_left_out and len(nearest) > 1:
+        nearest = np.where(np.eye(len(nearest), dtype=bool), -np.inf, nearest)
+    return np.asarray(1.0 + OFFSET - nearest.max(axis=-1)).clip(0.0, 1.0)
 
 
 def _mixed(fits: FloatArray, novelties: FloatArray) -> FloatArray:
@@ -353,52 +367,13 @@ def _mixed(fits: FloatArray, novelties: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    fits : array, shape (n_partitions, ..., n_outputs)
+    fits : array, shape (n_fits, ..., n_outputs)
         Values of each fit, for a request or several.
     novelties : array, shape (...)
-        Of the requests, see :func:`_novelty`.
+        Of the requests.
     """
     share = np.minimum(1.0, _FAR * novelties)[..., None]
     return np.asarray(fits[0] + share * (fits[-1] - fits[0]))
-
-
-def _without_own(similarities: FloatArray) -> FloatArray:
-    """Similarities of demonstrations with the others, where there are any."""
-    n = len(similarities)
-    return similarities if n == 1 else np.where(np.eye(n, dtype=bool), -np.inf, similarities)
-
-
-def _error_covariance(
-    errors: FloatArray, variances: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Covariance of left-out errors about zero, its inverse, and its factor, shape (1,).
-
-    The covariance is positive definite, and shrunk towards its diagonal, more strongly with fewer
-    errors. With the factor, variances of 1 are as predicted. It is widened as Student's t
-    distribution is, with at least three degrees of freedom.
-
-    Parameters
-    ----------
-    errors : array, shape (n_demonstrations, n_weights)
-        The errors.
-    variances : array, shape (n_demonstrations,)
-        Relative variances to expect, see :func:`_variance`.
-    """
-    n, size = errors.shape
-    covariance = errors.T @ errors / n
-    diagonal = np.diag(covariance)
-    floor = max(1e-6 * float(diagonal.max(initial=0.0)), 1e-12)
-    shrunk = (n * covariance + size * np.diag(diagonal)) / (n + size)
-    positive = np.asarray(shrunk + floor * np.eye(size))
-    squares, freedom = np.sum(errors**2, axis=1), max(n, 3)
-    unit = np.sum(squares / variances) + _TINY
-    factor = freedom / (freedom - 2.0) * unit / (np.sum(squares) + _TINY)
-    return positive, np.asarray(np.linalg.inv(positive)), np.array([factor])
-
-
-def _novelty(similarities: FloatArray) -> FloatArray:
-    """0 at a demonstrated request, 1 far from all, given similarities in the last axis."""
-    return np.asarray(1.0 + OFFSET - similarities.max(axis=-1)).clip(0.0, 1.0)
 
 
 def _variance(distances: FloatArray | float, novelties: FloatArray) -> FloatArray:
@@ -407,9 +382,12 @@ def _variance(distances: FloatArray | float, novelties: FloatArray) -> FloatArra
 
 
 def _fit(
-    similarities: FloatArray, outputs: FloatArray, partitions: Sequence[Groups]
+    similarities: FloatArray, outputs: FloatArray, labels: Sequence[str] = ()
 ) -> tuple[FloatArray, FloatArray]:
-    """Fit averages of Gaussian processes, one for each partition.
+    """Fit averages of Gaussian processes, with kernels ranked by what is left out.
+
+    Left out are single demonstrations and, in a second fit of several activities, those of each
+    activity, without refitting (Rasmussen and Williams, equations 5.10 to 5.12, for groups).
 
     Parameters
     ----------
@@ -417,15 +395,15 @@ def _fit(
         Of the demonstrations with each other, and with the reversed ones.
     outputs : array, shape (2, n_demonstrations, n_outputs)
         Outputs of the demonstrations, and of the same motions in reversed time.
-    partitions : sequence of Groups
-        Groups of demonstrations that are left out together to rank the kernels.
+    labels : sequence of str
+        Activity of each demonstration; one activity by default.
 
     Returns
     -------
-    coefficients : array, shape (n_partitions, n_lengths, 2, n_demonstrations, n_outputs)
+    coefficients : array, shape (n_fits, n_lengths, 2, n_demonstrations, n_outputs)
         A prediction is the sum of their products with the similarities of a request.
-    residuals : array, shape (n_partitions, n_demonstrations, n_outputs)
-        Outputs minus predictions from the other groups of the first partition, by each fit.
+    residuals : array, shape (n_demonstrations, n_outputs)
+        Outputs minus their predictions from the other demonstrations.
     """
     # Parts that are even in reversed time, then those that are odd.
     parts = np.array([outputs[0] + outputs[1], outputs[0] - outputs[1]]) / 2.0
@@ -435,33 +413,29 @@ def _fit(
     inverse = np.linalg.inv(there + signs * back + noises[..., None] * np.eye(len(there)))
     solved = inverse @ parts
     shares = np.array([solved[:, 0] + solved[:, 1], reversals * (solved[:, 0] - solved[:, 1])])
-    left = [_leave_out(inverse, solved, partition) for partition in partitions]
-    squares = outputs[0] @ outputs[0].T
+    # Indices of demonstrations that are left out together, in arrays of groups of one size.
+    activities, names = np.asarray(labels), np.unique(labels)
+    partitions = [[np.arange(len(there))[:, None]]]
+    partitions += [[np.argwhere(activities == name).T for name in names]] * (len(names) > 1)
+    left, logs = np.empty((len(partitions), *solved.shape)), []
+    for residuals, groups in zip(left, partitions, strict=True):
+        variances = np.empty(solved.shape[:3])
+        for group in groups:
+            covariance = np.linalg.inv(inverse[:, :, group[..., None], group[:, None]])
+            residuals[:, :, group] = covariance @ solved[:, :, group]
+            variances[:, :, group] = np.diagonal(covariance, axis1=3, axis2=4)
+        # Of the density of one output, with the variance that makes it highest.
+        square = np.sum(residuals**2 / variances[..., None], axis=(1, 2, 3))
+        log_square = solved.shape[2] * np.log(square + _TINY)
+        logs.append(-0.5 * (0.5 * np.sum(np.log(variances), axis=(1, 2)) + log_square))
+    squares, scores = outputs[0] @ outputs[0].T, np.array(logs)
     # Effective number of independent outputs.
     freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
-    scores = np.array([score for _, score in left])
     probabilities = np.exp(_TEMPER * freedom * (scores - scores.max(axis=1, keepdims=True)))
     if len(squares) < _MIN_RANKED:
         probabilities[:, 1:] = 0.0
     probabilities /= probabilities.sum(axis=1, keepdims=True)
     coefficients = np.zeros((len(partitions), len(similarities), *outputs.shape))
     coefficients[:, 0] = np.einsum("pk,dkno->pdno", probabilities, shares)
-    return coefficients, np.tensordot(probabilities, left[0][0], axes=1)
-
-
-def _leave_out(
-    inverse: FloatArray, solved: FloatArray, groups: Groups
-) -> tuple[FloatArray, FloatArray]:
-    """Residuals of groups that are left out, and the logarithm of their density, by kernel.
-
-    Without refitting (Rasmussen and Williams, equations 5.10 to 5.12, for groups). The density is
-    that of one output, with the variance that makes it highest, up to a constant.
-    """
-    residuals, variances = np.empty_like(solved), np.empty(solved.shape[:3])
-    for group in groups:
-        covariance = np.linalg.inv(inverse[:, :, group[..., None], group[:, None]])
-        residuals[:, :, group] = covariance @ solved[:, :, group]
-        variances[:, :, group] = np.diagonal(covariance, axis1=3, axis2=4)
-    square = np.sum(residuals**2 / variances[..., None], axis=(1, 2, 3))
-    logs = 0.5 * np.sum(np.log(variances), axis=(1, 2)) + solved.shape[2] * np.log(square + _TINY)
-    return np.sum(residuals, axis=1), -0.5 * logs
+    fits = np.tensordot(probabilities, np.sum(left[0], axis=1), axes=1)
+    return coefficients, _mixed(fits, _novelty(similarities, is_left_out=True))

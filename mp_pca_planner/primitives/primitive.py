@@ -22,13 +22,12 @@ from ..input_limits import INPUT_LIMITS
 from ..motion.goal import StateLike, joint_positions
 from ..motion.interpolation import boundary_values, hermite_functions, quintics
 from ..motion.trajectory import Trajectory
-from .alignment import aligned_phases
 from .basis import Basis, PacedBasis, PolynomialBasis
 from .in_span import UNUSUAL_IN_SPAN_SCORE
-from .pace import time_scaling
 from .prediction import FREEDOM, ConditionalDistribution, ConditionalModel
 from .primitive_values import ARRAY_SHAPES, freeze_values
 from .primitive_values import COUPLINGS as COUPLINGS
+from .timing import aligned_phases, time_scaling
 
 if TYPE_CHECKING:
     from ..recordings.demonstration import Demonstration
@@ -81,7 +80,7 @@ class MovementPrimitive:
         Their durations [s].
     warps : array, shape (n_demonstrations, n_warp_phases)
         Timing of each: shares of its duration at evenly spaced aligned phases, strictly
-        increasing from 0 to 1, see :mod:`.alignment`.
+        increasing from 0 to 1, see :mod:`.timing`.
     fit_residual : array, shape (n_demonstrations, n_joints)
         RMS difference between each demonstration and its reproduction with its weights and
         its own timing, over the aligned phases [rad or m].
@@ -317,7 +316,7 @@ class MovementPrimitive:
         (19,)
         """
         from .build import check_demonstrations, demonstrations_of
-        from .cross_validation import prediction_errors
+        from .differences import prediction_errors
 
         several: Any = getattr(demonstrations, "demonstrations", demonstrations)
         if times is not None:

@@ -13,8 +13,8 @@ from ..arrays import check_choice, check_type, frozen_array, unique_names
 from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names, shown
 from ..input_limits import INPUT_LIMITS
 from ..rows import row_blocks
-from .pace import PACE_DEGREE
 from .prediction import INVERSE_LENGTHS, ConditionalModel
+from .timing import PACE_DEGREE
 
 if TYPE_CHECKING:
     from .primitive import MovementPrimitive
@@ -71,8 +71,10 @@ def freeze_values(primitive: MovementPrimitive) -> None:
             f"the name of a primitive must be a non-empty string: {shown(name)}"
         )
     names = unique_names(primitive.joint_names, f"joints of '{name}'", PrimitiveFileError)
-    if any("\ud800" <= letter <= "\udfff" for letter in "".join([name, *names])):
-        raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode")
+    try:
+        "".join([name, *names]).encode()
+    except UnicodeEncodeError:
+        raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode") from None
     check_type(primitive.model, f"the model of '{name}'", PrimitiveFileError, ConditionalModel)
     check_choice(
         primitive.coupling, f"the coupling of primitive '{name}'", PrimitiveFileError, COUPLINGS
@@ -82,41 +84,39 @@ def freeze_values(primitive: MovementPrimitive) -> None:
     object.__setattr__(primitive, "metadata", dict(primitive.metadata))
     n, limits = len(names), INPUT_LIMITS
     sizes: dict[str | int, int] = {"joints": n, "entries": 2 * n + 1, "rates": PACE_DEGREE}
+    sizes |= {1: 1, 2: 2, 6: 6}  # numbers denote themselves
     for array, shape in ARRAY_SHAPES.items():
         owner = primitive if hasattr(primitive, array) else primitive.model
-        what = f"array '{array}' of '{name}'"
-        expected = tuple(x if isinstance(x, int) else sizes.get(x) for x in shape)
+        what, expected = f"array '{array}' of '{name}'", tuple(map(sizes.get, shape))
         frozen = frozen_array(getattr(owner, array), expected, what, PrimitiveFileError)
         is_precision = array.endswith("_precision")
         largest = limits.primitive_precision if is_precision else limits.primitive_value
-        if any(np.abs(block).max(initial=0.0) > largest for (block,) in row_blocks(frozen)):
-            raise PrimitiveFileError(f"{what} holds numbers that are too large for motions")
+        for (block,) in row_blocks(frozen):
+            if np.abs(block).max(initial=0.0) > largest:
+                raise PrimitiveFileError(f"{what} holds numbers that are too large for motions")
         sizes |= dict(zip(shape, frozen.shape, strict=True))
         object.__setattr__(owner, array, frozen)
-    if problem := _problem(primitive):
-        raise PrimitiveFileError(f"primitive '{name}': {problem}")
-
-
-def _problem(primitive: MovementPrimitive) -> str:
-    """The reason why the values of the arrays are invalid; empty if they are valid."""
-    model, durations, warps = primitive.model, primitive.durations, primitive.warps
-    if 0 in (len(durations), len(model.requests), len(model.shape_coefficients)):
-        return "it needs at least one demonstration"
-    if np.any(durations <= 0.0):
-        return "its demonstrations must last > 0 s"
-    if np.any(primitive.explained_variance <= 0.0) or np.any(primitive.total_variance < 0.0):
-        return "a variance is not positive"
-    if model.error_variance[0] <= 0.0:
-        return "the variance of its errors is not positive"
-    if primitive.explained_variance.sum() > (1.0 + 1e-6) * primitive.total_variance.sum():
-        return "its components explain more than all variance"
+    model, total = primitive.model, primitive.total_variance.sum()
+    n_known = len(primitive.durations), len(model.requests), len(model.shape_coefficients)
+    problems = {
+        "it needs at least one demonstration": 0 in n_known,
+        "its demonstrations must last > 0 s": np.any(primitive.durations <= 0.0),
+        "a variance is not positive": np.any(primitive.explained_variance <= 0.0)
+        or np.any(primitive.total_variance < 0.0),
+        "the variance of its errors is not positive": model.error_variance[0] <= 0.0,
+        "its components explain more than all variance": primitive.explained_variance.sum()
+        > (1.0 + 1e-6) * total,
+        "its warps must increase from 0 to 1": primitive.warps.shape[1] < 2,
+    }
+    for (block,) in row_blocks(primitive.warps):
+        is_wrong = np.any(block[:, :1] != 0.0) or np.any(block[:, -1:] != 1.0)
+        is_wrong = is_wrong or np.any(np.diff(block) <= 0.0)
+        problems["its warps must increase from 0 to 1"] |= is_wrong
     for matrix in (model.weight_covariance, model.weight_precision, model.request_precision):
         try:
             np.linalg.cholesky(matrix)
         except np.linalg.LinAlgError:
-            return "a covariance is not positive definite"
-    for (block,) in row_blocks(warps):
-        ends = block[:, [0, -1]] if warps.shape[1] > 1 else np.zeros(2)
-        if np.any(ends != (0.0, 1.0)) or np.any(np.diff(block, axis=1) <= 0.0):
-            return "its warps must increase from 0 to 1"
-    return ""
+            problems["a covariance is not positive definite"] = True
+    for problem, is_present in problems.items():
+        if is_present:
+            raise PrimitiveFileError(f"primitive '{name}': {problem}")

@@ -15,8 +15,7 @@ import pytest
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import PrimitiveError, RecordingError, RobotError
-from mp_pca_planner.primitives.cross_validation import leave_one_out
-from mp_pca_planner.primitives.differences import MEASURES
+from mp_pca_planner.primitives.differences import MEASURES, leave_one_out
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import find_recordings, write_joint_states
 from mp_pca_planner.recordings.demonstration import Demonstration

@@ -21,16 +21,13 @@ from ...recordings.demonstration import Demonstration
 from ...robot.model import Robot
 from ..build import build_from_statistics
 from ..file import load_primitive, write_primitive
-from ..kinds.choice import KindErrors, choose_kinds
-from ..kinds.find import OUTLIER, Indices, KindOptions, Kinds
+from ..kinds.find import OUTLIER, Indices, KindErrors, KindOptions, Kinds, choose_kinds
 from ..kinds.names import kind_names, plain_name
-from ..motion_sources import indices_of
-from ..motion_statistics import MotionStatistics
+from ..motion_statistics import MotionStatistics, indices_of
 from ..options import PrimitiveOptions
 from ..prediction import left_out_squares
 from ..primitive import DemonstrationSet, MovementPrimitive
-from .journal import Change, require_locks
-from .versioned import VersionedLibrary
+from .versioned import Change, VersionedLibrary, require_locks
 
 Joints = tuple[str, ...]
 
@@ -451,8 +448,8 @@ def _left_out_errors(statistics: MotionStatistics, members: Indices) -> FloatArr
     errors = []
     for used in (inside, np.concatenate([inside, outside])):
         chosen = statistics.chosen(used)
-        labels = [motion.label for motion in chosen.motions]
-        squares = left_out_squares(chosen.requests(), chosen.both_shapes(), labels=labels)
+        requests, shapes = chosen.requests(), chosen.both_shapes()
+        squares = left_out_squares(requests, shapes, labels=chosen.labels())
         squares = squares + chosen.shape_remainders.sum(axis=1)
         errors.append(np.sqrt(squares[: len(inside)].mean()))
     return np.array(errors)

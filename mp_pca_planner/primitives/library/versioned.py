@@ -14,33 +14,88 @@ change first restores the files in use. Reading the history changes nothing.
 
 from __future__ import annotations
 
+import getpass
 import json
+import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
-from functools import cached_property, partial
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from functools import partial
 from itertools import count
 from pathlib import Path
+from typing import Any
 
-from ...exceptions import PlannerError, PrimitiveError, unknown_name
-from ...files import Content, read_bytes, read_text, reading, write_together
+from ... import __version__
+from ...exceptions import PlannerError, PrimitiveError, require, shown, unknown_name
+from ...files import (
+    Content,
+    check_form,
+    load_json,
+    read_bytes,
+    read_text,
+    reading,
+    write_together,
+)
 from ...input_limits import INPUT_LIMITS
 from ..file import load_primitive, primitive_bytes, write_primitive
 from ..primitive import MovementPrimitive
 from ..primitive_values import require_same_joints
-from .journal import (
-    ADD,
-    MAX_JOURNAL_BYTES,
-    RETIRE,
-    ROLLBACK,
-    Change,
-    change_now,
-    check_name,
-    locked,
-    parsed_change,
-    provenance_of,
-    version_to_restore,
-)
+
+ADD, RETIRE, ROLLBACK = "add", "retire", "rollback"
+
+MAX_JOURNAL_BYTES = 64 << 20
+"""Largest journal."""
+MAX_NAME_BYTES = 200
+"""Longest name of a primitive of a library, in UTF-8."""
+
+LOCK_TIMEOUT = 30.0
+"""Time to wait for another process that changes the library [s]."""
+
+_LINE = {
+    "action": str,
+    "name": str,
+    "version": (int, type(None)),
+    "time": str,
+    "author": str,
+    "package_version": str,
+    "provenance": dict,
+    "note?": str,
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """One line of the journal.
+
+    Attributes
+    ----------
+    action : {'add', 'retire', 'rollback'}
+        Kind of change.
+    name : str
+        Name of the primitive.
+    version : int or None
+        The version in use afterwards; None: none.
+    time : str
+        Time of the change, UTC.
+    author : str
+        User and host.
+    package_version : str
+        Release that made the change.
+    provenance : mapping
+        The recordings of the demonstrations, or the primitive it was refined from.
+    note : str
+        Reason, in the author's words.
+    """
+
+    action: str
+    name: str
+    version: int | None
+    time: str
+    author: str
+    package_version: str
+    provenance: Mapping[str, Any]
+    note: str = ""
 
 
 class VersionedLibrary:
@@ -73,12 +128,11 @@ class VersionedLibrary:
             except (FileNotFoundError, NotADirectoryError):
                 return ()
         where = f"of '{self._journal}'"
-        return tuple(parsed_change(line, f"line {i} {where}") for i, line in enumerate(lines, 1))
+        return tuple(_parsed_change(line, f"line {i} {where}") for i, line in enumerate(lines, 1))
 
     def in_use(self) -> dict[str, int]:
         """Version of each primitive that is in use, by name."""
-        latest = {change.name: change.version for change in self.history()}
-        return {name: version for name, version in latest.items() if version is not None}
+        return _in_use(self.history())
 
     def kept(self, name: str) -> Path:
         """Path of a file that is kept beside the versions, see :meth:`change`."""
@@ -92,8 +146,8 @@ class VersionedLibrary:
         PrimitiveError
             If its name is no file name, or it moves other joints than those in use.
         """
-        with self._locked() as library:
-            return library.make([primitive], [], {}, note)[-1]
+        with self._locked() as history:
+            return self._put(history, [primitive], [], {}, note)[-1]
 
     def change(
         self,
@@ -125,17 +179,17 @@ class VersionedLibrary:
             If a name is no file name, a primitive moves other joints than those that stay, or
             another process has changed the library meanwhile.
         """
-        with self._locked() as library:
-            if len(library.history()) != n_before:
+        with self._locked() as history:
+            if len(history) != n_before:
                 raise PrimitiveError(f"the library '{self.folder}' changed meanwhile: try again")
-            used = library.in_use()
+            used = _in_use(history)
             new = [
                 primitive
                 for primitive in primitives
                 if primitive.name not in used
                 or primitive_bytes(primitive) != self._content(primitive.name, used[primitive.name])
             ]
-            return library.make(new, retired, kept, note)
+            return self._put(history, new, retired, kept, note)
 
     def retire(self, name: str, note: str = "") -> Change:
         """Take a primitive out of use; its versions are kept.
@@ -145,11 +199,11 @@ class VersionedLibrary:
         PrimitiveError
             If none of this name is in use.
         """
-        with self._locked() as library:
-            used = library.in_use()
+        with self._locked() as history:
+            used = _in_use(history)
             if name not in used and not self._file(name).exists():
                 raise PrimitiveError(unknown_name("primitive in use", name, used))
-            return library.make([], [name], {}, note)[-1]
+            return self._put(history, [], [name], {}, note)[-1]
 
     def roll_back(self, name: str, version: int | None = None, note: str = "") -> Change:
         """Put an earlier version of a primitive into use again.
@@ -166,14 +220,31 @@ class VersionedLibrary:
         PrimitiveError
             If there is no such version.
         """
-        with self._locked() as library:
-            return library.make_rollback(name, version, note)
+        with self._locked() as history:
+            version = _version_to_restore(history, name, version)
+            primitive = load_primitive(self._file(name, version))
+            self._check_joints(history, [primitive], [])
+            change = _change_now(ROLLBACK, name, version, note, primitive)
+            files = {self._file(name): self._content(name, version)}
+            return self._make(history, [change], files)[0]
 
     @contextmanager
-    def _locked(self) -> Iterator[_LockedLibrary]:
-        """Hold the lock of the library, which changes it."""
-        with locked(self.folder, self._versions):
-            yield _LockedLibrary(self.folder)
+    def _locked(self) -> Iterator[tuple[Change, ...]]:
+        """Hold the lock of the library; yields its history, which no other process changes then."""
+        filelock = require_locks()
+        try:
+            self._versions.mkdir(parents=True, exist_ok=True)
+            with filelock.FileLock(self._versions / "lock", timeout=LOCK_TIMEOUT):
+                yield self.history()
+        except filelock.Timeout:
+            raise PrimitiveError(
+                f"the library '{self.folder}' has been locked by another process for "
+                f"{LOCK_TIMEOUT:g} s: try again when it is done"
+            ) from None
+        except OSError as error:
+            raise PlannerError(
+                f"the library '{self.folder}' can't be used: {error.strerror or error}"
+            ) from None
 
     def _file(self, name: str, version: int | None = None) -> Path:
         """Path of a primitive in use, or of a version."""
@@ -185,20 +256,9 @@ class VersionedLibrary:
         with reading(f"version {version} of '{name}' of the library", PrimitiveError):
             return read_bytes(self._file(name, version), INPUT_LIMITS.primitive_bytes)
 
-
-class _LockedLibrary(VersionedLibrary):
-    """A library under its lock; its history, which no other process changes, is read once."""
-
-    @cached_property
-    def _known(self) -> tuple[Change, ...]:
-        return super().history()
-
-    def history(self) -> tuple[Change, ...]:
-        """Every change before, the oldest first."""
-        return self._known
-
-    def make(
+    def _put(
         self,
+        history: Sequence[Change],
         primitives: Sequence[MovementPrimitive],
         retired: Collection[str],
         kept: Mapping[str, Content | None],
@@ -207,8 +267,8 @@ class _LockedLibrary(VersionedLibrary):
         """Make changes; files that were copied into the folder are kept as versions first."""
         for primitive in primitives:
             check_name(primitive.name)
-        history, used = self.history(), self.in_use()
-        self._check_joints(primitives, retired)
+        used = _in_use(history)
+        self._check_joints(history, primitives, retired)
         replaced = [*(primitive.name for primitive in primitives), *retired]
         copied = [name for name in replaced if name not in used and self._file(name).exists()]
         additions = [
@@ -221,35 +281,35 @@ class _LockedLibrary(VersionedLibrary):
             known = max((c.version or 0 for c in (*history, *changes) if c.name == name), default=0)
             # A version that the journal does not name was left by a process that was killed.
             version = next(n for n in count(known + 1) if not self._file(name, n).exists())
-            changes.append(change_now(ADD, name, version, provenance_of(primitive), reason))
+            changes.append(_change_now(ADD, name, version, reason, primitive))
             content = partial(write_primitive, primitive)
             files |= {self._file(name, version): content, self._file(name): content}
         for name in retired:
-            changes.append(change_now(RETIRE, name, None, {}, note))
+            changes.append(_change_now(RETIRE, name, None, note))
             files[self._file(name)] = None
-        return self._make(changes, files | {self.kept(name): x for name, x in kept.items()})
-
-    def make_rollback(self, name: str, version: int | None, note: str) -> Change:
-        """See :meth:`VersionedLibrary.roll_back`."""
-        version = version_to_restore(self.history(), name, version)
-        primitive = load_primitive(self._file(name, version))
-        self._check_joints([primitive], [])
-        change = change_now(ROLLBACK, name, version, provenance_of(primitive), note)
-        return self._make([change], {self._file(name): self._content(name, version)})[0]
+        return self._make(
+            history, changes, files | {self.kept(name): x for name, x in kept.items()}
+        )
 
     def _check_joints(
-        self, primitives: Sequence[MovementPrimitive], retired: Collection[str]
+        self,
+        history: Sequence[Change],
+        primitives: Sequence[MovementPrimitive],
+        retired: Collection[str],
     ) -> None:
         """Reject primitives of other joints than those that stay in use, or than each other."""
         replaced = {*retired, *(primitive.name for primitive in primitives)}
-        stays = [item for item in self.in_use().items() if item[0] not in replaced]
+        stays = [item for item in _in_use(history).items() if item[0] not in replaced]
         # All that stay move the same joints: the first one is enough.
         known = [load_primitive(self._file(*item)) for item in stays[:1]] if primitives else []
         movers = [(f"'{x.name}' of the library", x.joint_names) for x in known]
         require_same_joints([*movers, *((f"'{x.name}'", x.joint_names) for x in primitives)])
 
     def _make(
-        self, changes: Sequence[Change], files: Mapping[Path, Content | None]
+        self,
+        history: Sequence[Change],
+        changes: Sequence[Change],
+        files: Mapping[Path, Content | None],
     ) -> tuple[Change, ...]:
         """Make changes atomically: their files, then their lines of the journal."""
         before = self._journal.read_bytes() if self._journal.exists() else b""
@@ -258,13 +318,15 @@ class _LockedLibrary(VersionedLibrary):
         if len(journal) > MAX_JOURNAL_BYTES:
             raise PrimitiveError(f"the journal '{self._journal}' is full: use another library")
         with _new_folders(self._versions / change.name for change in changes):
-            write_together({**self._restored(), **files, self._journal: journal}, overwrite=True)
+            write_together(
+                {**self._restored(history), **files, self._journal: journal}, overwrite=True
+            )
         return tuple(changes)
 
-    def _restored(self) -> dict[Path, bytes | None]:
+    def _restored(self, history: Sequence[Change]) -> dict[Path, bytes | None]:
         """Files in use that differ from those of the journal, with the content of the latter."""
         files: dict[Path, bytes | None] = {}
-        for name, version in {c.name: c.version for c in self.history()}.items():
+        for name, version in {c.name: c.version for c in history}.items():
             expected = None if version is None else self._content(name, version)
             file, present = self._file(name), None
             with suppress(OSError, ValueError):
@@ -287,3 +349,100 @@ def _new_folders(folders: Iterable[Path]) -> Iterator[None]:
             with suppress(OSError):
                 folder.rmdir()
         raise
+
+
+def _parsed_change(line: str, where: str) -> Change:
+    """The change that a line of the journal describes."""
+    try:
+        with reading(where, PrimitiveError):
+            content = load_json(line)
+            check_form(content, _LINE, "it")
+            change = Change(**content)
+            check_name(change.name)
+            version_fits = (change.version is None) == (change.action == RETIRE)
+            if change.action not in (ADD, RETIRE, ROLLBACK) or not version_fits:
+                raise ValueError(f"there is no '{change.action}' to version {change.version}")
+            return change
+    except PrimitiveError as error:
+        raise PrimitiveError(
+            f"{where} is damaged ({error}): restore the journal from a copy, or delete the line if "
+            "its change may be lost"
+        ) from None
+
+
+def check_name(name: str) -> None:
+    """Reject a name that is not a valid file name.
+
+    Raises
+    ------
+    PrimitiveError
+        If the name is empty, hidden, too long, or holds a slash or a NUL.
+    """
+    try:
+        length = len(name.encode())
+    except UnicodeEncodeError:
+        length = 0
+    if not 0 < length <= MAX_NAME_BYTES or name.startswith(".") or "/" in name or "\0" in name:
+        raise PrimitiveError(f"{shown(name)} can't be the name of a file: choose another")
+
+
+def _in_use(history: Sequence[Change]) -> dict[str, int]:
+    """Version of each primitive that is in use after some changes, by name."""
+    latest = {change.name: change.version for change in history}
+    return {name: version for name, version in latest.items() if version is not None}
+
+
+def _change_now(
+    action: str,
+    name: str,
+    version: int | None,
+    note: str,
+    primitive: MovementPrimitive | None = None,
+) -> Change:
+    """A change that this user makes now."""
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a container without an entry for its user
+        user = str(os.getuid())
+    provenance: dict[str, Any] = {}
+    if primitive is not None and "refined_from" in primitive.metadata:
+        provenance = {"refined_from": primitive.metadata["refined_from"]}
+    elif primitive is not None:
+        demonstrations = primitive.metadata.get("demonstrations", [])
+        provenance = {"recordings": sorted({d["recording"] for d in demonstrations})}
+    now, author = datetime.now(UTC).isoformat(timespec="seconds"), f"{user}@{os.uname().nodename}"
+    return Change(action, name, version, now, author, __version__, provenance, note)
+
+
+def _version_to_restore(history: Sequence[Change], name: str, version: int | None) -> int:
+    """The version of a primitive to go back to; None: the one in use before the present one.
+
+    Raises
+    ------
+    PrimitiveError
+        If there is no such version.
+    """
+    used = [change.version for change in history if change.name == name]
+    if not used:
+        names = sorted({change.name for change in history})
+        raise PrimitiveError(unknown_name("primitive of the library", name, names))
+    if version is None:
+        before = [v for v in used[:-1] if v is not None and v != used[-1]]
+        if not before:
+            raise PrimitiveError(f"there is no earlier version of '{name}'")
+        return before[-1]
+    if version not in used:
+        valid = ", ".join(str(v) for v in sorted({v for v in used if v is not None}))
+        raise PrimitiveError(f"'{name}' has no version {version}; it has {valid}")
+    return version
+
+
+def require_locks() -> Any:
+    """The module of locks, without which a library can't be changed.
+
+    Raises
+    ------
+    MissingDependencyError
+        If filelock is not installed.
+    """
+    return require("filelock", "library", "a versioned library")

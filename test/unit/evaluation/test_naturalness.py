@@ -20,8 +20,7 @@ from mp_pca_planner.evaluation.naturalness import (
 )
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions
-from mp_pca_planner.primitives.cross_validation import leave_one_out, minimum_jerk_motion
-from mp_pca_planner.primitives.differences import FINE_PHASES
+from mp_pca_planner.primitives.differences import FINE_PHASES, leave_one_out, minimum_jerk_motion
 
 MOTIONS = arm_demonstrations()[:9]
 

@@ -9,7 +9,7 @@ from arm import arm_primitive, arm_robot
 from mp_pca_planner.plotting.arm import arm_figure
 from mp_pca_planner.plotting.report import goals_in_span, verdict_on
 from mp_pca_planner.plotting.style import styled_figure
-from mp_pca_planner.primitives.cross_validation import HeldOutErrors
+from mp_pca_planner.primitives.differences import HeldOutErrors
 
 N = len(arm_primitive().durations)
 GOALS = arm_primitive().boundary_states[:, 3]

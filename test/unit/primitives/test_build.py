@@ -10,9 +10,9 @@ from arm import JOINTS, arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
-from mp_pca_planner.primitives.alignment import aligned_positions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.motion_statistics import shape_functions, shape_smoother
+from mp_pca_planner.primitives.timing import aligned_positions
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 

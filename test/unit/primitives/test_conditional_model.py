@@ -10,12 +10,11 @@ from arm import arm_demonstrations, arm_primitive
 from scipy.stats import norm
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.cross_validation import expected_motion
-from mp_pca_planner.primitives.differences import FINE_PHASES, differences
+from mp_pca_planner.primitives.differences import FINE_PHASES, differences, expected_motion
 from mp_pca_planner.primitives.in_span import in_span_score, request_precision
 from mp_pca_planner.primitives.motion_statistics import thinned
-from mp_pca_planner.primitives.pace import reversed_paces
 from mp_pca_planner.primitives.prediction import ConditionalModel
+from mp_pca_planner.primitives.timing import reversed_paces
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 # Of the second of two weights; it changes its sign where a motion is reversed in time.

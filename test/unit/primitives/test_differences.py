@@ -1,11 +1,19 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Distances between motions."""
+"""Distances between motions, and errors of held-out motions."""
 
 import numpy as np
 import pytest
+from arm import arm_demonstrations
 
-from mp_pca_planner.primitives.differences import FINE_PHASES, differences
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.differences import (
+    FINE_PHASES,
+    differences,
+    expected_motion,
+    leave_one_out,
+)
+from mp_pca_planner.primitives.timing import ALIGNMENTS
 
 
 def bow(phases, height=0.3):
@@ -37,3 +45,29 @@ def test_nothing_is_nearer_than_the_best_alignment():
 
 def test_a_motion_does_not_differ_from_itself():
     np.testing.assert_allclose(differences(bow(FINE_PHASES), bow(FINE_PHASES)), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", ALIGNMENTS)
+def test_more_knowledge_means_smaller_errors(method):
+    options = PrimitiveOptions(n_components=5, align=method)
+    minimum_jerk, mean_shape, expected = leave_one_out(arm_demonstrations(), options).rms()
+    assert np.all(expected < 0.9 * minimum_jerk)
+    assert np.all(expected[1:] < mean_shape[1:])
+
+
+def test_motions_to_leave_out_can_be_chosen():
+    motions = arm_demonstrations()[:8]
+    options = PrimitiveOptions(n_components=2)
+    all_errors = leave_one_out(motions, options)
+    chosen = leave_one_out(motions, options, left_out=[4, 1])
+    for prediction in ("minimum_jerk", "mean_shape", "expected"):
+        np.testing.assert_array_equal(
+            getattr(chosen, prediction), getattr(all_errors, prediction)[[4, 1]]
+        )
+
+
+def test_the_expected_motion_goes_from_end_to_end():
+    motions = arm_demonstrations()
+    primitive = build_primitive(motions[1:], "others")
+    found = expected_motion(primitive, motions[0])
+    np.testing.assert_allclose(found[[0, -1]], motions[0].positions[[0, -1]], atol=1e-9)

@@ -8,13 +8,12 @@ from motion_kinds import generate_kinds
 from scipy.interpolate import CubicSpline
 
 from mp_pca_planner.primitives.in_span import in_span_score, left_out_scores, request_precision
-from mp_pca_planner.primitives.kinds.choice import choose_kinds
-from mp_pca_planner.primitives.kinds.find import KindOptions, find_kinds
+from mp_pca_planner.primitives.kinds.find import KindOptions, choose_kinds, find_kinds
 from mp_pca_planner.primitives.library.build import library_content
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.primitives.options import PrimitiveOptions
-from mp_pca_planner.primitives.pace import reversed_paces
 from mp_pca_planner.primitives.prediction import ConditionalModel, left_out_squares
+from mp_pca_planner.primitives.timing import reversed_paces
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import bell
 

@@ -20,10 +20,8 @@ from mp_pca_planner.primitives.library.build import (
     build_library,
     library_content,
 )
-from mp_pca_planner.primitives.library.journal import check_name
-from mp_pca_planner.primitives.library.versioned import VersionedLibrary
-from mp_pca_planner.primitives.motion_sources import source_rows
-from mp_pca_planner.primitives.motion_statistics import MotionStatistics
+from mp_pca_planner.primitives.library.versioned import VersionedLibrary, check_name
+from mp_pca_planner.primitives.motion_statistics import MotionStatistics, source_rows
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.prediction import left_out_squares
 from mp_pca_planner.recordings.demonstration import Demonstration

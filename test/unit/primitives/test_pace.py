@@ -7,9 +7,14 @@ import pytest
 from arm import arm_primitive
 
 from mp_pca_planner.motion.interpolation import hermite_functions
-from mp_pca_planner.primitives.alignment import KNOTS, aligned_phases
 from mp_pca_planner.primitives.basis import PacedBasis, legendre_values
-from mp_pca_planner.primitives.pace import fit_paces, reversed_paces, time_scaling
+from mp_pca_planner.primitives.timing import (
+    KNOTS,
+    aligned_phases,
+    fit_paces,
+    reversed_paces,
+    time_scaling,
+)
 
 PHASES = np.linspace(0.0, 1.0, 101)
 PACE = np.array([0.1, -0.07, 0.03, 0.02])

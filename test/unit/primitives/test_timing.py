@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from mp_pca_planner.primitives.alignment import (
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.timing import (
     ALIGNMENTS,
     align,
     aligned_phases,
@@ -18,7 +19,6 @@ from mp_pca_planner.primitives.alignment import (
     arc_length_warp,
     own_phases,
 )
-from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 PHASES = np.linspace(0.0, 1.0, 101)
