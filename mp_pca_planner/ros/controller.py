@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller of the robot: the state that it publishes, and its action."""
+"""The controller of the robot: the command that it states, and its action."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from typing import Any
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.action.graph import get_action_server_names_and_types_by_node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import JointTrajectory
 
@@ -22,16 +21,14 @@ from ..exceptions import GoalError
 from ..execution.parameters import Settings
 from ..execution.serving.execution import ACCEPTED, ControllerAnswer
 from ..execution.threads import TimedLock
-from ..execution.tracking.estimation import ControllerStates, StatedCommand
+from ..execution.tracking.estimation import StatedCommand
 from ..files import reading
-from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from .goal_messages import read_stamp
 from .messages import to_seconds, to_text
 from .nodes import LOG_PERIOD, GuardedNode
 from .serialised import read_message
-from .subscriptions import GroupExecutor, PolledSubscription, ThreadGroup
+from .subscriptions import GroupExecutor, ThreadGroup
 
 __all__ = ["HAS_CONTROL_MSGS", "FollowJointTrajectory", "JointTrajectoryControllerState"]
 
@@ -46,7 +43,6 @@ HAS_CONTROL_MSGS = JointTrajectoryControllerState is not None
 """Whether that package is installed."""
 
 
-_NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _SUCCEEDED, _CANCELED = 4, 5  # of action_msgs/GoalStatus
 _CODES = {
     0: "SUCCESSFUL",
@@ -82,47 +78,6 @@ def to_command(content: bytes, joint_names: Sequence[str]) -> StatedCommand:
     if not (all(map(math.isfinite, (*q, *v, *a))) and 0.0 <= rate <= 10.0):
         raise GoalError("the state of the controller has a number that is not finite")
     return StatedCommand(JointState(tuple(joint_names), q, v, a), since, rate)
-
-
-class ControllerTopic:
-    """The topic on which the controller states its command, where control_msgs is installed.
-
-    Parameters
-    ----------
-    node : GuardedNode
-        The node.
-    states : ControllerStates
-        Keeps what is received.
-    beside : str
-        Full name of the topic of trajectories.
-    """
-
-    def __init__(self, node: GuardedNode, states: ControllerStates, beside: str) -> None:
-        self._node, self._states, self._beside = node, states, beside
-        self._name = ""
-        self._subscription: PolledSubscription | None = None
-
-    def use(self, settings: Settings) -> None:
-        """Subscribe to the topic that the parameters name."""
-        name = settings.controller_state_topic or f"{self._beside.rpartition('/')[0]}/"
-        name += "" if settings.controller_state_topic else "controller_state"
-        if not HAS_CONTROL_MSGS or name == self._name:
-            return
-        old, self._name = self._subscription, name
-        self._subscription = PolledSubscription(
-            self._node, JointTrajectoryControllerState, name, _NEWEST_STATE, raw=True
-        )
-        if old is not None:
-            old.destroy()
-
-    def poll(self) -> None:
-        """Take the newest state, if one has arrived."""
-        for content, facts in self._subscription.poll() if self._subscription else ():
-            if len(content) > INPUT_LIMITS.state_bytes:
-                continue
-            age = min(max((time.time_ns() - facts["received_timestamp"]) * 1e-9, 0.0), 1.0)
-            stamp = to_seconds(read_stamp(content))
-            self._states.receive(partial(to_command, content), stamp, age)
 
 
 class ControllerAction:

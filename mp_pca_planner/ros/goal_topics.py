@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -32,9 +32,9 @@ _LONGEST_WAIT, _MAX_MODELS = 1.0, 5
 # Longest wait for the transform of a frame [s]; a further goal waits, too.
 _TRANSFORM_WAIT = 0.5
 
-
-class _Reaction:
-    """The request to replace a motion that would hit a new obstacle, or to go on after a stop."""
+Work = ReceivedGoal | Literal["react"]
+"""A goal, or the request to replace a motion that would hit a new obstacle, or to go on after a
+stop."""
 
 
 class GoalTopics:
@@ -69,7 +69,7 @@ class GoalTopics:
         self._node, self._setup, self._server = node, setup, server
         self._statistics, self._frames, self._last_motion = statistics, frames, last_motion
         self._reports = node.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
-        self._worker: PreemptiveWorker[ReceivedGoal | _Reaction] = PreemptiveWorker(
+        self._worker: PreemptiveWorker[Work] = PreemptiveWorker(
             self._serve, self._on_preempted, last_motion.show_preview, self._on_failure
         )
         group = ThreadGroup()
@@ -87,7 +87,7 @@ class GoalTopics:
 
     def react(self) -> None:
         """Replace the running motion, stop the robot, or go on; after the goal being served."""
-        self._worker.submit_if_idle(_Reaction())
+        self._worker.submit_if_idle("react")
 
     def cancel(self) -> None:
         """Cancel all goals that wait or are being planned."""
@@ -124,7 +124,7 @@ class GoalTopics:
         else:
             self._worker.submit(request)
 
-    def _serve(self, request: ReceivedGoal | _Reaction, is_cancelled: IsCancelled) -> None:
+    def _serve(self, request: Work, is_cancelled: IsCancelled) -> None:
         """Serve a goal, then react to an obstacle that the running motion would hit."""
         if isinstance(request, ReceivedGoal):
             self._serve_goal(request, is_cancelled)
@@ -236,15 +236,15 @@ class GoalTopics:
         self._statistics.count(outcome)
         self._reports.publish(to_goal_report(outcome, text, stamp, plan))
 
-    def _on_failure(self, request: ReceivedGoal | _Reaction | None, error: BaseException) -> None:
+    def _on_failure(self, request: Work | None, error: BaseException) -> None:
         """Log what nothing else caught; a goal is rejected."""
         text = self._node.explain(error)
         self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
         if isinstance(request, ReceivedGoal):
             self._reject(text, request.name)
 
-    def _on_preempted(self, request: ReceivedGoal | _Reaction) -> None:
-        if isinstance(request, _Reaction):
+    def _on_preempted(self, request: Work) -> None:
+        if not isinstance(request, ReceivedGoal):
             return
         try:
             request.check()

@@ -29,7 +29,7 @@ from ..execution.tracking.measured import MeasuredStates
 from ..execution.tracking.published_motion import PublishedMotion
 from ..robot.limits import moveit_factors_note
 from ..robot.world import World
-from .controller import ControllerAction, ControllerTopic
+from .controller import ControllerAction
 from .frames import ForeignFrames
 from .goal_topics import GoalTopics
 from .last_motion import LastMotion
@@ -37,7 +37,7 @@ from .messages import to_execution_report, to_status, to_text
 from .nodes import LOG_PERIOD, GuardedNode
 from .obstacle_topic import ObstacleTopic
 from .planning_setup import NodeParameters, PlanningSetup
-from .safety_thread import JointStateTopic, SafetyThread
+from .safety_thread import RobotStates, SafetyThread
 from .serialised import serialize_trajectory
 from .subscriptions import EVERY, LATCHED, NEWEST
 
@@ -70,8 +70,8 @@ class PlannerNode(GuardedNode):
             raise ParameterError(f"ROS refuses the node: {reason}") from error
         self._statistics = GoalStatistics()
         self._clocks, self._failures = (True, False), SimpleQueue[str]()
-        self._joint_states = JointStateTopic(self)
-        self._follower = MotionFollower(self._joint_states.measured)
+        self._states = RobotStates(self)
+        self._follower = MotionFollower(self._states.measured)
         self._monitor = MotionMonitor(
             self._follower, self._send, time.perf_counter, self._report_execution
         )
@@ -96,7 +96,7 @@ class PlannerNode(GuardedNode):
             self, self._setup, self._server, self._statistics, frames, self._last_motion
         )
         self._safety = SafetyThread(
-            self, self._joint_states, self._setup, self._monitor, self._goals, self._action
+            self, self._states, self._setup, self._monitor, self._goals, self._action
         )
         # A steady clock, because these are needed even if simulated time stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -140,9 +140,6 @@ class PlannerNode(GuardedNode):
     def _connect(self) -> None:
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", EVERY)
         self._executions = self.create_publisher(DiagnosticStatus, "~/execution_report", EVERY)
-        states = self._follower.controller
-        topic = ControllerTopic(self, states, self._trajectories.topic_name)
-        self._joint_states.controller = topic
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVERY)
         previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
         self._last_motion = LastMotion(previews.publish)
@@ -191,8 +188,10 @@ class PlannerNode(GuardedNode):
 
     def _use_controller(self) -> None:
         """Use the topic and the action of the controller that the parameters name."""
-        self._joint_states.use_controller(self._setup.settings)
-        self._action.use(self._setup.settings)
+        settings, parent = self._setup.settings, self._trajectories.topic_name.rpartition("/")[0]
+        topic = settings.controller_state_topic or f"{parent}/controller_state"
+        self._states.use_controller(topic, self._follower.controller)
+        self._action.use(settings)
 
     def _lock_joints(self) -> None:
         """Lock the joints that the primitives do not move where they are measured."""

@@ -23,10 +23,6 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SWITCH_INTERVAL = 5e-4  # [s]
 
 
-class _ShortageError(Exception):
-    """The system has too little memory or too few threads for a node."""
-
-
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM.
 
@@ -53,11 +49,13 @@ def main(args: Sequence[str] | None = None) -> int:
     for number in _SIGNALS:
         signal.signal(number, lambda *_: stop.set())
     try:
-        _check_resources()
+        if shortage := _shortage():
+            print(f"{_PROGRAM}: {shortage}", file=sys.stderr)
+            return FAILED
         _run(arguments, unknown, options.managed, stop)
-    except (PlannerError, _ShortageError) as error:
+    except PlannerError as error:
         print(f"{_PROGRAM}: {printable(str(error))}", file=sys.stderr)
-        return REFUSED if isinstance(error, PlannerError) else FAILED
+        return REFUSED
     finally:
         # Python removes handlers first when it exits; another signal would then kill the process.
         for number in _SIGNALS:
@@ -65,8 +63,8 @@ def main(args: Sequence[str] | None = None) -> int:
     return DONE
 
 
-def _check_resources() -> None:
-    """Raise a `_ShortageError` if the node could not have its memory and its threads.
+def _shortage() -> str:
+    """What the system refuses of the memory and the threads of a node; empty if nothing.
 
     DDS does not survive a thread that it can't start: it hangs, or aborts the process.
     """
@@ -74,22 +72,23 @@ def _check_resources() -> None:
     try:
         mmap.mmap(-1, address_space, flags=mmap.MAP_PRIVATE, prot=0).close()
     except OSError as error:
-        raise _ShortageError(
+        return (
             f"the node needs {address_space / 2**30:g} GiB of address space, and the system "
             f"refuses it ({error.strerror}): raise the limit (ulimit -v)"
-        ) from None
+        )
     end = threading.Event()
     threads = [threading.Thread(target=end.wait, daemon=True) for _ in range(n_threads)]
     try:
         for thread in threads:
             thread.start()
     except RuntimeError:
-        raise _ShortageError(
+        return (
             f"the node needs {n_threads} threads, and the system refuses them: raise the limits "
             "of processes (ulimit -u, pids of the container) and of memory (ulimit -v)"
-        ) from None
+        )
     finally:
         end.set()
+    return ""
 
 
 def _run(

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states, and the thread that watches the robot with them and stops it.
+"""States of the robot, and the thread that watches it with them and stops it.
 
 It does so whatever the other threads do.
 """
@@ -12,26 +12,36 @@ import threading
 import time
 from contextlib import suppress
 from functools import partial
+from typing import Any
 
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from ..execution.parameters import Settings
 from ..execution.serving.motion_monitor import MotionMonitor
 from ..execution.threads import SAFETY_WAIT, BusyError, TimedLock
+from ..execution.tracking.estimation import ControllerStates
 from ..execution.tracking.measured import MeasuredStates
-from .controller import ControllerAction, ControllerTopic
+from ..input_limits import INPUT_LIMITS
+from .controller import (
+    HAS_CONTROL_MSGS,
+    ControllerAction,
+    JointTrajectoryControllerState,
+    to_command,
+)
+from .goal_messages import read_stamp
 from .goal_topics import GoalTopics
 from .messages import read_states, to_seconds, to_state
 from .nodes import GuardedNode
 from .planning_setup import PlanningSetup
-from .subscriptions import STATES, PolledService, PolledSubscription
+from .subscriptions import STATES, PolledSubscription, ThreadGroup
 
 _READING_TIME = 0.02  # the longest for all joint states that wait [s]
+_NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class JointStateTopic:
-    """Receives the joint states of the robot; any thread may poll them.
+class RobotStates:
+    """Receives the joint states of the robot and its command; any thread may poll them.
 
     Parameters
     ----------
@@ -42,29 +52,34 @@ class JointStateTopic:
     ----------
     measured : MeasuredStates
         The states; they are polled before the newest one is used.
-    controller : ControllerTopic or None
-        The topic on which the controller states its command; it is polled, too.
     """
 
-    controller: ControllerTopic | None = None
-
     def __init__(self, node: GuardedNode) -> None:
+        self._node = node
         self._subscription = PolledSubscription(node, JointState, "joint_states", STATES, raw=True)
+        # The topic of the controller, its subscription, and what keeps its commands.
+        self._controller: tuple[str, PolledSubscription, ControllerStates] | None = None
         self._polling, self._polled = TimedLock(), time.monotonic()
         self.measured = MeasuredStates(time.monotonic, node.seconds, self.poll)
 
-    def use_controller(self, settings: Settings) -> None:
-        """Use the topic of the controller that the parameters name."""
+    def use_controller(self, topic: str, commands: ControllerStates) -> None:
+        """Receive the command of the controller from a topic, where control_msgs is installed."""
         with self._polling:
-            if self.controller is not None:
-                self.controller.use(settings)
+            old = self._controller
+            if not HAS_CONTROL_MSGS or (old is not None and old[0] == topic):
+                return
+            subscription = PolledSubscription(
+                self._node, JointTrajectoryControllerState, topic, _NEWEST_STATE, raw=True
+            )
+            self._controller = topic, subscription, commands
+            if old is not None:
+                old[1].destroy()
 
     def poll(self) -> None:
         """Poll the waiting states; their age counts from when the middleware got them."""
         # Another thread that polls takes them, too.
         with suppress(BusyError), self._polling.within(SAFETY_WAIT):
-            if self.controller is not None:
-                self.controller.poll()
+            self._poll_controller()
             last, self._polled = self._polled, time.monotonic()
             deadline, waiting = time.monotonic() + _READING_TIME, self._subscription.poll()
             for k, (content, facts) in enumerate(waiting, start=1):
@@ -78,6 +93,16 @@ class JointStateTopic:
                 stamp, number = message.header.stamp, facts.get("publication_sequence_number")
                 self.measured.receive(message.name, read, to_seconds(stamp), age, number or 0)
 
+    def _poll_controller(self) -> None:
+        if self._controller is None:
+            return
+        _, subscription, commands = self._controller
+        for content, facts in subscription.poll():
+            if len(content) <= INPUT_LIMITS.state_bytes:
+                age = min(max((time.time_ns() - facts["received_timestamp"]) * 1e-9, 0.0), 1.0)
+                stamp = to_seconds(read_stamp(content))
+                commands.receive(partial(to_command, content), stamp, age)
+
 
 class SafetyThread:
     """Watches the robot at 20 Hz and answers ``~/stop`` at 100 Hz.
@@ -89,8 +114,8 @@ class SafetyThread:
     ----------
     node : GuardedNode
         The node.
-    states : JointStateTopic
-        The joint states.
+    states : RobotStates
+        The states of the robot.
     setup : PlanningSetup
         Has the model of the motion of a goal.
     monitor : MotionMonitor
@@ -110,7 +135,7 @@ class SafetyThread:
     def __init__(
         self,
         node: GuardedNode,
-        states: JointStateTopic,
+        states: RobotStates,
         setup: PlanningSetup,
         monitor: MotionMonitor,
         goals: GoalTopics,
@@ -119,8 +144,11 @@ class SafetyThread:
         self._states, self._setup, self._monitor, self._goals = states, setup, monitor, goals
         self._action = action
         # Polled, because an executor gives the lock of the interpreter away several times a cycle.
-        service = PolledService(node, Trigger, "~/stop", goals.stop)
-        self._answer, self._check = node.guarded(service.answer), node.guarded(self._watch_in_turn)
+        self._stops: Any = node.create_service(
+            Trigger, "~/stop", goals.stop, callback_group=ThreadGroup()
+        )
+        self._answer = node.guarded(self._answer_stop)
+        self._check = node.guarded(self._watch_in_turn)
         self._watched = self._cycled = time.monotonic()
         self._longest_gap = 0.0
         self._is_ending = False
@@ -151,6 +179,14 @@ class SafetyThread:
             self._cycled = now
             self._answer()
             self._check()
+
+    def _answer_stop(self) -> None:
+        """Answer the request that has waited longest, if there is one."""
+        service = self._stops
+        with service.handle:
+            request, header = service.handle.service_take_request(Trigger.Request)
+        if header is not None:
+            service.send_response(service.callback(request, Trigger.Response()), header)
 
     def _watch_in_turn(self) -> None:
         if self._cycled - self._watched < self.watch_period:

@@ -108,36 +108,6 @@ class PolledSubscription:
         self._node.destroy_subscription(self._subscription)
 
 
-class PolledService:
-    """A service whose requests stay in the middleware until they are answered.
-
-    Parameters
-    ----------
-    node : Node
-        The node.
-    service_type : type
-        Type of the service.
-    name : str
-        Its name.
-    callback : callable
-        Takes a request and a response, and returns the response.
-    """
-
-    def __init__(self, node: Node, service_type: Any, name: str, callback: Any) -> None:
-        self._service = node.create_service(
-            service_type, name, callback, callback_group=ThreadGroup()
-        )
-
-    def answer(self) -> None:
-        """Answer the request that has waited longest, if there is one."""
-        service: Any = self._service
-        kind = service.srv_type
-        with service.handle:
-            request, header = service.handle.service_take_request(kind.Request)
-        if header is not None:
-            service.send_response(service.callback(request, kind.Response()), header)
-
-
 class GroupExecutor(SingleThreadedExecutor):
     """Runs the callbacks of one group of a node in a thread until it is shut down.
 
