@@ -21,15 +21,14 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, PlannerError, WorldError, quote_names
 from ..robot.collision import package_folders
-from ..robot.world import Obstacle, World
+from ..robot.world import World
 from ..view.content import LiveView, NodeStatus
 from .client import check_node_name, report_values
 from .goal_messages import GOAL_TOPICS, GoalTopic
 from .messages import to_trajectory
 from .node import NODE_NAME
 from .nodes import NoAnswerError, NodeInOwnContext
-from .obstacle_markers import MarkerMessages
-from .serialised import read_markers
+from .obstacle_markers import Applied, MarkerMessages
 from .subscriptions import EVERY, NEWEST, STATES, MarkerSubscription, PolledSubscription
 
 Keep = Callable[[Any, dict[str, int]], None]
@@ -141,20 +140,12 @@ class LiveNode(NodeInOwnContext):
         now, folders = time.monotonic(), package_folders(())
         for message in self._obstacles.poll():
             with suppress(WorldError):
-                markers, world = read_markers(message.content), self._seen.world
-                applied = self._markers.apply(
-                    world,
-                    markers,
-                    message.stamp,
-                    is_late=message.is_late,
-                    folders=folders,
-                    now=now,
-                )
-                self._use(applied)
+                world = self._seen.world
+                self._use(self._markers.apply(world, message, folders=folders, now=now))
         with suppress(WorldError):
             self._use(self._markers.refresh(self._seen.world, now))
 
-    def _use(self, applied: tuple[list[Obstacle], list[str]] | None) -> None:
+    def _use(self, applied: Applied | None) -> None:
         if applied is not None:
             self._keep(world=World(applied[0]))
 

@@ -21,7 +21,8 @@ from ..robot.bodies import solids_of
 from ..robot.mesh_files import find_mesh, scaled
 from ..robot.mesh_formats import MeshContent
 from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere
-from .serialised import MarkerData
+from .serialised import MarkerData, read_markers
+from .subscriptions import MarkerMessage
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 MANY_POINTS = 3000
@@ -199,6 +200,9 @@ class ObstacleBuilder:
 
 _MAX_NAME = 500  # characters
 
+Applied = tuple[list[Obstacle], list[str]]
+"""Obstacles, and why markers were rejected."""
+
 
 class MarkerMessages:
     """Applies messages of markers to a world, each once.
@@ -239,25 +243,19 @@ class MarkerMessages:
     def apply(
         self,
         world: Iterable[Obstacle],
-        markers: Sequence[MarkerData],
-        stamp: int,
+        message: MarkerMessage,
         *,
-        is_late: bool,
         folders: Sequence[Path],
         now: float,
-    ) -> tuple[list[Obstacle], list[str]] | None:
+    ) -> Applied | None:
         """Apply a message; a marker that can't be used changes nothing.
 
         Parameters
         ----------
         world :
             The obstacles before, each in the frame in which it is stated.
-        markers :
-            The markers of the message.
-        stamp :
-            Its source time [ns].
-        is_late :
-            Whether it may be older than others, because it was latched.
+        message :
+            The message.
         folders :
             Folders of packages, for meshes.
         now :
@@ -267,7 +265,14 @@ class MarkerMessages:
         -------
         obstacles, problems :
             The obstacles after, and why markers were rejected; None if the message came before.
+
+        Raises
+        ------
+        WorldError
+            If the message is malformed.
         """
+        content, stamp, is_late = message
+        markers = read_markers(content)
         if stamp and stamp in self._seen:
             return None
         self._seen.append(stamp)
@@ -287,9 +292,7 @@ class MarkerMessages:
         self._forget(obstacles)
         return list(obstacles.values()), problems
 
-    def refresh(
-        self, world: Iterable[Obstacle], now: float
-    ) -> tuple[list[Obstacle], list[str]] | None:
+    def refresh(self, world: Iterable[Obstacle], now: float) -> Applied | None:
         """Add the obstacles whose meshes have been read, and drop those whose lifetime is over.
 
         Returns

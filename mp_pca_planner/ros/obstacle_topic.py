@@ -16,9 +16,8 @@ from ..robot.world import Obstacle, World
 from .frames import ForeignFrames
 from .messages import to_text
 from .nodes import LOG_PERIOD, GuardedNode
-from .obstacle_markers import MarkerMessages
+from .obstacle_markers import Applied, MarkerMessages
 from .planning_setup import PlanningSetup
-from .serialised import read_markers
 from .subscriptions import MarkerMessage, MarkerSubscription
 
 
@@ -153,18 +152,11 @@ class ObstacleTopic:
 
     def _apply(self, message: MarkerMessage) -> None:
         """Apply the markers of a message; one that can't be used changes nothing."""
-        self._use(
-            self._markers.apply(
-                self._stated,
-                read_markers(message.content),
-                message.stamp,
-                is_late=message.is_late,
-                folders=package_folders(self._setup.settings.package_folders),
-                now=self._node.seconds(),
-            )
-        )
+        folders = package_folders(self._setup.settings.package_folders)
+        now = self._node.seconds()
+        self._use(self._markers.apply(self._stated, message, folders=folders, now=now))
 
-    def _use(self, applied: tuple[list[Obstacle], list[str]] | None) -> None:
+    def _use(self, applied: Applied | None) -> None:
         """Replace the obstacles, unless nothing has changed."""
         if applied is not None:
             obstacles, problems = applied

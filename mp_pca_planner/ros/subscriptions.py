@@ -11,7 +11,6 @@ from __future__ import annotations
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -158,23 +157,9 @@ _DISCOVERY_PERIOD = 0.1  # [s]
 _FETCHING = 5.0
 
 
-@dataclass(frozen=True)
-class MarkerMessage:
-    """A message of markers.
-
-    Attributes
-    ----------
-    content : bytes
-        The serialised message.
-    stamp : int
-        When it was sent [ns].
-    is_late : bool
-        Whether it may be older than others: it was latched.
-    """
-
-    content: bytes
-    stamp: int
-    is_late: bool
+MarkerMessage = tuple[bytes, int, bool]
+"""A serialised message of markers, when it was sent [ns], and whether it may be older than others
+because it was latched."""
 
 
 class MarkerSubscription:
@@ -211,7 +196,7 @@ class MarkerSubscription:
             self._ending.remove(end)
             end[1].destroy()
         return [
-            MarkerMessage(bytes(content), facts["source_timestamp"], is_late)
+            (bytes(content), facts["source_timestamp"], is_late)
             for (content, facts), is_late in messages
         ]
 

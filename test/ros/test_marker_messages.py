@@ -45,8 +45,12 @@ def box(number: int = 1, **fields: object) -> Marker:
     return one
 
 
+def written(*markers: Marker) -> bytes:
+    return bytes(serialize_message(MarkerArray(markers=list(markers))))
+
+
 def read(*markers: Marker) -> list[MarkerData]:
-    return read_markers(bytes(serialize_message(MarkerArray(markers=list(markers)))))
+    return read_markers(written(*markers))
 
 
 # Reading
@@ -54,7 +58,7 @@ def read(*markers: Marker) -> list[MarkerData]:
 
 def test_fields_are_read_as_they_were_written() -> None:
     random = np.random.default_rng(1)
-    written = []
+    sent = []
     for k in range(20):
         one = box(k - 5, ns="näme" * k, action=k % 4, mesh_resource="file:///m.stl" * (k % 2))
         one.header.frame_id, one.text, one.texture_resource = "l" * k, "t" * (k % 7), "x" * (k % 3)
@@ -63,8 +67,8 @@ def test_fields_are_read_as_they_were_written() -> None:
         one.points = [Point(x=x, y=y, z=z) for x, y, z in random.normal(size=(k, 3)).tolist()]
         one.lifetime = Duration(sec=k, nanosec=500_000_000)
         one.pose.position.x, one.pose.orientation.w, one.scale.y = random.normal(size=3).tolist()
-        written.append(one)
-    for one, data in zip(written, read(*written), strict=True):
+        sent.append(one)
+    for one, data in zip(sent, read(*sent), strict=True):
         p, o, s = one.pose.position, one.pose.orientation, one.scale
         assert (data.frame_id, data.ns, data.id) == (one.header.frame_id, one.ns, one.id)
         assert (data.type, data.action) == (one.type, one.action)
@@ -105,8 +109,8 @@ class Kept:
 
     def send(self, *markers: Marker) -> None:
         self._stamp += 1
-        options = {"is_late": False, "folders": (), "now": self.now}
-        self._use(self.messages.apply(self.world, read(*markers), self._stamp, **options))
+        message = written(*markers), self._stamp, False
+        self._use(self.messages.apply(self.world, message, folders=(), now=self.now))
 
     def refresh(self) -> None:
         self._use(self.messages.refresh(self.world, self.now))
@@ -216,7 +220,7 @@ class Listener:
             assert time.monotonic() < deadline
             self._executor.spin_once(0.01)
             for message in self.subscription.poll():
-                for marker in read_markers(message.content):
+                for marker in read_markers(message[0]):
                     self.numbers[marker.id] = message
 
     def until_it_hears(self, publisher: Publisher, number: int) -> None:
@@ -254,7 +258,8 @@ def test_latched_markers_are_heard_late_beside_other_publishers(nodes: tuple[Nod
     latched.send(1)
     listener = Listener(*nodes)
     listener.until(lambda: 1 in listener.numbers)
-    assert listener.numbers[1].is_late
+    *_, is_late = listener.numbers[1]
+    assert is_late
     listener.until_it_hears(live, 2)
     listener.until_it_hears(latched, 3)
     assert latched.n_incompatible == 0

@@ -37,7 +37,7 @@ from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros.client import report_values
 from mp_pca_planner.ros.obstacle_markers import MarkerMessages, to_obstacle
-from mp_pca_planner.ros.serialised import MarkerData, read_markers
+from mp_pca_planner.ros.serialised import read_markers
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -305,12 +305,12 @@ def test_missing_mesh_of_the_robot_is_logged_once_however_often_obstacles_come(
 # Markers
 
 
-def read(*markers: Marker) -> list[MarkerData]:
-    return read_markers(bytes(serialize_message(MarkerArray(markers=list(markers)))))
+def written(*markers: Marker) -> bytes:
+    return bytes(serialize_message(MarkerArray(markers=list(markers))))
 
 
 def obstacle_of(one: Marker) -> Obstacle:
-    return to_obstacle(*read(one))
+    return to_obstacle(*read_markers(written(one)))
 
 
 def test_lists_become_one_shape_per_point_in_the_pose_of_the_marker() -> None:
@@ -361,14 +361,15 @@ def test_names_of_deleted_markers_are_forgotten_in_the_end() -> None:
     for k in range(3 * messages.most):
         added, gone = marker(k + 1, np.zeros(3)), deletion(k + 1)
         for stamp, sent in ((2 * k + 1, [kept, added]), (2 * k + 2, [gone])):
-            applied = messages.apply(world, read(*sent), stamp, is_late=False, folders=[], now=0.0)
+            message = written(*sent), stamp, False
+            applied = messages.apply(world, message, folders=[], now=0.0)
             assert applied is not None
             world = World(applied[0])
     assert world.names == ("test/0",)
     assert len(messages._changed) <= messages.most + 1
     # What was deleted last does not come back with an older latched message.
-    late = read(marker(3 * messages.most, np.zeros(3)))
-    again = messages.apply(world, late, 1, is_late=True, folders=[], now=0.0)
+    late = written(marker(3 * messages.most, np.zeros(3)))
+    again = messages.apply(world, (late, 1, True), folders=[], now=0.0)
     assert again is None or [one.name for one in again[0]] == ["test/0"]
 
 
@@ -376,7 +377,7 @@ def test_a_marker_with_a_huge_name_is_refused() -> None:
     one = marker(1, np.zeros(3))
     one.ns = "x" * 100_000
     messages = MarkerMessages()
-    applied = messages.apply(World(), read(one), 1, is_late=False, folders=[], now=0.0)
+    applied = messages.apply(World(), (written(one), 1, False), folders=[], now=0.0)
     assert applied == ([], ["a marker's name has 100002 characters, at most 500 are used"])
     assert max(map(len, messages.rejected)) <= 500
 
