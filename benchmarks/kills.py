@@ -162,8 +162,7 @@ def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
     from sensor_msgs.msg import JointState
 
     from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-    from mp_pca_planner.ros.client import this_machine_only
-    from mp_pca_planner.ros.nodes import NoAnswerError
+    from mp_pca_planner.ros.client import NoAnswerError, this_machine_only
 
     os.environ.update(this_machine_only())
     motion = generate_motions(1, seed=2)[0]

@@ -30,8 +30,7 @@ from node_setup import URDF, RobotClient, primitive_file, start_node
 from sensor_msgs.msg import JointState
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.ros.client import is_served, this_machine_only
-from mp_pca_planner.ros.nodes import NoAnswerError
+from mp_pca_planner.ros.client import NoAnswerError, is_served, this_machine_only
 
 ENDS = {
     "SIGINT": [signal.SIGINT],

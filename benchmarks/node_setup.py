@@ -30,7 +30,7 @@ from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import GoalClient
-from mp_pca_planner.ros.subscriptions import LATCHED
+from mp_pca_planner.ros.nodes import LATCHED
 
 URDF = config_file("human_arm.urdf")
 # Fresh processes: ROS does not survive a fork.

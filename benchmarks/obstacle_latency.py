@@ -28,7 +28,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.ros.client import Answer, GoalClient, this_machine_only
-from mp_pca_planner.ros.subscriptions import LATCHED
+from mp_pca_planner.ros.nodes import LATCHED
 
 RADIUS = 0.03
 LIMITS = {"max_velocity": 3.0, "max_acceleration": 12.0, "max_jerk": 240.0, "max_effort": 60.0}

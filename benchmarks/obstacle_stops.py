@@ -45,7 +45,7 @@ from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.ros.client import this_machine_only
 from mp_pca_planner.ros.messages import to_seconds, to_trajectory
-from mp_pca_planner.ros.subscriptions import EVERY
+from mp_pca_planner.ros.nodes import EVERY
 
 GOAL = 0.3
 """Least time from a reaction to the collision that it prevents [s]."""

@@ -31,7 +31,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import this_machine_only
-from mp_pca_planner.ros.subscriptions import LATCHED
+from mp_pca_planner.ros.nodes import LATCHED
 
 MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()

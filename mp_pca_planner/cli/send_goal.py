@@ -22,13 +22,13 @@ from ..motion.goal import JointState, Pose, SequenceGoal
 from ..ros.client import (
     READY,
     GoalClient,
+    NoAnswerError,
     check_node_name,
     continues,
     is_served,
     report_values,
 )
 from ..ros.goal_messages import to_pose_message, to_sequence_message
-from ..ros.nodes import NoAnswerError
 from .common import print_json, report_lines
 from .goal_arguments import joint_values, number_list, sequence_goal, stated_pose
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say

@@ -92,8 +92,7 @@ def _try(
     arguments: argparse.Namespace, session: TeachingSession, keys: Keys, words: SessionWords
 ) -> int:
     """Have the node reload its primitives, and send the first goal after an explicit yes."""
-    from ..ros.client import GoalClient, is_served
-    from ..ros.nodes import NoAnswerError
+    from ..ros.client import GoalClient, NoAnswerError, is_served
 
     names, goal = session.motions[0].joint_names, session.first_goal()
     try:

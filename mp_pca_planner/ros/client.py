@@ -8,26 +8,27 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.exceptions import NameValidationException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from ..exceptions import GoalError
+from ..exceptions import GoalError, PlannerError
 from ..execution.serving.execution import GoalOutcome
 from ..recordings.joint_states import NS_PER_S
 from ..resources import config_file
 from .goal_messages import GOAL_TOPICS
 from .messages import to_stamp_text
 from .node import NODE_NAME
-from .nodes import NoAnswerError as NoAnswerError
-from .nodes import NodeInOwnContext
 
 # A client that is busy for a while must not lose messages.
 DEPTH = 10_000
@@ -128,6 +129,77 @@ def _unreadiness(text: str) -> str:
 def _time_received(facts: dict[str, int]) -> float:
     # Not every middleware reports the time.
     return 1e-9 * (facts["received_timestamp"] or time.time_ns())
+
+
+class NoAnswerError(PlannerError):
+    """The node did not answer in time."""
+
+
+class NodeInOwnContext:
+    """A node in a context of its own; use it as a context manager.
+
+    The context of the process and its signal handlers are not changed.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node.
+    namespace : str
+        Namespace of both nodes.
+    planner : str
+        Name of the planner's node.
+
+    Attributes
+    ----------
+    context : Context
+        The context.
+    node : Node
+        The node.
+    """
+
+    def __init__(self, name: str, namespace: str, planner: str) -> None:
+        self.planner = planner
+        self.context = rclpy.Context()
+        rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node(name, context=self.context, namespace=namespace)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+    def spin_once(self, timeout: float = 0.05) -> None:
+        """Take one message that has arrived, or wait for one [s]."""
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def wait(
+        self, is_done: Callable[[], bool], timeout: float, complaint: str | Callable[[], str]
+    ) -> None:
+        """Receive messages until a condition holds.
+
+        Raises
+        ------
+        NoAnswerError
+            If that takes longer than the timeout [s]; the message states what the planner's node
+            failed to do.
+        """
+        deadline = time.monotonic() + timeout
+        while not is_done():
+            if time.monotonic() > deadline:
+                text = complaint if isinstance(complaint, str) else complaint()
+                raise NoAnswerError(f"the node '{self.planner}' {text} within {timeout:g} s")
+            self.spin_once()
+
+    def result(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
+        """Return the response of a service, or raise a `NoAnswerError`."""
+        future = client.call_async(request)
+        self.wait(future.done, timeout, f"did not answer on '{client.srv_name}'")
+        return future.result()
 
 
 class GoalClient(NodeInOwnContext):

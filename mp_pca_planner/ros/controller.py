@@ -26,9 +26,8 @@ from ..files import reading
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from .messages import to_seconds, to_text
-from .nodes import LOG_PERIOD, GuardedNode
+from .nodes import LOG_PERIOD, GroupExecutor, GuardedNode, ThreadGroup
 from .serialised import read_message
-from .subscriptions import GroupExecutor, ThreadGroup
 
 __all__ = ["HAS_CONTROL_MSGS", "FollowJointTrajectory", "JointTrajectoryControllerState"]
 

@@ -18,13 +18,12 @@ from ..execution.serving.execution import GoalOutcome, Served
 from ..execution.serving.goal_planner import AnyPlan, UnexecutablePlanError
 from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.threads import CancelledError, IsCancelled, PreemptiveWorker
-from .frames import ForeignFrames
 from .goal_messages import GOAL_TOPICS, GoalTopic, ReceivedGoal, read_goal, read_stamp
 from .last_motion import LastMotion
 from .messages import to_goal_report, to_plan_report, to_text
-from .nodes import LOG_PERIOD, GuardedNode
+from .nodes import EVERY, GOALS, LOG_PERIOD, GroupExecutor, GuardedNode, ThreadGroup
+from .obstacle_topic import ForeignFrames
 from .planning_setup import PlanningSetup
-from .subscriptions import EVERY, GOALS, GroupExecutor, ThreadGroup
 
 # Longest wait for a model of the present positions of other joints [s], and how many models a goal
 # is planned with at most.

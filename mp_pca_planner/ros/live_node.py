@@ -20,18 +20,19 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, PlannerError, WorldError, quote_names
+from ..files import reading
 from ..robot.collision import package_folders
 from ..robot.world import World
 from ..view.content import LiveView, NodeStatus
-from .client import check_node_name, report_values
+from .client import NoAnswerError, NodeInOwnContext, check_node_name, report_values
 from .goal_messages import GOAL_TOPICS, GoalTopic
 from .messages import to_trajectory
 from .node import NODE_NAME
-from .nodes import NoAnswerError, NodeInOwnContext
-from .obstacle_markers import Applied, MarkerMessages
-from .subscriptions import EVERY, NEWEST, STATES, MarkerSubscription, PolledSubscription
+from .nodes import EVERY, NEWEST, STATES, PolledSubscription
+from .obstacle_markers import Applied, MarkerMessages, MarkerSubscription
+from .serialised import read_message
 
-Keep = Callable[[Any, dict[str, int]], None]
+Keep = Callable[[Any], None]
 
 
 class LiveNode(NodeInOwnContext):
@@ -80,7 +81,7 @@ class LiveNode(NodeInOwnContext):
             (JointTrajectory, motions, self._on_motion, EVERY),
         )
         self._subscriptions = [
-            (PolledSubscription(self.node, kind, topic, qos), keep)
+            (PolledSubscription(self.node, kind, topic, qos), kind, keep)
             for kind, topic, keep, qos in topics
         ]
         self._goals = self.node.create_publisher(JointState, f"{planner}/goal", NEWEST)
@@ -88,9 +89,10 @@ class LiveNode(NodeInOwnContext):
 
     def view(self) -> LiveView:
         """What was received up to now."""
-        for subscription, keep in self._subscriptions:
-            for message, facts in subscription.poll():
-                keep(message, facts)
+        for subscription, kind, keep in self._subscriptions:
+            for content, _ in subscription.poll():
+                with suppress(PlannerError), reading("a message", PlannerError):
+                    keep(read_message(content, kind))
         self._update_world()
         return replace(self._seen, states=dict(self._states))
 
@@ -113,23 +115,23 @@ class LiveNode(NodeInOwnContext):
     def _keep(self, **seen: Any) -> None:
         self._seen = replace(self._seen, **seen)
 
-    def _on_state(self, message: JointState, _: dict[str, int]) -> None:
+    def _on_state(self, message: JointState) -> None:
         velocities = message.velocity or [float("nan")] * len(message.name)
         for name, q, v in zip(message.name, message.position, velocities, strict=False):
             self._states[name] = (q, v, time.monotonic())
 
-    def _on_goal(self, topic: GoalTopic, message: Any, _: dict[str, int]) -> None:
+    def _on_goal(self, topic: GoalTopic, message: Any) -> None:
         self._keep(goal=(topic.text(message), time.monotonic()))
 
-    def _on_status(self, name: str, message: DiagnosticStatus, _: dict[str, int]) -> None:
+    def _on_status(self, name: str, message: DiagnosticStatus) -> None:
         self._keep(**{name: _status(message)})
 
-    def _on_diagnostics(self, message: DiagnosticArray, _: dict[str, int]) -> None:
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._status_name:
                 self._keep(diagnostics=_status(status))
 
-    def _on_motion(self, message: JointTrajectory, _: dict[str, int]) -> None:
+    def _on_motion(self, message: JointTrajectory) -> None:
         try:
             self._keep(motion=to_trajectory(message))
         except PlannerError:  # another publisher's; the node publishes none like that
@@ -251,4 +253,4 @@ class JointStateSource(NodeInOwnContext):
                 return None
         # As reliable as the publishers; ten seconds of states at 1 kHz may wait.
         every = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.BEST_AVAILABLE)
-        return PolledSubscription(self.node, JointState, self._topic, every, raw=True)
+        return PolledSubscription(self.node, JointState, self._topic, every)

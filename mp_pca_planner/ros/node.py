@@ -30,16 +30,14 @@ from ..execution.tracking.published_motion import PublishedMotion
 from ..robot.limits import moveit_factors_note
 from ..robot.world import World
 from .controller import ControllerAction
-from .frames import ForeignFrames
 from .goal_topics import GoalTopics
 from .last_motion import LastMotion
 from .messages import to_execution_report, to_status, to_text
-from .nodes import LOG_PERIOD, GuardedNode
-from .obstacle_topic import ObstacleTopic
+from .nodes import EVERY, LATCHED, LOG_PERIOD, NEWEST, GuardedNode
+from .obstacle_topic import ForeignFrames, ObstacleTopic
 from .planning_setup import NodeParameters, PlanningSetup
 from .safety_thread import RobotStates, SafetyThread
 from .serialised import serialize_trajectory
-from .subscriptions import EVERY, LATCHED, NEWEST
 
 NODE_NAME = "mp_pca_planner"
 

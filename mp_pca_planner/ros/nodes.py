@@ -1,19 +1,29 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes: one that survives exceptions, one of a client, and their start and end."""
+"""Nodes that survive exceptions, their start and end, and what is outside of their executor.
+
+The executor waits for all entities of a node at once and handles them one after the other. A
+thousand states a second would keep it busy, and a goal would wait behind a service.
+"""
 
 from __future__ import annotations
 
 import threading
-import time
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import wraps
-from typing import Any, Self
+from typing import Any
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.callback_groups import CallbackGroup
+from rclpy.executors import (
+    ConditionReachedException,
+    ExternalShutdownException,
+    SingleThreadedExecutor,
+)
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from ..exceptions import PlannerError, printable
@@ -24,6 +34,19 @@ from .serialised import read_message
 
 LOG_PERIOD = 1.0
 """Least time between log messages of the same place [s]."""
+
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Late subscribers receive the last message."""
+
+GOALS = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
+"""Only the newest goal is served, but each one of a burst gets its report."""
+
+STATES = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Receives from best-effort and reliable publishers; several may send a thousand messages a second
+between two polls."""
 
 
 class GuardedNode(Node):
@@ -171,72 +194,99 @@ def spin_until(stop: threading.Event, node: Node, pause: Callable[[], float]) ->
         rclpy.try_shutdown()
 
 
-class NoAnswerError(PlannerError):
-    """The node did not answer in time."""
+class ThreadGroup(CallbackGroup):
+    """Entities whose callbacks run in one thread only; without a thread they never run."""
+
+    thread: threading.Thread | None = None
+
+    def can_execute(self, entity: object) -> bool:
+        """Whether the calling thread is that of the group."""
+        return threading.current_thread() is self.thread
+
+    def beginning_execution(self, entity: object) -> bool:
+        """Allow every callback: one thread runs them one after the other."""
+        return True
+
+    def ending_execution(self, entity: object) -> None:
+        """Nothing to release."""
 
 
-class NodeInOwnContext:
-    """A node in a context of its own; use it as a context manager.
-
-    The context of the process and its signal handlers are not changed.
+class PolledSubscription:
+    """A subscription whose messages stay in the middleware until they are polled.
 
     Parameters
     ----------
-    name : str
-        Name of the node.
-    namespace : str
-        Namespace of both nodes.
-    planner : str
-        Name of the planner's node.
-
-    Attributes
-    ----------
-    context : Context
-        The context.
     node : Node
         The node.
+    message_type : type
+        Type of the messages.
+    topic : str
+        Name of the topic.
+    qos : QoSProfile or int
+        Quality of service; its depth is the most messages that wait.
     """
 
-    def __init__(self, name: str, namespace: str, planner: str) -> None:
-        self.planner = planner
-        self.context = rclpy.Context()
-        rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node(name, context=self.context, namespace=namespace)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
+    def __init__(self, node: Node, message_type: Any, topic: str, qos: QoSProfile | int) -> None:
+        self._node = node
+        self._subscription = node.create_subscription(
+            message_type, topic, lambda _: None, qos, callback_group=ThreadGroup(), raw=True
+        )
 
-    def __enter__(self) -> Self:
-        return self
+    def poll(self) -> list[tuple[bytes, dict[str, int]]]:
+        """Return the serialised messages that have arrived, the newest last, and their facts."""
+        subscription: Any = self._subscription
+        polled = []
+        with subscription.handle:
+            for _ in range(subscription.qos_profile.depth):
+                taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    break
+                polled.append(taken)
+        return polled
 
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.try_shutdown(context=self.context)
+    def destroy(self) -> None:
+        """End the subscription."""
+        self._node.destroy_subscription(self._subscription)
 
-    def spin_once(self, timeout: float = 0.05) -> None:
-        """Take one message that has arrived, or wait for one [s]."""
-        self._executor.spin_once(timeout_sec=timeout)
 
-    def wait(
-        self, is_done: Callable[[], bool], timeout: float, complaint: str | Callable[[], str]
-    ) -> None:
-        """Receive messages until a condition holds.
+class GroupExecutor(SingleThreadedExecutor):
+    """Runs the callbacks of one group of a node in a thread until it is shut down.
 
-        Raises
-        ------
-        NoAnswerError
-            If that takes longer than the timeout [s]; the message states what the planner's node
-            failed to do.
-        """
-        deadline = time.monotonic() + timeout
-        while not is_done():
-            if time.monotonic() > deadline:
-                text = complaint if isinstance(complaint, str) else complaint()
-                raise NoAnswerError(f"the node '{self.planner}' {text} within {timeout:g} s")
-            self.spin_once()
+    Parameters
+    ----------
+    node : Node
+        The node; another executor may have its other entities.
+    group : ThreadGroup
+        The group.
+    """
 
-    def result(self, client: Any, request: Any, timeout: float = 10.0) -> Any:
-        """Return the response of a service, or raise a `NoAnswerError`."""
-        future = client.call_async(request)
-        self.wait(future.done, timeout, f"did not answer on '{client.srv_name}'")
-        return future.result()
+    def __init__(self, node: Node, group: ThreadGroup) -> None:
+        super().__init__(context=node.context)
+        self._group, self._is_ending = group, threading.Event()
+        group.thread = threading.Thread(target=self._run, args=[[node]], daemon=True)
+        group.thread.start()
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether the entity is of the group."""
+        return entity.callback_group is self._group
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """End the thread, before the node is destroyed."""
+        assert self._group.thread is not None
+        self._is_ending.set()
+        self.wake()
+        self._group.thread.join(timeout_sec)
+        return super().shutdown(timeout_sec)
+
+    def _run(self, nodes: list[Node]) -> None:
+        is_ending = self._is_ending.is_set
+        with suppress(ConditionReachedException, ExternalShutdownException):
+            while True:
+                try:
+                    handler, _, _ = self.wait_for_ready_callbacks(nodes=nodes, condition=is_ending)
+                    # It keeps its exceptions: an unreadable message must not end the thread.
+                    handler()
+                except (ConditionReachedException, ExternalShutdownException):
+                    raise
+                except Exception as error:  # such as an entity that another thread has destroyed
+                    nodes[0].get_logger().error(f"{error!r:.200}", throttle_duration_sec=1.0)

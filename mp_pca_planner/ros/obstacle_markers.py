@@ -1,10 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Obstacles of visualization_msgs/Marker messages."""
+"""Obstacles of visualization_msgs/Marker messages: received, read, and kept."""
 
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
@@ -12,7 +13,9 @@ from pathlib import Path
 from queue import SimpleQueue
 
 import numpy as np
-from visualization_msgs.msg import Marker
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable
@@ -21,8 +24,8 @@ from ..robot.bodies import solids_of
 from ..robot.mesh_files import find_mesh, scaled
 from ..robot.mesh_formats import MeshContent
 from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere
+from .nodes import LOG_PERIOD, PolledSubscription
 from .serialised import MarkerData, read_markers
-from .subscriptions import MarkerMessage
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 MANY_POINTS = 3000
@@ -374,3 +377,90 @@ def _concerns(marker: MarkerData, name: str) -> bool:
     if marker.action != Marker.DELETEALL:
         return name == marker.name
     return name.startswith(f"{marker.ns}/" if marker.ns else "")
+
+
+_DEPTH = 100  # bursts of messages wait
+_DISCOVERY_PERIOD = 0.1  # [s]
+# Time after which a subscription that is not lasting has received what it can [s]: publishers
+# discover it within 3 s.
+_FETCHING = 5.0
+
+
+MarkerMessage = tuple[bytes, int, bool]
+"""A serialised message of markers, when it was sent [ns], and whether it may be older than others
+because it was latched."""
+
+
+class MarkerSubscription:
+    """Receives the markers of all publishers of a topic, and those they have latched.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    topic : str
+        The topic.
+    """
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self._node, self._topic = node, topic
+        self._name = node.resolve_topic_name(topic)
+        self._is_reliable: bool | None = None
+        self._lasting: PolledSubscription | None = None
+        # Subscriptions that end, and when.
+        self._ending: list[tuple[float, PolledSubscription, bool]] = []
+        self._known: set[bytes] = set()
+        self._discovered = 0.0
+
+    def poll(self) -> list[MarkerMessage]:
+        """Return the messages that have arrived; a message may be returned twice."""
+        now = time.monotonic()
+        if now - self._discovered >= _DISCOVERY_PERIOD:
+            self._discovered = now
+            self._follow_publishers(now)
+        messages = [(one, False) for one in (self._lasting.poll() if self._lasting else ())]
+        for _, subscription, is_latched in self._ending:
+            messages += [(one, is_latched) for one in subscription.poll()]
+        for end in [one for one in self._ending if one[0] < now]:
+            self._ending.remove(end)
+            end[1].destroy()
+        return [
+            (bytes(content), facts["source_timestamp"], is_late)
+            for (content, facts), is_late in messages
+        ]
+
+    def _follow_publishers(self, now: float) -> None:
+        publishers = self._node.get_publishers_info_by_topic(self._name)
+        offers = {bytes(one.endpoint_gid): one.qos_profile for one in publishers}
+        reliable = {
+            key for key, qos in offers.items() if qos.reliability == ReliabilityPolicy.RELIABLE
+        }
+        if offers and (len(reliable) == len(offers)) != self._is_reliable:
+            self._is_reliable = len(reliable) == len(offers)
+            if self._lasting is not None:
+                self._ending.append((now + _FETCHING, self._lasting, False))
+            self._lasting = self._subscribe(is_reliable=self._is_reliable)
+        latched = {
+            key for key in reliable if offers[key].durability == DurabilityPolicy.TRANSIENT_LOCAL
+        }
+        if latched - self._known:
+            self._fetch_latched(now, n_others=len(offers) - len(latched))
+        self._known = latched
+
+    def _fetch_latched(self, now: float, n_others: int) -> None:
+        latched = self._subscribe(is_reliable=True, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._ending.append((now + _FETCHING, latched, True))
+        if n_others:
+            self._node.get_logger().info(
+                f"'{self._name}' has publishers that latch their messages and {n_others} that do "
+                "not: what these log now on incompatible QoS concerns a second subscription, and "
+                "their messages are received",
+                throttle_duration_sec=LOG_PERIOD,
+            )
+
+    def _subscribe(
+        self, *, is_reliable: bool, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
+    ) -> PolledSubscription:
+        best = ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
+        qos = QoSProfile(depth=_DEPTH, reliability=best, durability=durability)
+        return PolledSubscription(self._node, MarkerArray, self._topic, qos)

@@ -32,9 +32,8 @@ from .controller import (
 from .goal_messages import read_stamp
 from .goal_topics import GoalTopics
 from .messages import read_states, to_seconds, to_state
-from .nodes import GuardedNode
+from .nodes import STATES, GuardedNode, PolledSubscription, ThreadGroup
 from .planning_setup import PlanningSetup
-from .subscriptions import STATES, PolledSubscription, ThreadGroup
 
 _READING_TIME = 0.02  # the longest for all joint states that wait [s]
 _NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -56,7 +55,7 @@ class RobotStates:
 
     def __init__(self, node: GuardedNode) -> None:
         self._node = node
-        self._subscription = PolledSubscription(node, JointState, "joint_states", STATES, raw=True)
+        self._subscription = PolledSubscription(node, JointState, "joint_states", STATES)
         # The topic of the controller, its subscription, and what keeps its commands.
         self._controller: tuple[str, PolledSubscription, ControllerStates] | None = None
         self._polling, self._polled = TimedLock(), time.monotonic()
@@ -69,7 +68,7 @@ class RobotStates:
             if not HAS_CONTROL_MSGS or (old is not None and old[0] == topic):
                 return
             subscription = PolledSubscription(
-                self._node, JointTrajectoryControllerState, topic, _NEWEST_STATE, raw=True
+                self._node, JointTrajectoryControllerState, topic, _NEWEST_STATE
             )
             self._controller = topic, subscription, commands
             if old is not None:

@@ -23,7 +23,7 @@ from ..simulation.controller import CANCELED, SUCCEEDED, ControllerState, GoalRe
 from ..simulation.messages import TrajectoryMessage, TrajectoryPoint
 from ..simulation.robot import CYCLE_NS, SimulatedRobot
 from .controller import HAS_CONTROL_MSGS, FollowJointTrajectory, JointTrajectoryControllerState
-from .subscriptions import LATCHED
+from .nodes import LATCHED
 
 NODE_NAME = "simulated_robot"
 

@@ -28,9 +28,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.robot.world import World
-from mp_pca_planner.ros.obstacle_markers import MarkerMessages
+from mp_pca_planner.ros.obstacle_markers import (
+    MarkerMessage,
+    MarkerMessages,
+    MarkerSubscription,
+)
 from mp_pca_planner.ros.serialised import MarkerData, read_markers
-from mp_pca_planner.ros.subscriptions import MarkerMessage, MarkerSubscription
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABLE = QoSProfile(depth=5)

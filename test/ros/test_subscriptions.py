@@ -19,9 +19,10 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64
 
-from mp_pca_planner.ros.subscriptions import GroupExecutor, PolledSubscription, ThreadGroup
+from mp_pca_planner.ros.nodes import GroupExecutor, PolledSubscription, ThreadGroup
 
 DEPTH = 5
 
@@ -56,7 +57,8 @@ def test_polled_messages_wait_for_the_poll_the_newest_last(node: Node) -> None:
         publisher.publish(Float64(data=float(number)))
     assert publisher.wait_for_all_acked(Duration(seconds=HANG))
     executor.spin_once(0.1)
-    assert [message.data for message, _ in subscription.poll()] == [3.0, 4.0, 5.0, 6.0, 7.0]
+    polled = [deserialize_message(content, Float64).data for content, _ in subscription.poll()]
+    assert polled == [3.0, 4.0, 5.0, 6.0, 7.0]
     assert subscription.poll() == []
     executor.shutdown()
 

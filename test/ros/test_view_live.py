@@ -33,7 +33,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.live_node import LiveNode
-from mp_pca_planner.ros.subscriptions import LATCHED
+from mp_pca_planner.ros.nodes import LATCHED
 from mp_pca_planner.view.content import read_content
 from mp_pca_planner.view.page import ViewPage
 
