@@ -10,13 +10,13 @@ import select
 import sys
 import termios
 import tty
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
 from ..robot.model import Robot
-from ..teaching.dialogue import KEYS, MessageSource, PlayedBag, SessionWords, hold_dialogue
+from ..teaching.dialogue import KEYS, PlayedBag, Record, SessionWords, hold_dialogue
 from ..teaching.session import SessionFiles, TeachingSession
 from . import build_primitives
 from .common import check_frame, check_output, report_lines
@@ -53,23 +53,28 @@ def _taught(
             n_known = played.skip_until(session.joined_from(played.joint_names))
             if n_known:
                 say(f"continued    {files.bag} already holds {n_known} of the messages to play")
-            return session, _dialogue(session, played, keys, words)
+            return session, _dialogue(session, keys, words, played.feed)
     from ..ros.live_node import JointStateSource, full_topic_name
 
     topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
     taught = TeachingSession(files, topic, joints, moving_only=is_whole)
     with taught as session, JointStateSource(topic) as source:
         say(f"recording    {topic} into {files.bag}")
-        return session, _dialogue(session, source, keys, words)
+        live = {"pause": source.pause, "silence": source.silence}
+        return session, _dialogue(session, keys, words, source.feed, **live)
 
 
 def _dialogue(
-    session: TeachingSession, source: MessageSource, keys: Keys, words: SessionWords
+    session: TeachingSession,
+    keys: Keys,
+    words: SessionWords,
+    feed: Callable[[Record], bool],
+    **live: Any,
 ) -> bool:
     """Whether to build the primitive; Ctrl-C quits."""
     _say_now(KEYS)
     with suppress(KeyboardInterrupt):
-        return hold_dialogue(session, source, keys.pressed, words, _say_now)
+        return hold_dialogue(session, feed, keys.pressed, words, _say_now, **live)
     return False
 
 

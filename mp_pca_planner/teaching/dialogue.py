@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,29 +29,23 @@ from .session import SessionUpdate, TeachingSession
 
 KEYS = "d discards the last motion, b builds the primitive, q quits; the recording is kept"
 
+# Pauses are at least so many times as long as an update of the session, and a silent source is
+# named after so many pauses.
+_IDLE_RATIO, _MAX_SILENCE = 4.0, 10
 
-class MessageSource(Protocol):
-    """Where the joint states of a session come from."""
-
-    @property
-    def pause(self) -> float:
-        """Least time between two looks at it [s]; 0: keys count when nothing follows."""
-
-    def feed(self, record: Callable[[Sequence[tuple[int, bytes]]], None]) -> bool:
-        """Record what has come; returns whether more may follow."""
-
-    def silence(self) -> str:
-        """Why nothing has come, as far as that is known."""
+Record = Callable[[Sequence[tuple[int, bytes]]], None]
+"""Stores serialised messages with their times of reception [ns]."""
 
 
 def hold_dialogue(
     session: TeachingSession,
-    source: MessageSource,
+    feed: Callable[[Record], bool],
     pressed: Callable[[float | None], str | None],
     words: SessionWords,
     say: Callable[..., None],
-    idle_ratio: float = 4.0,
-    max_silence: int = 10,
+    *,
+    pause: float = 0.0,
+    silence: Callable[[], str] = lambda: "",
 ) -> bool:
     """Show motions as they end, until a person ends the session.
 
@@ -60,18 +53,18 @@ def hold_dialogue(
     ----------
     session :
         The session.
-    source :
-        Feeds it.
+    feed :
+        Records what has come; returns whether more may follow.
     pressed :
         Returns the next key; '' if none is pressed within a time [s], None if none can be any more.
     words :
         Describes the motions.
     say :
         Prints lines.
-    idle_ratio :
-        Pauses are at least so many times as long as an update of the session.
-    max_silence :
-        Number of pauses at the beginning without a message after which that is said.
+    pause :
+        Least time between two looks at what was recorded [s]; 0: keys count when nothing follows.
+    silence :
+        Returns why nothing has come, as far as that is known.
 
     Returns
     -------
@@ -81,16 +74,16 @@ def hold_dialogue(
     is_fed, n_silent, n_known = True, 0, session.n_messages
     while True:
         started = time.monotonic()
-        is_fed = is_fed and source.feed(session.record)
-        update = session.update(is_over=not is_fed, explains=not is_fed or source.pause > 0.0)
+        is_fed = is_fed and feed(session.record)
+        update = session.update(is_over=not is_fed, explains=not is_fed or pause > 0.0)
         say(*words.update_lines(update, session.motions))
-        if is_fed and not source.pause:
+        if is_fed and not pause:
             continue
         n_silent = n_silent + 1 if session.n_messages == n_known else 0
-        if n_silent == max_silence and is_fed:
-            say(source.silence())
-        pause = max(source.pause, idle_ratio * (time.monotonic() - started))
-        key = pressed(pause if is_fed else None)
+        if n_silent == _MAX_SILENCE and is_fed:
+            say(silence())
+        idle = max(pause, _IDLE_RATIO * (time.monotonic() - started))
+        key = pressed(idle if is_fed else None)
         if key is None or key == "q":
             return False
         if key == "b":
@@ -126,16 +119,12 @@ class PlayedBag:
     ----------
     topic : str
         Topic of the joint states.
-    pause : float
-        Least time between two parts [s].
 
     Raises
     ------
     RecordingError
         If it can't be read, or has no such topic of joint states.
     """
-
-    pause = 0.0
 
     def __init__(self, path: Path, topic: str | None = None, n_parts: int = 50) -> None:
         with open_bag(path) as bag, damage_reported(path, bag.format):
@@ -159,15 +148,11 @@ class PlayedBag:
         self._left = [message for message in self._left if message[0] > stamp]
         return before - len(self._left)
 
-    def feed(self, record: Callable[[Sequence[tuple[int, bytes]]], None]) -> bool:
+    def feed(self, record: Record) -> bool:
         """Record the next part; returns whether another one follows."""
         part, self._left = self._left[: self._n], self._left[self._n :]
         record(part)
         return bool(self._left)
-
-    def silence(self) -> str:
-        """Why nothing has come; not asked, since there are no pauses."""
-        return ""
 
 
 # Variance of the noise of a demonstration.

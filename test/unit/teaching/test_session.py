@@ -155,8 +155,6 @@ def test_tables_that_are_damaged_are_refused(tmp_path: Path) -> None:
 class Silent:
     """A source without messages, such as a topic that nobody publishes on."""
 
-    pause = 1e-6
-
     def __init__(self, n_looks: int) -> None:
         self.n_left = n_looks
 
@@ -183,7 +181,13 @@ def dialogue(folder: Path, source: Silent, keys: str) -> list[str]:
     lines: list[str] = []
     with session(folder) as taught:
         hold_dialogue(
-            taught, source, Pressed(keys).pressed, SessionWords(), lambda *x: lines.extend(x)
+            taught,
+            source.feed,
+            Pressed(keys).pressed,
+            SessionWords(),
+            lambda *x: lines.extend(x),
+            pause=1e-6,
+            silence=source.silence,
         )
     return lines
 
