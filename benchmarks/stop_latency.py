@@ -201,9 +201,9 @@ class Hostile:
         links = "".join(
             f'<link name="l{k}"/><joint name="j{k}" type="{"revolute" if k < 190 else "fixed"}">'
             f'<parent link="l{k}"/><child link="l{k + 1}"/><limit effort="1" velocity="1"/></joint>'
-            for k in range(990)
+            for k in range(490)
         )
-        text = f'<robot name="chain{next(self._numbers)}">{links}<link name="l990"/></robot>'
+        text = f'<robot name="chain{next(self._numbers)}">{links}<link name="l490"/></robot>'
         self._client.publish("robot_description", String(data=text))
 
     def _large_messages(self) -> Iterator[tuple[str, str, Any]]:

@@ -54,8 +54,9 @@ class InputLimits:
     segment_time : float
         Time in a recording [s], 30 years.
     links, movable_joints, description_depth : int
-        Of a robot: far longer chains overflow the stack of Pinocchio's parser, its memory grows
-        with the cube of the joints, and elements of XML are nested in so many others at most.
+        Of a robot: far longer chains overflow the stack of Pinocchio's parser, which keeps the lock
+        of the interpreter for a time that grows with the square of the links. Its memory grows with
+        the cube of the joints, and elements of XML are nested in so many others at most.
     description_value : float
         Length, mass or inertia of a robot [SI units].
     shapes, triangles : int
@@ -103,7 +104,7 @@ class InputLimits:
     primitive_precision: float = 1e15
     segments: int = 10_000
     segment_time: float = 1e9
-    links: int = 1000
+    links: int = 500
     movable_joints: int = 200
     description_depth: int = 50
     description_value: float = 1e9
