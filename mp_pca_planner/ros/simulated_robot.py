@@ -19,8 +19,14 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..exceptions import SimulationError
 from ..recordings.joint_states import NS_PER_S
-from ..simulation.controller import CANCELED, SUCCEEDED, ControllerState, GoalResult
-from ..simulation.messages import TrajectoryMessage, TrajectoryPoint
+from ..simulation.controller import (
+    CANCELED,
+    SUCCEEDED,
+    ControllerState,
+    GoalResult,
+    TrajectoryMessage,
+    TrajectoryPoint,
+)
 from ..simulation.robot import CYCLE_NS, SimulatedRobot
 from .controller import HAS_CONTROL_MSGS, FollowJointTrajectory, JointTrajectoryControllerState
 from .nodes import LATCHED
@@ -157,7 +163,8 @@ class SimulatedRobotNode(Node):
 
     def _on_goal(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
         self.advance()
-        reason = self._robot.rejection(to_controller_message(goal.trajectory))
+        message = to_controller_message(goal.trajectory)
+        reason = self._robot.controller.rejection(message, self._robot.time_ns)
         if reason is not None:
             self.get_logger().warning(f"Goal rejected: {reason}")
         return GoalResponse.REJECT if reason else GoalResponse.ACCEPT
@@ -174,7 +181,7 @@ class SimulatedRobotNode(Node):
 
     def _end_goals(self) -> None:
         """Send the results of the goals that have ended."""
-        results = self._robot.results[self._n_results :]
+        results = self._robot.controller.results[self._n_results :]
         self._n_results += len(results)
         for result in results:
             # Goals of rclpy run in a task of their own; here, it only sends what is known.

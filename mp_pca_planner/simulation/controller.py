@@ -2,70 +2,174 @@
 # SPDX-License-Identifier: Apache-2.0
 """A trajectory controller with the semantics of ``joint_trajectory_controller`` (Jazzy).
 
-It reproduces ros2_controllers 4.42 with position commands, measured positions and velocities, and
-messages by topic or as goals of its action. A new trajectory replaces the running one at once:
-``allow_trajectory_replacement``, which blends the two, is in later releases of ROS only. Times are
-integer nanoseconds, as in ROS.
+It reproduces ros2_controllers 4.42 with its default parameters, with position commands, measured
+positions and velocities, and messages by topic or as goals of its action. A new trajectory replaces
+the running one at once: ``allow_trajectory_replacement``, which blends the two, is in later
+releases of ROS only. Times are integer nanoseconds, as in ROS.
+
+The points of a message determine the degree of the polynomials through them. The code has nothing
+from :mod:`mp_pca_planner.motion.interpolation`, so that the simulation reveals errors there.
 """
 
 from __future__ import annotations
 
-import math
+from bisect import bisect_right
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import SimulationError, quote_names, unknown_name
+from ..exceptions import quote_names, unknown_name
+from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
-from .messages import BoolArray, Splines, States, TrajectoryMessage, TrajectoryPoint
+
+BoolArray = NDArray[np.bool_]
 
 _STANDSTILL = float(np.finfo(np.float32).eps)
 
 
 @dataclass(frozen=True)
-class ControllerOptions:
-    """Parameters of the controller; names and defaults are those of the original.
+class TrajectoryPoint:
+    """One point of a message; every sequence holds one number per joint, or is empty.
 
     Attributes
     ----------
-    allow_nonzero_velocity_at_trajectory_end : bool
-        Whether the last point may have a velocity.
-    allow_partial_joints_goal : bool
-        Whether joints may be missing; they hold their commanded positions.
-    interpolate_from_desired_state : bool
-        Whether the controller leads to the first point from its last command, not from the measured
-        state.
-    state_tolerance, goal_tolerance : float
-        Largest deviation of a joint while moving, and at the end of the goal of an action
-        [rad or m]; 0 allows any. Where the first is exceeded, the measured position is held.
-    goal_time : float
-        Time after the end by which a joint has to be there [s]; 0 waits for it.
-
-    Raises
-    ------
-    SimulationError
-        If a number is negative or not finite.
+    time_from_start_ns : int
+        Time since the start of the trajectory [ns].
+    positions, velocities, accelerations, effort : sequence of float
+        Joint positions [rad or m], their derivatives [/s, /s²], torques [N·m] or forces [N].
     """
 
-    allow_nonzero_velocity_at_trajectory_end: bool = False
-    allow_partial_joints_goal: bool = False
-    interpolate_from_desired_state: bool = False
-    state_tolerance: float = 0.0
-    goal_tolerance: float = 0.0
-    goal_time: float = 0.0
+    time_from_start_ns: int
+    positions: Sequence[float] = ()
+    velocities: Sequence[float] = ()
+    accelerations: Sequence[float] = ()
+    effort: Sequence[float] = ()
 
-    def __post_init__(self) -> None:
-        for name in ("state_tolerance", "goal_tolerance", "goal_time"):
-            value = getattr(self, name)
-            if not 0.0 <= value < math.inf:
-                raise SimulationError(f"{name} is {value}, expected a finite number from 0 on")
+
+@dataclass(frozen=True)
+class TrajectoryMessage:
+    """A message as it is received, without any check.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        Joints in the order of the numbers of every point.
+    points : tuple of TrajectoryPoint
+        The points.
+    stamp_ns : int
+        Time at which the trajectory starts [ns]; 0 means on arrival.
+    """
+
+    joint_names: tuple[str, ...]
+    points: tuple[TrajectoryPoint, ...]
+    stamp_ns: int = 0
+
+
+def to_message(
+    trajectory: Trajectory, stamp: float | None = None, *, last_point_only: bool = False
+) -> TrajectoryMessage:
+    """Message of a trajectory, with positions, velocities and accelerations on every point.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The motion.
+    stamp : float, optional
+        Time at which it starts [s]; on arrival unless given.
+    last_point_only : bool
+        Whether only the last point is sent, to which the controller interpolates by itself.
+    """
+    rows = zip(
+        (trajectory.times * NS_PER_S).round().astype(int).tolist(),
+        trajectory.positions.tolist(),
+        trajectory.velocities.tolist(),
+        trajectory.accelerations.tolist(),
+        strict=True,
+    )
+    points = tuple(TrajectoryPoint(*row) for row in rows)
+    return TrajectoryMessage(
+        trajectory.joint_names,
+        points[-1:] if last_point_only else points,
+        0 if stamp is None else round(stamp * NS_PER_S),
+    )
+
+
+def _to_coefficients(n_derivatives: int) -> FloatArray:
+    """Takes values and derivatives at phases 0 and 1 to coefficients by rising power."""
+    degree = 2 * n_derivatives - 1
+    rows = [
+        polynomial.polyval(phase, polynomial.polyder(np.eye(degree + 1), d))
+        for phase in (0.0, 1.0)
+        for d in range(n_derivatives)
+    ]
+    return np.asarray(np.linalg.inv(rows))
+
+
+_CUBIC, _QUINTIC = _to_coefficients(2), _to_coefficients(3)
+
+
+class Splines:
+    """A function of time that interpolates states and holds the last one.
+
+    Parameters
+    ----------
+    times_ns : list of int
+        Increasing times [ns], n_points of them.
+    values : array, shape (n_points, 3, n_joints)
+        Positions [rad or m], velocities [/s] and accelerations [/s²]; 0 where none are given.
+    given : array of bool, shape (n_points, 3)
+        Which of them are given.
+    """
+
+    def __init__(self, times_ns: list[int], values: FloatArray, given: BoolArray) -> None:
+        self._times, self.end = times_ns, times_ns[-1]
+        self._last: FloatArray = values[-1].ravel()
+        lengths = np.diff(np.array(self._times))
+        self._lengths = lengths.tolist()
+        seconds: FloatArray = lengths * 1e-9
+        self._coefficients = list(_polynomials(seconds, values, given))
+
+    def sample(self, time_ns: int) -> FloatArray:
+        """Positions, velocities and accelerations in a row, shape (3 n_joints,)."""
+        if time_ns >= self.end:
+            return self._last
+        k = bisect_right(self._times, time_ns) - 1
+        u = (time_ns - self._times[k]) / self._lengths[k]
+        u2 = u * u
+        powers = np.array((1.0, u, u2, u2 * u, u2 * u2, u2 * u2 * u))
+        return np.asarray(powers @ self._coefficients[k])
+
+
+def _polynomials(lengths: FloatArray, values: FloatArray, given: BoolArray) -> FloatArray:
+    """Coefficients by rising power of the phase, shape (n_segments, 6, 3 n_joints).
+
+    The last axis holds those of the positions, velocities and accelerations.
+    """
+    n_segments, n_joints = len(lengths), values.shape[2]
+    _, has_v, has_a = (given[:-1] & given[1:]).T
+    scale = np.stack([np.ones_like(lengths), lengths, lengths**2], axis=1)[:, :, None]
+    begin, end = values[:-1] * scale, values[1:] * scale
+    # Accelerations without velocities: the controller does not interpolate, and commands 0.
+    result = np.zeros((n_segments, 6, 3, n_joints))
+    q = result[:, :, 0]
+    linear = ~has_v & ~has_a
+    q[linear, 0], q[linear, 1] = begin[linear, 0], (end - begin)[linear, 0]
+    for kind, matrix in ((has_v & ~has_a, _CUBIC), (has_v & has_a, _QUINTIC)):
+        n = len(matrix)
+        ends = np.concatenate([begin[kind, : n // 2], end[kind, : n // 2]], axis=1)
+        q[kind, :n] = matrix @ ends
+    factors = np.arange(1.0, 6.0)[:, None]
+    for d in (1, 2):
+        result[:, :5, d] = result[:, 1:, d - 1] * factors / lengths[:, None, None]
+    return np.asarray(result.reshape(n_segments, 6, 3 * n_joints))
 
 
 SUCCESSFUL, INVALID_GOAL = 0, -1
-PATH_TOLERANCE_VIOLATED, GOAL_TOLERANCE_VIOLATED = -4, -5
 
 SUCCEEDED, ABORTED, CANCELED = "succeeded", "aborted", "canceled"
 
@@ -115,9 +219,7 @@ class ControllerState:
     speed_scaling: float
 
 
-def rejection(
-    message: TrajectoryMessage, joint_names: Sequence[str], now_ns: int, options: ControllerOptions
-) -> str | None:
+def rejection(message: TrajectoryMessage, joint_names: Sequence[str], now_ns: int) -> str | None:
     """Why a message is rejected, as a sentence; None if it is accepted.
 
     Numbers that are not finite are accepted, as by the original.
@@ -130,21 +232,19 @@ def rejection(
         Joints of the controller.
     now_ns : int
         The present time [ns].
-    options : ControllerOptions
-        Parameters of the controller.
     """
     return (
-        _wrong_joints(message.joint_names, joint_names, options.allow_partial_joints_goal)
+        _wrong_joints(message.joint_names, joint_names)
         or ("the trajectory has no points" if not message.points else None)
-        or (None if options.allow_nonzero_velocity_at_trajectory_end else _moving_end(message))
+        or _moving_end(message)
         or _ended(message, now_ns)
         or _wrong_times(message)
         or _wrong_numbers(message)
     )
 
 
-def _wrong_joints(given: Sequence[str], expected: Sequence[str], allow_partial: bool) -> str | None:
-    if not given or (len(given) != len(expected) and not allow_partial):
+def _wrong_joints(given: Sequence[str], expected: Sequence[str]) -> str | None:
+    if len(given) != len(expected):
         return f"the trajectory has {len(given)} joints, the controller {len(expected)}"
     for name in given:
         if name not in expected:
@@ -201,8 +301,6 @@ class TrajectoryController:
         Joints of the controller, n_joints of them.
     positions : array, shape (n_joints,)
         Positions to hold [rad or m].
-    options : ControllerOptions
-        Its parameters.
     continuous : array of bool, shape (n_joints,), optional
         Joints that turn without end; none unless given.
 
@@ -214,8 +312,6 @@ class TrajectoryController:
         Time for which commands have advanced along trajectories [ns].
     is_active : bool
         Whether commands follow messages.
-    n_holds : int
-        How often a tolerance was exceeded and the measured position held.
     results : list of GoalResult
         How goals of the action ended, the newest last.
     """
@@ -224,20 +320,16 @@ class TrajectoryController:
         self,
         joint_names: Sequence[str],
         positions: FloatArray,
-        options: ControllerOptions | None = None,
         continuous: FloatArray | None = None,
     ) -> None:
         self._names = tuple(joint_names)
-        self._options = options or ControllerOptions()
         self._continuous = np.flatnonzero(() if continuous is None else continuous)
         self._command = np.concatenate([positions, np.zeros(2 * len(self._names))])
         self.speed_scaling = 1.0
         self.clock_ns = 0
-        self.n_holds = 0
         self.results: list[GoalResult] = []
         self._goal: Hashable | None = None
         self._measured = positions
-        self._commanded_ns = 0
         self.activate()
 
     def activate(self) -> None:
@@ -246,10 +338,9 @@ class TrajectoryController:
         n = len(self._names)
         self._command = np.concatenate([self._command[:n], np.zeros(2 * n)])
         self._new: TrajectoryMessage | None = None
-        self._time = self._start = self._commanded_ns = 0
-        self._is_holding = self.is_active = True
-        values = self._command.reshape(1, 3, n)
-        self._splines = Splines(States([0], values, np.ones((1, 3), dtype=bool)))
+        self._time = self._start = 0
+        self.is_active = True
+        self._splines = Splines([0], self._command.reshape(1, 3, n), np.ones((1, 3), dtype=bool))
 
     def deactivate(self) -> None:
         """Drop the trajectory; the commanded positions stay."""
@@ -278,7 +369,7 @@ class TrajectoryController:
         """
         reason = self.rejection(message, now)
         if reason is None:
-            self._new, self._is_holding = message, False
+            self._new = message
         if goal is not None and reason is None:
             self._end_goal(ABORTED, INVALID_GOAL, "another goal has replaced this one")
             self._goal = goal
@@ -288,7 +379,7 @@ class TrajectoryController:
 
     def rejection(self, message: TrajectoryMessage, now: int) -> str | None:
         """Why a message is rejected at a time [ns]; None if it is accepted."""
-        reason = rejection(message, self._names, now, self._options)
+        reason = rejection(message, self._names, now)
         return reason if self.is_active or reason else "the controller is not active"
 
     def cancel(self, goal: Hashable) -> bool:
@@ -296,7 +387,8 @@ class TrajectoryController:
         is_running = self._goal is not None and goal == self._goal
         if is_running:
             self._end_goal(CANCELED, SUCCESSFUL, "")
-            self._hold(self._measured)
+            held = TrajectoryPoint(0, tuple(self._measured.tolist()))
+            self._new = TrajectoryMessage(self._names, (held,))
         return is_running
 
     def state(self, now: int) -> ControllerState:
@@ -330,15 +422,12 @@ class TrajectoryController:
         self._measured = measured[0]
         if message is not None:
             self._adopt(message, now, measured)
-        if not self._is_holding and self._is_violated(measured[0], period, message is not None):
-            self._end_goal(ABORTED, PATH_TOLERANCE_VIOLATED, "the path tolerance was violated")
-            self._hold(measured[0])
-            return self._command
         if self._goal is not None and self._time + period >= self._splines.end:
-            self._judge_end(measured[0])
+            self._end_goal(SUCCEEDED, SUCCESSFUL, "the end was reached")
+            fields = self._splines.sample(self._splines.end).reshape(3, -1).tolist()
+            self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, *fields),))
         # The command is to be reached by the next cycle.
         self._command = self._splines.sample(self._time + period)
-        self._commanded_ns = now
         return self._command
 
     def _adopt(
@@ -350,69 +439,29 @@ class TrajectoryController:
         values, given = self._in_order(message)
         if self._time < times[0]:
             before = np.stack([*measured, np.zeros_like(measured[0])])
-            began = now
-            if self._options.interpolate_from_desired_state:
-                # The original dates its last command to the cycle in which it was given.
-                before, began = self._command.reshape(3, -1).copy(), self._commanded_ns or now
+            # Continuous joints turn by at most half a turn.
             k = self._continuous
-            before[0, k] = values[0, 0, k] - self._shorter(values[0, 0, k] - before[0, k])
-            times.insert(0, began)
+            turn = values[0, 0, k] - before[0, k]
+            before[0, k] = values[0, 0, k] - (np.remainder(turn + np.pi, 2 * np.pi) - np.pi)
+            times.insert(0, now)
             values = np.concatenate([before[None], values])
             # The state before has accelerations if the first point has them.
             first = given[:1] | (np.arange(3) == 1)
             given = np.concatenate([first, given])
-        self._splines = Splines(States(times, values, given))
-
-    @staticmethod
-    def _shorter(angle: FloatArray) -> FloatArray:
-        """The same rotation of a continuous joint, by at most half a turn."""
-        return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
+        self._splines = Splines(times, values, given)
 
     def _in_order(self, message: TrajectoryMessage) -> tuple[FloatArray, BoolArray]:
-        """The points by joints of the controller; joints that are missing hold their positions."""
-        n, points = len(self._names), message.points
-        index = [self._names.index(name) for name in message.joint_names]
-        values = np.zeros((len(points), 3, n))
-        values[:, 0] = self._command[:n]
-        given = np.empty((len(points), 3), dtype=bool)
-        for d, field in enumerate(("positions", "velocities", "accelerations")):
-            rows = [getattr(point, field) for point in points]
-            given[:, d] = has = np.array([len(row) > 0 for row in rows])
-            if has.any():
-                block = values[has]
-                block[:, d, index] = [row for row in rows if len(row) > 0]
-                values[has] = block
-        return values, given
-
-    def _is_violated(self, q: FloatArray, period: int, is_first: bool) -> bool:
-        tolerance = self._options.state_tolerance
-        if tolerance == 0.0 or not (self._time + period < self._splines.end or is_first):
-            return False
-        error = self._splines.sample(self._time)[: len(self._names)] - q
-        error[self._continuous] = self._shorter(error[self._continuous])
-        return bool(np.abs(error).max() > tolerance)
-
-    def _judge_end(self, q: FloatArray) -> None:
-        """End the running goal after the end of its trajectory, if its outcome is known."""
-        options, error = self._options, self._splines.sample(self._time)[: len(self._names)] - q
-        error[self._continuous] = self._shorter(error[self._continuous])
-        late = (self._time - self._splines.end) / NS_PER_S
-        if options.goal_tolerance == 0.0 or np.abs(error).max() <= options.goal_tolerance:
-            self._end_goal(SUCCEEDED, SUCCESSFUL, "the end was reached")
-            last, self._is_holding = self._splines.sample(self._splines.end), True
-            fields = (tuple(row) for row in last.reshape(3, -1).tolist())
-            self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, *fields),))
-        elif 0.0 < options.goal_time < late:
-            reason = f"the goal tolerance was violated {late:g} s after the end"
-            self._end_goal(ABORTED, GOAL_TOLERANCE_VIOLATED, reason)
-            self._hold(q)
+        """The values of the points by joints of the controller, and which are given."""
+        n = len(message.points)
+        values, given = np.zeros((n, 3, len(self._names))), np.zeros((n, 3), dtype=bool)
+        for k, point in enumerate(message.points):
+            for d, row in enumerate((point.positions, point.velocities, point.accelerations)):
+                if len(row) > 0:
+                    values[k, d], given[k, d] = row, True
+        index = [message.joint_names.index(name) for name in self._names]
+        return values[:, :, index], given
 
     def _end_goal(self, outcome: str, code: int, message: str) -> None:
         goal, self._goal = self._goal, None
         if goal is not None:
             self.results.append(GoalResult(goal, outcome, code, message))
-
-    def _hold(self, q: FloatArray) -> None:
-        self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, tuple(q.tolist())),))
-        self._is_holding = True
-        self.n_holds += 1

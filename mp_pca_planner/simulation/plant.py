@@ -8,7 +8,6 @@ late, as those of industrial arms do.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,57 +21,11 @@ PERIOD = 1e-3
 """Time of one step [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Drives:
-    """Gains of the drives, critically damped.
-
-    Attributes
-    ----------
-    inertia : array, shape (n_joints,)
-        Inertia of each drive behind its gear [kg·m² or kg].
-    kp, kd : array, shape (n_joints,)
-        Gains [N·m/rad, N·m·s/rad; N/m, N·s/m].
-    effort : array, shape (n_joints,)
-        Largest torque [N·m] or force [N].
-    lag : float
-        Delay with which commands are followed [s].
-    """
-
-    inertia: FloatArray
-    kp: FloatArray
-    kd: FloatArray
-    effort: FloatArray
-    lag: float = 0.003
-
-    @classmethod
-    def of(cls, robot: Robot, bandwidth: float = 100.0, inertia_share: float = 0.05) -> Drives:
-        """Gains at the largest inertias of 64 random configurations.
-
-        Parameters
-        ----------
-        robot : Robot
-            The arm.
-        bandwidth : float
-            Bandwidth of the drives [rad/s].
-        inertia_share : float
-            Inertia of each drive and gear as a share of that of the heaviest joint: the wrist of
-            a geared arm is far from weightless.
-        """
-        limits = robot.limits()
-        low, high = np.clip(limits.lower, -np.pi, None), np.clip(limits.upper, None, np.pi)
-        draws = np.random.default_rng(0).uniform(size=(64, robot.n_joints))
-        zero = np.zeros(robot.n_joints)
-        inertias = [
-            np.diag(robot.motion_equation(low + (high - low) * draw, zero)[0]) for draw in draws
-        ]
-        own = np.max(inertias, axis=0)
-        inertia = np.full(robot.n_joints, inertia_share * own.max())
-        total = own + inertia
-        return cls(inertia, bandwidth**2 * total, 2.0 * bandwidth * total, limits.effort)
-
-
 class Plant:
-    """An arm at rest that follows commanded positions.
+    """An arm at rest that follows commanded positions, computed by Pinocchio.
+
+    The motion is integrated by the semi-implicit Euler method. The drives are critically damped.
+    They act on the state at the end of each step, which is stable for gains of any size.
 
     Parameters
     ----------
@@ -83,14 +36,33 @@ class Plant:
 
     Attributes
     ----------
-    drives : Drives
-        The drives.
+    inertia : array, shape (n_joints,)
+        Inertia of each drive behind its gear [kg·m² or kg].
+    kp, kd : array, shape (n_joints,)
+        Gains of the drives [N·m/rad, N·m·s/rad; N/m, N·s/m].
+    effort : array, shape (n_joints,)
+        Their largest torque [N·m] or force [N].
     q, v : array, shape (n_joints,)
         Positions [rad or m] and velocities [/s].
     """
 
+    bandwidth = 100.0
+    """Bandwidth of the drives [rad/s]."""
+
+    lag = 0.003
+    """Delay with which drives follow commands [s]."""
+
+    inertia_share = 0.05
+    """Inertia of each drive and gear as a share of that of the heaviest joint: the wrist of a
+    geared arm is far from weightless."""
+
     def __init__(self, robot: Robot, start: FloatArray) -> None:
-        self.drives = Drives.of(robot)
+        own, limits = _largest_inertias(robot), robot.limits()
+        self.inertia = np.full(robot.n_joints, self.inertia_share * own.max())
+        total = own + self.inertia
+        self.kp, self.kd = self.bandwidth**2 * total, 2.0 * self.bandwidth * total
+        self.effort = limits.effort
+        self._stiffness = PERIOD * self.kd + PERIOD**2 * self.kp
         self.q, self.v = np.array(start), np.zeros(robot.n_joints)
         self._robot = robot
         self._commanded = self.q
@@ -108,61 +80,46 @@ class Plant:
 
     def _load(self, robot: Robot) -> None:
         """Set the inertias of an arm."""
-        raise NotImplementedError
-
-    def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
-        """Move for one period towards commands that change at a rate [/s]."""
-        raise NotImplementedError
-
-
-class PinocchioPlant(Plant):
-    """An arm computed by Pinocchio, integrated by the semi-implicit Euler method.
-
-    The drives act on the state at the end of each step, which is stable for gains of any size.
-    """
-
-    def __init__(self, robot: Robot, start: FloatArray) -> None:
-        super().__init__(robot, start)
-        d = self.drives
-        self._stiffness = PERIOD * d.kd + PERIOD**2 * d.kp
-        self._inertia = np.diag(d.inertia)
-        self._total = np.diag(d.inertia + self._stiffness)
-        self._has_limits = bool(np.isfinite(d.effort).any())
-
-    def _load(self, robot: Robot) -> None:
         self._loaded = robot
 
     def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
-        d, q, v = self.drives, self.q, self.v
-        M, h = self._loaded.motion_equation(q, v)
+        """Move for one period towards commands that change at a rate [/s]."""
+        M, h = self._loaded.motion_equation(self.q, self.v)
         # The goal at the end of the step, without the part that depends on the velocity there.
-        due = command - (d.lag - PERIOD) * rate
-        tau = gravity + d.kp * (due - q) + d.kd * rate
-        momentum = (M + self._inertia) @ v
-        after = _solve(M + self._total, momentum + PERIOD * (tau - h))
-        if self._has_limits:
-            acting = tau - self._stiffness / PERIOD * after
-            if (np.abs(acting) > d.effort).any():
-                after = self._saturated(M, momentum - PERIOD * h, tau, acting)
+        due = command - (self.lag - PERIOD) * rate
+        tau = gravity + self.kp * (due - self.q) + self.kd * rate
+        momentum = (M + np.diag(self.inertia)) @ self.v
+        after = _solve(M + np.diag(self.inertia + self._stiffness), momentum + PERIOD * (tau - h))
+        acting = tau - self._stiffness / PERIOD * after
+        if (np.abs(acting) > self.effort).any():
+            after = self._saturated(M, momentum - PERIOD * h, tau, acting)
         self.v = after
-        self.q = q + PERIOD * after
+        self.q = self.q + PERIOD * after
 
     def _saturated(
         self, M: FloatArray, push: FloatArray, tau: FloatArray, acting: FloatArray
     ) -> FloatArray:
         """Velocities after a step in which some drives saturate."""
-        d = self.drives
         full = np.zeros(len(tau), dtype=bool)
         for _ in range(len(tau)):
-            over = np.abs(acting) > d.effort
+            over = np.abs(acting) > self.effort
             if not (over & ~full).any():
                 break
             full |= over
-            limited = np.where(full, np.clip(acting, -d.effort, d.effort), tau)
-            diagonal = np.diag(d.inertia + np.where(full, 0.0, self._stiffness))
+            limited = np.where(full, np.clip(acting, -self.effort, self.effort), tau)
+            diagonal = np.diag(self.inertia + np.where(full, 0.0, self._stiffness))
             after = _solve(M + diagonal, push + PERIOD * limited)
             acting = np.where(full, limited, tau - self._stiffness / PERIOD * after)
         return after
+
+
+def _largest_inertias(robot: Robot) -> FloatArray:
+    """The largest inertia of each joint in 64 random configurations [kg·m² or kg]."""
+    limits, zero = robot.limits(), np.zeros(robot.n_joints)
+    low, high = np.clip(limits.lower, -np.pi, None), np.clip(limits.upper, None, np.pi)
+    draws = low + (high - low) * np.random.default_rng(0).uniform(size=(64, robot.n_joints))
+    inertias = [np.diag(robot.motion_equation(q, zero)[0]) for q in draws]
+    return np.asarray(np.max(inertias, axis=0))
 
 
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -196,17 +153,17 @@ class MujocoPlant(Plant):
         spec.option.gravity = pin_model.gravity.linear
         _add_links(spec, pin_model, mujoco)
         self._model = spec.compile()
-        self._model.dof_armature[self._joints] = self.drives.inertia
+        self._model.dof_armature[self._joints] = self.inertia
         self._data = mujoco.MjData(self._model)
         self._data.qpos[self._joints], self._data.qvel[self._joints] = self.q, self.v
 
     def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
-        d, data, there, mujoco = self.drives, self._data, self._joints, _mujoco()
-        due = command - d.lag * rate
+        data, there, mujoco = self._data, self._joints, _mujoco()
+        due = command - self.lag * rate
         for _ in range(self._n_substeps):
             q, v = data.qpos[there], data.qvel[there]
-            tau = gravity + d.kp * (due - q) + d.kd * (rate - v)
-            data.qfrc_applied[there] = np.clip(tau, -d.effort, d.effort)
+            tau = gravity + self.kp * (due - q) + self.kd * (rate - v)
+            data.qfrc_applied[there] = np.clip(tau, -self.effort, self.effort)
             mujoco.mj_step(self._model, data)
         self.q, self.v = data.qpos[there], data.qvel[there]
 

@@ -21,9 +21,8 @@ from ..exceptions import SimulationError, shown, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
-from .controller import ControllerOptions, ControllerState, GoalResult, TrajectoryController
-from .messages import TrajectoryMessage, to_message
-from .plant import PERIOD, MujocoPlant, PinocchioPlant
+from .controller import ControllerState, TrajectoryController, TrajectoryMessage, to_message
+from .plant import PERIOD, MujocoPlant, Plant
 
 
 @dataclass
@@ -93,37 +92,30 @@ class Record:
     measured : array, shape (n_cycles, n_joints)
         Positions before the command, without noise [rad or m].
     cuts : list of int
-        Cycles whose commands may jump: the controller was restarted,
-        deactivated, or held the measured position.
+        Cycles whose commands may jump: the controller was restarted or deactivated, or its goal
+        was cancelled.
     """
 
     def __init__(self, n_joints: int) -> None:
-        self._n = n_joints
-        self._size = 0
-        self._rows = np.empty((4096, 3 + 4 * n_joints))
-        self._columns: dict[str, int | slice] = {"times": 0, "clock": 1, "scaling": 2}
-        for k, name in enumerate(("q", "v", "a", "measured")):
-            self._columns[name] = slice(3 + k * n_joints, 3 + (k + 1) * n_joints)
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("times", "clock", "scaling"), ())
+        shapes |= dict.fromkeys(("q", "v", "a", "measured"), (n_joints,))
+        self._names, self._size = tuple(shapes), 0
+        self._rows = np.empty(4096, [(name, float, shape) for name, shape in shapes.items()])
         self.cuts: list[int] = []
 
     def __len__(self) -> int:
         return self._size
 
     def __getattr__(self, name: str) -> FloatArray:
-        if name.startswith("_") or name not in self._columns:
+        if name.startswith("_") or name not in self._names:
             raise AttributeError(name)
-        return self._rows[: self._size, self._columns[name]]
+        return np.asarray(self._rows[name][: self._size])
 
-    def append(
-        self, stamps: tuple[float, float, float], command: FloatArray, measured: FloatArray
-    ) -> None:
-        """Add a cycle: its time, clock and scaling; q, v and a in a row; measured positions."""
+    def append(self, *row: float | FloatArray) -> None:
+        """Add a cycle: the values of all columns, in the order above."""
         if self._size == len(self._rows):
             self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        row = self._rows[self._size]
-        row[:3] = stamps
-        row[3 : -self._n] = command
-        row[-self._n :] = measured
+        self._rows[self._size] = row
         self._size += 1
 
     def clear(self) -> None:
@@ -133,14 +125,14 @@ class Record:
 
     def arrays(self) -> dict[str, FloatArray]:
         """Every array by name, for :func:`numpy.savez`."""
-        arrays = {name: getattr(self, name) for name in self._columns}
+        arrays = {name: getattr(self, name) for name in self._names}
         return arrays | {"cuts": np.array(self.cuts)}
 
 
 CYCLE_NS = round(PERIOD * NS_PER_S)
 """Time of one step of the robot [ns]."""
 
-_PLANTS = {"pinocchio": PinocchioPlant, "mujoco": MujocoPlant}
+_PLANTS = {"pinocchio": Plant, "mujoco": MujocoPlant}
 
 
 class SimulatedRobot:
@@ -152,8 +144,6 @@ class SimulatedRobot:
         The arm.
     start : array, shape (n_joints,)
         Positions at the start, at rest [rad or m].
-    options : ControllerOptions
-        Parameters of the controller.
     seed : int
         Of delays, losses and noise.
     plant : str
@@ -167,6 +157,8 @@ class SimulatedRobot:
     ----------
     joint_names : tuple of str
         Joints of the controller.
+    controller : TrajectoryController
+        The controller.
     time_ns, state_time_ns : int
         The present time, and the stamp of the newest joint state [ns].
     faults : Faults
@@ -192,7 +184,6 @@ class SimulatedRobot:
         self,
         robot: Robot,
         start: ArrayLike,
-        options: ControllerOptions | None = None,
         *,
         seed: int = 0,
         plant: str = "pinocchio",
@@ -211,7 +202,7 @@ class SimulatedRobot:
         self.n_received = 0
         self.taken: list[tuple[int, int]] = []
         self._plant = _PLANTS[plant](robot, q)
-        self._controller = TrajectoryController(self.joint_names, q, options, robot.continuous)
+        self.controller = TrajectoryController(self.joint_names, q, robot.continuous)
         self.time_ns = self.state_time_ns = time_ns
         self.state_period_ns = round(NS_PER_S / state_rate)
         self._filters = [1.0, 1.0, 1.0]
@@ -263,30 +254,21 @@ class SimulatedRobot:
             due = max(due, self._under_way[-1][0])
         self._under_way.append((due, message, goal))
 
-    def rejection(self, message: TrajectoryMessage) -> str | None:
-        """Why the controller would reject a message now; None if it would accept it."""
-        return self._controller.rejection(message, self.time_ns)
-
     def cancel(self, goal: Hashable) -> bool:
         """Cancel a goal of the action at once; returns whether it was being executed."""
-        is_running = self._controller.cancel(goal)
+        is_running = self.controller.cancel(goal)
         if is_running:
             self.record.cuts += [len(self.record), len(self.record) + 1]
         return is_running
 
-    @property
-    def results(self) -> list[GoalResult]:
-        """How goals of the action ended, the newest last."""
-        return self._controller.results
-
     def controller_state(self) -> ControllerState | None:
         """What the controller stated of itself in the last cycle; None while it is inactive."""
-        return self._controller.state(self.time_ns) if self._controller.is_active else None
+        return self.controller.state(self.time_ns) if self.controller.is_active else None
 
     def step(self) -> None:
         """Advance by 1 ms."""
         self.time_ns += CYCLE_NS
-        controller, faults = self._controller, self.faults
+        controller, faults = self.controller, self.faults
         if faults.active != controller.is_active:
             self._activate(faults.active)
         if faults.payload != self._payload:
@@ -299,19 +281,14 @@ class SimulatedRobot:
         if self._filters[-1] != target:
             self._filters = _smoothed(self._filters, target)
         controller.speed_scaling = self._filters[-1]
-        n_holds = controller.n_holds
         command = controller.update(self.time_ns, CYCLE_NS, self._measured)
-        if controller.n_holds != n_holds:
-            # The command is repeated in this cycle, and replaced by what is measured in the next.
-            self.record.cuts += [len(self.record), len(self.record) + 1]
-        clock = controller.clock_ns / NS_PER_S
-        self.record.append((self.time, clock, controller.speed_scaling), command, self._plant.q)
+        clock, rows = controller.clock_ns / NS_PER_S, command.reshape(3, -1)
+        self.record.append(self.time, clock, controller.speed_scaling, *rows, self._plant.q)
         if not faults.silent and self.time_ns - self.state_time_ns >= self.state_period_ns:
             self._state, self.state_time_ns = self._measured, self.time_ns
-        positions = command[: len(self.joint_names)]
         # Drives ignore NaN.
-        if math.isfinite(positions.sum()):
-            self._plant.step(positions)
+        if math.isfinite(rows[0].sum()):
+            self._plant.step(rows[0])
 
     def set_time(self, time_ns: int) -> None:
         """Set the clock [ns]; neither the arm nor its controller moves meanwhile."""
@@ -336,11 +313,11 @@ class SimulatedRobot:
 
     def _activate(self, active: bool) -> None:
         self.record.cuts.append(len(self.record))
-        (self._controller.activate if active else self._controller.deactivate)()
+        (self.controller.activate if active else self.controller.deactivate)()
 
     def _deliver(self, message: TrajectoryMessage, goal: Hashable | None) -> None:
         self.n_received += 1
-        reason = self._controller.receive(message, self.time_ns, goal)
+        reason = self.controller.receive(message, self.time_ns, goal)
         if reason is not None:
             self.rejections.append((self.time, reason))
         else:

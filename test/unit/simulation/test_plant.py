@@ -14,7 +14,7 @@ from arm import JOINTS, arm_robot
 from mp_pca_planner.exceptions import MissingDependencyError, SimulationError
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
-from mp_pca_planner.simulation.plant import PERIOD, Drives, MujocoPlant, PinocchioPlant
+from mp_pca_planner.simulation.plant import PERIOD, MujocoPlant, Plant
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 START = np.array([0.3, 0.4, -0.2, 0.9])
@@ -25,7 +25,7 @@ SIGNS = np.array([1.0, 1.0, 1.0, -1.0])
 def kind(request):
     """Each physics engine."""
     if request.param == "pinocchio":
-        return PinocchioPlant
+        return Plant
     pytest.importorskip("mujoco", reason="MuJoCo (extra 'sim') is not installed")
     return MujocoPlant
 
@@ -69,22 +69,22 @@ def test_payload_makes_the_arm_sag_by_its_statics(kind, mass):
     for _ in range(3000):
         plant.step(START)
     missing = gravity_with(mass, plant.q) - gravity_with(0.0, plant.q)
-    np.testing.assert_allclose(plant.drives.kp * (START - plant.q), missing, atol=1e-3)
+    np.testing.assert_allclose(plant.kp * (START - plant.q), missing, atol=1e-3)
     assert np.abs(plant.q - START).max() > 1e-4
 
 
 def test_energy_of_a_disturbed_arm_only_falls():
     """Kinetic energy and that of the drives' springs; gravity is compensated."""
-    plant = PinocchioPlant(arm_robot(), START)
+    plant = Plant(arm_robot(), START)
     plant.q, plant.v = START + 0.05 * SIGNS, np.array([0.5, -1.0, 1.0, 0.4])
     model = pin.buildModelFromXML(URDF)
-    data, drives = model.createData(), plant.drives
+    data = model.createData()
 
     def energy():
         M = np.triu(pin.crba(model, data, plant.q))
-        M = M + np.triu(M, 1).T + np.diag(drives.inertia)
+        M = M + np.triu(M, 1).T + np.diag(plant.inertia)
         e = plant.q - START
-        return 0.5 * plant.v @ M @ plant.v + 0.5 * e @ (drives.kp * e)
+        return 0.5 * plant.v @ M @ plant.v + 0.5 * e @ (plant.kp * e)
 
     energies = []
     for _ in range(500):
@@ -103,20 +103,20 @@ def test_steady_motion_is_followed_with_the_lag_of_the_drives(kind):
         before = plant.q
         plant.step(command)
     lag = (command - before) / rate
-    np.testing.assert_allclose(lag, plant.drives.lag, atol=1e-3)
+    np.testing.assert_allclose(lag, plant.lag, atol=1e-3)
 
 
 def test_drives_give_no_more_than_their_limits(kind):
     robot = limited(12.0)
     plant = kind(robot, START)
     model = pin.buildModelFromXML(URDF)
-    data, drives = model.createData(), plant.drives
+    data = model.createData()
     acting = []
     for _ in range(200):
         q, v = plant.q, plant.v
         plant.step(START + 0.8 * SIGNS)
         a = (plant.v - v) / PERIOD
-        acting.append(pin.rnea(model, data, q, v, a) + drives.inertia * a)
+        acting.append(pin.rnea(model, data, q, v, a) + plant.inertia * a)
     # The state at the start of a step stands for that in it.
     assert 11.5 < np.abs(acting).max() < 13.5
 
@@ -147,7 +147,7 @@ def test_order_of_the_joints_changes_nothing(kind):
 
 def test_both_engines_move_the_arm_alike():
     pytest.importorskip("mujoco", reason="MuJoCo (extra 'sim') is not installed")
-    plants = [PinocchioPlant(arm_robot(), START), MujocoPlant(arm_robot(), START)]
+    plants = [Plant(arm_robot(), START), MujocoPlant(arm_robot(), START)]
     for k in range(800):
         goal = START + 0.5 * (1.0 - np.cos(0.01 * k)) * np.array([1.0, -0.5, 0.7, 0.2])
         for plant in plants:
@@ -162,11 +162,9 @@ def test_without_mujoco_the_message_names_the_extra(monkeypatch):
         MujocoPlant(arm_robot(), START)
 
 
-def test_mass_matrix_that_is_not_positive_definite_is_refused(monkeypatch):
+def test_mass_matrix_that_is_not_positive_definite_is_refused():
     robot = arm_robot()
     robot = robot.with_link_inertias(np.zeros((len(robot.link_inertias.links), 4)))
-    drives = Drives(*(np.zeros(4),) * 3, np.full(4, np.inf))
-    monkeypatch.setattr(Drives, "of", lambda _: drives)
-    plant = PinocchioPlant(robot, START)
+    plant = Plant(robot, START)
     with pytest.raises(SimulationError, match="valid inertial"):
         plant.step(START)

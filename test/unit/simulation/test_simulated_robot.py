@@ -11,7 +11,6 @@ from referee import judge
 
 from mp_pca_planner.exceptions import SimulationError
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.simulation.controller import ControllerOptions
 from mp_pca_planner.simulation.robot import Faults, SimulatedRobot
 
 START = np.array([0.1, 0.2, 0.0, 0.8])
@@ -192,15 +191,6 @@ def test_controller_that_is_restarted_holds_and_the_step_is_marked():
     assert not judge(simulated.record.q, simulated.record.clock, LIMITS).is_clean
     simulated.send(motion(simulated.record.q[-1].copy(), np.zeros(4)))
     assert steps(simulated, 10).rejections == []
-
-
-def test_position_that_is_held_for_a_tolerance_is_marked():
-    simulated = robot(options=ControllerOptions(state_tolerance=0.001))
-    simulated.send(motion())
-    steps(simulated, 1000)
-    _, cut = simulated.record.cuts
-    assert commands(simulated).is_clean
-    assert np.abs(simulated.record.q[cut] - simulated.record.q[cut - 1]).max() > 5e-4
 
 
 def test_same_seed_gives_the_same_to_the_last_bit_and_another_does_not():
