@@ -18,16 +18,30 @@ from typing import Any, TypeVar
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
 from ...files import load_yaml, read_bytes
 from ..joint_states import RawJointStates, slice_joint_states
-from .discovery import METADATA, PACKED_SUFFIXES, BagFormat, bag_files, translated_os_errors
-from .discovery import bag_format as format_of
-from .formats import McapFile, Rosbag1File, Sqlite3File
-from .serialisation import JOINT_STATE, JOINT_TRAJECTORY, BagTypes
+from .discovery import (
+    METADATA,
+    PACKED_SUFFIXES,
+    BagFormat,
+    bag_files,
+    bag_format,
+    translated_os_errors,
+)
+from .formats import McapFile, Rosbag1File, Sqlite3File, StorageFile
+from .serialisation import (
+    JOINT_STATE,
+    JOINT_TRAJECTORY,
+    Types,
+    decoder,
+    defined_types,
+    encoder,
+    field_of_states,
+    known_types,
+    states_in_field,
+)
 from .storage import (
     ZSTD_MAGIC,
     Channel,
     DamageError,
-    Key,
-    StorageFile,
     StoredMessage,
     copy_unpacked,
     unpacked,
@@ -73,16 +87,8 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
     RecordingError
         If it can't be read.
     """
-    bag_format = format_of(path)
     with _hint_at_salvage(salvage), ExitStack() as stack:
-        files = RecordingFiles(path, bag_format)
-        try:
-            counts, has_index = files.open_by_index(stack), True
-        except DamagedRecordingError:
-            counts, has_index = files.open_damaged(stack) if salvage else Counter(), False
-            if not counts:
-                raise
-        yield Bag(path, bag_format, files, counts, salvage=salvage, has_index=has_index)
+        yield Bag(path, stack, salvage=salvage)
 
 
 class Bag:
@@ -100,24 +106,57 @@ class Bag:
         Notes on the last reading of messages, one sentence each.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        bag_format: BagFormat,
-        files: RecordingFiles,
-        counts: Counter[Channel],
-        *,
-        salvage: bool,
-        has_index: bool,
-    ) -> None:
-        self.path, self.format = path, bag_format
+    def __init__(self, path: Path, stack: ExitStack, *, salvage: bool) -> None:
+        self.path, self.format = path, bag_format(path)
         self.notes: tuple[str, ...] = ()
-        self._files, self._salvage, self._has_index = files, salvage, has_index
-        totals: Counter[Key] = Counter()
-        for channel, count in counts.items():
-            totals[channel.key] += count
-        self.topics = tuple(Topic(*key, count) for key, count in sorted(totals.items()))
-        self._types = BagTypes(bag_format, {c.key: c.definition for c in counts if c.definition})
+        self._files: list[StorageFile] = []
+        self._notes_on_files: tuple[str, ...] = ()
+        self._salvage, self._has_index = salvage, True
+        self._defined: dict[Channel, Types] = {}
+        try:
+            counts = self._open_by_index(stack)
+        except DamagedRecordingError:
+            counts = self._open_damaged(stack) if salvage else Counter()
+            if not counts:
+                raise
+            self._has_index = False
+        self.topics = tuple(Topic(*channel, count) for channel, count in sorted(counts.items()))
+
+    def _open_by_index(self, stack: ExitStack) -> Counter[Channel]:
+        """Open the files; return the number of messages of each channel, by their indices."""
+        if self.path.is_file():
+            # Errors of the file system do not count as damage of the recording.
+            with translated_os_errors(self.path), self.path.open("rb") as file:
+                file.read(1)
+        counts: Counter[Channel] = Counter()
+        with self._damage_reported():
+            files = bag_files(self.path)
+            if (self.path / METADATA).exists():
+                files = _read_metadata(self.path)
+            elif self.path.is_dir():
+                note = f"{METADATA} is missing: the files are read in the order of their numbers"
+                self._notes_on_files = (note,)
+            logs = [log.name for file in files for log in _logs(file)]
+            if logs:
+                left = quote_names(logs)
+                note = f"the recorder did not finish: the samples in {left} are also used"
+                self._notes_on_files += (note,)
+            self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
+            for part in self._files:
+                # Channels without messages are included.
+                for channel, count in part.index().items():
+                    counts[channel] += count
+        return counts
+
+    def _open_damaged(self, stack: ExitStack) -> Counter[Channel]:
+        """Open the files; return the number of messages of each channel before the damage."""
+        files = _plain_files(bag_files(self.path), stack, damaged=True)
+        self._files = [_READERS[file.suffix](file) for file in files]
+        counts: Counter[Channel] = Counter()
+        with suppress(DamagedRecordingError), self._damage_reported():
+            for channel, _, _ in self._stored():
+                counts[channel] += 1
+        return counts
 
     def read(self, topics: Collection[Topic], use: Callable[[Iterator[Stored]], Result]) -> Result:
         """Call a function with the messages of some topics, up to the damage of a damaged bag.
@@ -152,7 +191,7 @@ class Bag:
             If it does not hold such a message.
         """
         with self._damage_reported():
-            return self._types.decode((topic.name, topic.type), data)
+            return self._decoded(Channel(topic.name, topic.type), data)
 
     def joint_states(
         self,
@@ -210,34 +249,35 @@ class Bag:
         found = []
         for topic in self.topics:
             with suppress(RecordingError), self._damage_reported():
-                found.append((topic.name, self._types.states_field((topic.name, topic.type))))
+                types = self._own_types(Channel(topic.name, topic.type))
+                found.append((topic.name, field_of_states(types, topic.type)))
         return [(name, field) for name, field in found if field]
 
     def _all_messages(self, topics: Collection[Topic]) -> Iterator[Stored]:
         """Messages, whose number must be that of the index."""
-        keys = {(topic.name, topic.type): topic for topic in topics}
+        keys = {Channel(topic.name, topic.type): topic for topic in topics}
         count = 0
         with self._damage_reported():
-            for channel, stamp, data in self._files.messages(keys):
+            for channel, stamp, data in self._stored(keys):
                 count += 1
-                yield keys[channel.key], stamp, data
+                yield keys[channel], stamp, data
         indexed = sum(topic.count for topic in topics)
         if count != indexed:
             raise DamagedRecordingError(
                 f"'{self.path}' is damaged: its index says {indexed} messages on the topic, "
                 f"{count} can be read"
             )
-        self.notes = self._files.notes
+        self.notes = self._notes_on_files
 
     def _before_damage(self, topics: Collection[Topic]) -> Iterator[Stored]:
         """Messages before the damage; the damage may also be within a message."""
-        keys = {(topic.name, topic.type): topic for topic in topics}
+        keys = {Channel(topic.name, topic.type): topic for topic in topics}
         count, reason = 0, "its index"
         try:
-            for channel, stamp, data in self._files.messages(keys):
-                self._types.decode(channel.key, data)
+            for channel, stamp, data in self._stored(keys):
+                self._decoded(channel, data)
                 count += 1
-                yield keys[channel.key], stamp, data
+                yield keys[channel], stamp, data
         # Every error in a damaged file counts as damage, see `_damage_reported`.
         except Exception as error:
             reason = f"after message {count}: {error}"
@@ -245,13 +285,46 @@ class Bag:
             f"it is damaged ({reason}): only the {count} messages before the damage are used",
         )
 
+    def _stored(self, channels: Collection[Channel] | None = None) -> Iterator[StoredMessage]:
+        """Messages of some channels (all by default), each unpacked."""
+        for file in self._files:
+            messages = file.messages(channels)
+            # All messages of a file are packed, or none; CDR never begins as zstd does.
+            for first in messages:
+                whole: Iterator[StoredMessage] = chain([first], messages)
+                if first[2].startswith(ZSTD_MAGIC):
+                    whole = ((c, stamp, unpacked("zstd", data)) for c, stamp, data in whole)
+                yield from whole
+
+    def _decoded(self, channel: Channel, data: bytes) -> Any:
+        """A message of a known type, else of a type that the bag defines."""
+        types = known_types(self.format)
+        if channel.type not in types.types:
+            types = self._own_types(channel)
+        return decoder(types, self.format)(data, channel.type)
+
+    def _own_types(self, channel: Channel) -> Types:
+        """Types as the bag itself defines them."""
+        if channel not in self._defined:
+            definitions = [file.definitions.get(channel) for file in self._files]
+            text = next(filter(None, reversed(definitions)), None)
+            if text is None:
+                raise RecordingError(
+                    f"'{channel.topic}' has messages of type {channel.type}, which the bag does "
+                    "not define as .msg text: only fields of defined messages can be read"
+                )
+            self._defined[channel] = defined_types(text, channel.type)
+        return self._defined[channel]
+
     def _field_reader(self, topic: Topic, field: str) -> Callable[[bytes], bytes]:
+        """A function from a message to the joint states in a field of it, both serialised."""
         with self._damage_reported():
-            read = self._types.field_reader((topic.name, topic.type), field)
+            decode = decoder(self._own_types(Channel(topic.name, topic.type)), self.format)
+        encode = encoder(known_types(self.format), self.format)
 
         def extracted(data: bytes) -> bytes:
             with self._damage_reported():
-                return read(data)
+                return bytes(encode(states_in_field(decode(data, topic.type), field), JOINT_STATE))
 
         return extracted
 
@@ -312,94 +385,15 @@ def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:
 METADATA_VERSION = 9
 """Newest supported version of metadata.yaml."""
 
-_READERS: dict[str, Callable[[Path], StorageFile]] = {
+_READERS: dict[str, type[StorageFile]] = {
     ".bag": Rosbag1File,
     ".db3": Sqlite3File,
     ".mcap": McapFile,
 }
 
 
-class RecordingFiles:
-    """The storage files of a recording.
-
-    Parameters
-    ----------
-    path :
-        The recording.
-    bag_format :
-        Its storage format.
-
-    Attributes
-    ----------
-    notes : tuple of str
-        Notes on them, one sentence each.
-    """
-
-    def __init__(self, path: Path, bag_format: BagFormat) -> None:
-        self._path, self._format = path, bag_format
-        self._files: list[StorageFile] = []
-        self.notes: tuple[str, ...] = ()
-
-    def open_by_index(self, stack: ExitStack) -> Counter[Channel]:
-        """Open the files; return the number of messages of each channel, by their indices.
-
-        Parameters
-        ----------
-        stack :
-            Removes temporary files at its end.
-
-        Raises
-        ------
-        RecordingError
-            If a file or an index is damaged.
-        """
-        if self._path.is_file():
-            # Errors of the file system do not count as damage of the recording.
-            with translated_os_errors(self._path), self._path.open("rb") as file:
-                file.read(1)
-        counts: Counter[Channel] = Counter()
-        with damage_reported(self._path, self._format):
-            files = bag_files(self._path)
-            if (self._path / METADATA).exists():
-                files = _read_metadata(self._path)
-            elif self._path.is_dir():
-                note = f"{METADATA} is missing: the files are read in the order of their numbers"
-                self.notes = (note,)
-            logs = [log.name for file in files for log in _logs(file)]
-            if logs:
-                left = quote_names(logs)
-                self.notes += (f"the recorder did not finish: the samples in {left} are also used",)
-            self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
-            for part in self._files:
-                # Channels without messages are included.
-                for channel, count in part.index().items():
-                    counts[channel] += count
-        return counts
-
-    def open_damaged(self, stack: ExitStack) -> Counter[Channel]:
-        """Open the files; return the number of messages of each channel before the damage."""
-        files = _plain_files(bag_files(self._path), stack, damaged=True)
-        self._files = [_READERS[file.suffix](file) for file in files]
-        counts: Counter[Channel] = Counter()
-        with suppress(DamagedRecordingError), damage_reported(self._path, self._format):
-            for channel, _, _ in self.messages():
-                counts[channel] += 1
-        return counts
-
-    def messages(self, keys: Collection[Key] | None = None) -> Iterator[StoredMessage]:
-        """Messages of some channels (all by default), each unpacked."""
-        for file in self._files:
-            messages = file.messages(keys)
-            # All messages of a file are packed, or none; CDR never begins as zstd does.
-            for first in messages:
-                whole: Iterator[StoredMessage] = chain([first], messages)
-                if first[2].startswith(ZSTD_MAGIC):
-                    whole = ((c, stamp, unpacked("zstd", data)) for c, stamp, data in whole)
-                yield from whole
-
-
 @contextmanager
-def damage_reported(path: Path, bag_format: BagFormat) -> Iterator[None]:
+def damage_reported(path: Path, storage: BagFormat) -> Iterator[None]:
     """Convert all errors of reading to a RecordingError that names the recording."""
     try:
         yield
@@ -413,7 +407,7 @@ def damage_reported(path: Path, bag_format: BagFormat) -> Iterator[None]:
     except Exception as error:
         reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise DamagedRecordingError(
-            f"'{path}' can't be read: damaged, cut off or no {bag_format} recording ({reason})"
+            f"'{path}' can't be read: damaged, cut off or no {storage} recording ({reason})"
         ) from error
 
 

@@ -24,45 +24,87 @@ from .storage import (
     Buffer,
     Channel,
     DamageError,
-    Key,
-    Pass,
     StoredMessage,
     by_reception,
+    check_size,
     mapped,
     ros2_type,
     total,
+    unpacked,
 )
 
 
-class ChunkedFile:
-    """A file of records, some of which are chunks of others, read from front to back.
+class StorageFile:
+    """A file of a recording.
 
     Parameters
     ----------
     path :
         The file.
+
+    Attributes
+    ----------
+    definitions : dict
+        Definitions of the types of channels as .msg text, of those that the file defines.
     """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.definitions: dict[Channel, str] = {}
+
+    def index(self) -> Counter[Channel]:
+        """Number of messages of each channel, by the index of the file."""
+        raise NotImplementedError
+
+    def messages(self, keys: Container[Channel] | None = None) -> Iterator[StoredMessage]:
+        """Messages of some channels (all by default), in order of writing up to the damage."""
+        raise NotImplementedError
+
+    def _define(self, channel: Channel, definition: str) -> None:
+        if definition:
+            self.definitions[channel] = definition
+
+
+class ChunkedFile(StorageFile):
+    """A file of records, some of which are chunks of others, read from front to back."""
 
     MAGIC = b""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        super().__init__(path)
         self._channels: dict[int, Channel] = {}
+        # Of the present reading: its channels, all those to be read by number, and the size of the
+        # file and of its chunks so far, unpacked [bytes].
+        self._keys: Container[Channel] | None = None
+        self._read: dict[int, Channel] = {}
+        self._stored = self._unpacked = 0
 
-    def messages(self, keys: Container[Key] | None = None) -> Iterator[StoredMessage]:
+    def messages(self, keys: Container[Channel] | None = None) -> Iterator[StoredMessage]:
         """Messages up to the damage, or to the end; those of a chunk in order of reception."""
         with mapped(self._path) as content:
-            state = Pass(keys, len(content))
+            self._keys, self._read = keys, {}
+            self._stored, self._unpacked = len(content), 0
             for number, channel in self._channels.items():
-                state.add(number, channel)
-            yield from self._messages(content, self._start(content), state)
+                self._add(number, channel)
+            yield from self._messages(content, self._start(content))
 
     def _start(self, content: Buffer) -> int:
         if content[: len(self.MAGIC)] != self.MAGIC:
             raise DamageError(f"it does not begin with {self.MAGIC!r}")
         return len(self.MAGIC)
 
-    def _messages(self, content: Buffer, position: int, state: Pass) -> Iterator[StoredMessage]:
+    def _add(self, number: int, channel: Channel) -> None:
+        """Read the messages of a channel, if it is to be read."""
+        if self._keys is None or channel in self._keys:
+            self._read[number] = channel
+
+    def _unpack(self, compression: str, stored: bytes, size: int) -> bytes:
+        """Unpack a chunk within a bound on the size of all."""
+        self._unpacked += size
+        check_size(self._unpacked, self._stored)
+        return unpacked(compression, stored, size)
+
+    def _messages(self, content: Buffer, position: int) -> Iterator[StoredMessage]:
         raise NotImplementedError
 
 
@@ -76,7 +118,7 @@ Fields = dict[bytes, bytes]
 
 
 class Rosbag1File(ChunkedFile):
-    """A bag file of ROS 1, see :class:`.StorageFile`."""
+    """A bag file of ROS 1."""
 
     MAGIC = b"#ROSBAG V2.0\n"
 
@@ -94,7 +136,7 @@ class Rosbag1File(ChunkedFile):
                 raise DamageError("it has no index")
             for fields, _, start, end in _rosbag1_records(content, position):
                 if fields[b"op"] == _CONNECTION:
-                    self._channels[_number(fields)] = _connection(fields, content[start:end])
+                    self._channels[_number(fields)] = self._connection(fields, content[start:end])
                 elif fields[b"op"] == _CHUNK_INFO:
                     in_chunk = dict(struct.iter_unpack("<II", content[start:end]))
                     (chunk,) = struct.unpack("<Q", fields[b"chunk_pos"])
@@ -105,25 +147,32 @@ class Rosbag1File(ChunkedFile):
             raise DamageError("its index is cut off")
         return total(self._channels, counts)
 
-    def _messages(self, content: Buffer, position: int, state: Pass) -> Iterator[StoredMessage]:
+    def _messages(self, content: Buffer, position: int) -> Iterator[StoredMessage]:
         for fields, place, start, end in _rosbag1_records(content, position):
             kind = fields.get(b"op")
             if kind == _MESSAGE:
-                channel = state.channels.get(_number(fields))
+                channel = self._read.get(_number(fields))
                 if channel is not None:
                     seconds, nanoseconds = _TIME.unpack(fields[b"time"])
                     yield channel, seconds * NS_PER_S + nanoseconds, content[start:end]
             elif kind == _CONNECTION:
-                state.add(_number(fields), _connection(fields, content[start:end]))
+                self._add(_number(fields), self._connection(fields, content[start:end]))
             elif kind == _CHUNK and (
-                place not in self._chunks or self._chunks[place] & state.channels.keys()
+                place not in self._chunks or self._chunks[place] & self._read.keys()
             ):
-                yield from self._chunk(fields, content[start:end], state)
+                yield from self._chunk(fields, content[start:end])
 
-    def _chunk(self, fields: Fields, stored: bytes, state: Pass) -> Iterator[StoredMessage]:
+    def _connection(self, fields: Fields, data: bytes) -> Channel:
+        about = _fields(data)
+        topic = re.sub("//+", "/", fields[b"topic"].decode())
+        channel = Channel(topic, ros2_type(about[b"type"].decode()))
+        self._define(channel, about.get(b"message_definition", b"").decode())
+        return channel
+
+    def _chunk(self, fields: Fields, stored: bytes) -> Iterator[StoredMessage]:
         (size,) = _U32.unpack(fields[b"size"])
-        records = state.unpack(fields[b"compression"].decode(), stored, size)
-        yield from by_reception(self._messages(records, 0, state))
+        records = self._unpack(fields[b"compression"].decode(), stored, size)
+        yield from by_reception(self._messages(records, 0))
 
 
 def _rosbag1_records(content: Buffer, position: int) -> Iterator[tuple[Fields, int, int, int]]:
@@ -167,21 +216,12 @@ def _number(fields: Fields) -> int:
     return number
 
 
-def _connection(fields: Fields, data: bytes) -> Channel:
-    about = _fields(data)
-    return Channel(
-        re.sub("//+", "/", fields[b"topic"].decode()),
-        ros2_type(about[b"type"].decode()),
-        about.get(b"message_definition", b"").decode(),
-    )
-
-
 MCAP_HEAD = struct.Struct("<BQ")
 MCAP_MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
 class McapFile(ChunkedFile):
-    """A file of mcap, see :class:`.StorageFile`."""
+    """A file of mcap."""
 
     MAGIC = b"\x89MCAP0\r\n"
     # Codes of records.
@@ -208,11 +248,11 @@ class McapFile(ChunkedFile):
             return Counter(channel for channel, _, _ in self.messages())
         return total(self._channels, counts)
 
-    def _messages(self, content: Buffer, position: int, state: Pass) -> Iterator[StoredMessage]:
+    def _messages(self, content: Buffer, position: int) -> Iterator[StoredMessage]:
         for kind, start, end in mcap_records(content, position, len(content)):
             if kind == self.MESSAGE:
                 number, _, stamp, _ = MCAP_MESSAGE_HEAD.unpack_from(content, start)
-                channel = state.channels.get(number)
+                channel = self._read.get(number)
                 if channel is not None:
                     if stamp >= 1 << 63:  # Larger numbers are no times.
                         raise DamageError(f"a message was received at {stamp} ns")
@@ -220,18 +260,18 @@ class McapFile(ChunkedFile):
             elif kind == self.SCHEMA:
                 self._add_schema(content, start)
             elif kind == self.CHANNEL:
-                state.add(*self._channel(content, start))
+                self._add(*self._channel(content, start))
             elif kind == self.CHUNK:
-                yield from self._chunk(content, start, state)
+                yield from self._chunk(content, start)
             elif kind == self.DATA_END:
                 return
 
-    def _chunk(self, content: Buffer, start: int, state: Pass) -> Iterator[StoredMessage]:
+    def _chunk(self, content: Buffer, start: int) -> Iterator[StoredMessage]:
         size, checksum = struct.unpack_from("<QI", content, start + 16)
         compression, place = mcap_text(content, start + 28)
         (stored,) = struct.unpack_from("<Q", content, place)
-        records = state.unpack(compression, content[place + 8 : place + 8 + stored], size)
-        yield from by_reception(self._messages(records, 0, state))
+        records = self._unpack(compression, content[place + 8 : place + 8 + stored], size)
+        yield from by_reception(self._messages(records, 0))
         if len(records) != size or (checksum and crc32(records) != checksum):
             raise DamageError(f"the chunk at byte {start} is not as written")
 
@@ -254,7 +294,10 @@ class McapFile(ChunkedFile):
 
     def _channel(self, content: Buffer, start: int) -> tuple[int, Channel]:
         number, schema = struct.unpack_from("<HH", content, start)
-        return number, Channel(mcap_text(content, start + 4)[0], *self._schemas[schema])
+        kind, definition = self._schemas[schema]
+        channel = Channel(mcap_text(content, start + 4)[0], kind)
+        self._define(channel, definition)
+        return number, channel
 
 
 def mcap_records(content: Buffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
@@ -280,11 +323,8 @@ def mcap_text(content: Buffer, position: int) -> tuple[str, int]:
     return content[position + 4 : end].decode(), end
 
 
-class Sqlite3File:
-    """An sqlite3 file of rosbag2, see :class:`.StorageFile`."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
+class Sqlite3File(StorageFile):
+    """An sqlite3 file of rosbag2."""
 
     def index(self) -> Counter[Channel]:
         """Count the rows of the messages."""
@@ -292,13 +332,13 @@ class Sqlite3File:
             counts = dict(
                 database.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id")
             )
-            return total(_channels(database), counts)
+            return total(self._channels(database), counts)
 
-    def messages(self, keys: Container[Key] | None = None) -> Iterator[StoredMessage]:
+    def messages(self, keys: Container[Channel] | None = None) -> Iterator[StoredMessage]:
         """Messages up to the damage, or to the end."""
         with _opened(self._path, cut_off=True) as database:
-            channels = _channels(database)
-            chosen = {n for n, c in channels.items() if keys is None or c.key in keys}
+            channels = self._channels(database)
+            chosen = {n for n, c in channels.items() if keys is None or c in keys}
             # Data of other topics, such as images, is not read. Columns may hold any type.
             rows = database.execute(
                 "SELECT id, topic_id, timestamp, CASE WHEN typeof(timestamp) = 'integer' "
@@ -314,6 +354,16 @@ class Sqlite3File:
                 last = row
                 if data is not None:
                     yield channels[number], stamp, data
+
+    def _channels(self, database: sqlite3.Connection) -> dict[int, Channel]:
+        definitions = _definitions(database)
+        channels = {}
+        for number, name, kind in database.execute("SELECT id, name, type FROM topics"):
+            if (type(number), type(name), type(kind)) != (int, str, str):
+                raise DamageError(f"topic {number!r:.40} has a name or type that is no text")
+            channels[number] = Channel(name, ros2_type(kind))
+            self._define(channels[number], definitions.get(kind, ""))
+        return channels
 
 
 @contextmanager
@@ -338,16 +388,6 @@ def _opened(path: Path, *, cut_off: bool = False) -> Iterator[sqlite3.Connection
         for (name,) in views:
             raise DamageError(f"'{name}' is a view: bags have tables only")
         yield database
-
-
-def _channels(database: sqlite3.Connection) -> dict[int, Channel]:
-    definitions = _definitions(database)
-    channels = {}
-    for number, name, kind in database.execute("SELECT id, name, type FROM topics"):
-        if (type(number), type(name), type(kind)) != (int, str, str):
-            raise DamageError(f"topic {number!r:.40} has a name or type that is no text")
-        channels[number] = Channel(name, ros2_type(kind), definitions.get(kind, ""))
-    return channels
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, str]:

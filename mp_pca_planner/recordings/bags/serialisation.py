@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -26,7 +26,6 @@ from ...input_limits import INPUT_LIMITS
 from ...motion.trajectory import Trajectory
 from ..joint_states import ENCAPSULATION, NS_PER_S, most_spare_bytes
 from .discovery import FORMAT_OF_SUFFIX, BagFormat, recordings_in
-from .storage import Key
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -48,7 +47,7 @@ def known_types(bag_format: BagFormat) -> Types:
     return types
 
 
-def _defined_types(definition: str, name: str) -> Types:
+def defined_types(definition: str, name: str) -> Types:
     """A type and those within it, as a bag defines them.
 
     Raises
@@ -82,50 +81,8 @@ def encoder(types: Types, bag_format: BagFormat) -> Callable[[object, str], memo
     return encode
 
 
-class BagTypes:
-    """Types of messages, from rosbags or from definitions in the bag.
-
-    Parameters
-    ----------
-    bag_format :
-        Format of the bag.
-    definitions :
-        Definitions in the bag as .msg text, by topic and type.
-    """
-
-    def __init__(self, bag_format: BagFormat, definitions: Mapping[Key, str]) -> None:
-        self._format, self._definitions = bag_format, definitions
-        self._defined: dict[Key, Types] = {}
-
-    def decode(self, key: Key, data: bytes) -> Any:
-        """Deserialise a message of a known type, else of a type that the bag defines."""
-        known = known_types(self._format)
-        types = known if key[1] in known.types else self._own(key)
-        return decoder(types, self._format)(data, key[1])
-
-    def states_field(self, key: Key) -> str:
-        """Name of a field that is a JointState, '' if the type has none."""
-        return _field_of_states(self._own(key), key[1])
-
-    def field_reader(self, key: Key, field: str) -> Callable[[bytes], bytes]:
-        """A function from a message to the joint states in a field of it, both serialised."""
-        decode = decoder(self._own(key), self._format)
-        encode = encoder(known_types(self._format), self._format)
-        return lambda data: bytes(encode(_field(decode(data, key[1]), field), JOINT_STATE))
-
-    def _own(self, key: Key) -> Types:
-        """Types as the bag itself defines them."""
-        if key not in self._defined:
-            if key not in self._definitions:
-                raise RecordingError(
-                    f"'{key[0]}' has messages of type {key[1]}, which the bag does not define "
-                    "as .msg text: only fields of defined messages can be read"
-                )
-            self._defined[key] = _defined_types(self._definitions[key], key[1])
-        return self._defined[key]
-
-
-def _field(message: Any, field: str) -> Any:
+def states_in_field(message: Any, field: str) -> Any:
+    """The joint states in a field of a message, with dots where it is within other fields."""
     for name in field.split("."):
         valid = [item.name for item in fields(message)] if is_dataclass(message) else []
         if name not in valid:
@@ -160,7 +117,7 @@ def _n_empty(value: Any) -> int:
     return sum(map(_n_empty, vars(value).values())) if hasattr(value, "__msgtype__") else 0
 
 
-def _field_of_states(types: Types, name: str) -> str:
+def field_of_states(types: Types, name: str) -> str:
     """Name of the first field that is a JointState, with dots where it is within others, or ''."""
     paths = {name: ""}
     waiting = [name]

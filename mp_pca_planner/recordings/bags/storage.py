@@ -9,13 +9,12 @@ import mmap
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
@@ -28,31 +27,12 @@ else:
 
 Buffer = bytes | mmap.mmap
 
-Key = tuple[str, str]
-"""Topic and type."""
-
 
 class Channel(NamedTuple):
-    """A topic and the type of its messages.
-
-    Attributes
-    ----------
-    topic : str
-        Name of the topic.
-    type : str
-        Type of its messages as ROS 2 writes it (``pkg/msg/Name``).
-    definition : str
-        Definition of the type as .msg text, '' if the file has none.
-    """
+    """A topic and the type of its messages, as ROS 2 writes it (``pkg/msg/Name``)."""
 
     topic: str
     type: str
-    definition: str = ""
-
-    @property
-    def key(self) -> Key:
-        """Topic and type."""
-        return self.topic, self.type
 
 
 StoredMessage = tuple[Channel, int, bytes]
@@ -64,50 +44,7 @@ CLOCK_STEP = 50_000_000
 
 
 class DamageError(Exception):
-    """A file that can't be read from here on."""
-
-
-class StorageFile(Protocol):
-    """A file of a recording."""
-
-    def index(self) -> Counter[Channel]:
-        """Number of messages of each channel, by the index of the file."""
-
-    def messages(self, keys: Container[Key] | None = None) -> Iterator[StoredMessage]:
-        """Messages of some channels (all by default), in order of writing up to the damage."""
-
-
-@dataclass
-class Pass:
-    """State of one pass over a file.
-
-    Attributes
-    ----------
-    keys : container of Key, or None
-        Channels to read; None stands for all.
-    stored : int
-        Size of the file [bytes].
-    channels : dict
-        Channels to read, by their identifier in the file.
-    declared : int
-        Unpacked size of the chunks so far [bytes].
-    """
-
-    keys: Container[Key] | None
-    stored: int
-    channels: dict[int, Channel] = field(default_factory=dict)
-    declared: int = 0
-
-    def add(self, identifier: int, channel: Channel) -> None:
-        """Add a channel if it is to be read."""
-        if self.keys is None or channel.key in self.keys:
-            self.channels[identifier] = channel
-
-    def unpack(self, kind: str, data: bytes, declared: int) -> bytes:
-        """Unpack a chunk within a bound on the total size, see :func:`unpacked`."""
-        self.declared += declared
-        _check_size(self.declared, self.stored)
-        return unpacked(kind, data, declared)
+    """A file that can't be read from here on, such as one that unpacks to too many bytes."""
 
 
 def by_reception(messages: Iterator[StoredMessage]) -> Iterator[StoredMessage]:
@@ -165,10 +102,6 @@ _DECOMPRESSORS: Mapping[str, Callable[[], Any]] = {
 }
 
 
-class UnpackingError(Exception):
-    """Compressed content that is cut off or too large."""
-
-
 def unpacked(kind: str, data: bytes, declared: int | None = None) -> bytes:
     """Unpack a chunk or a message.
 
@@ -183,27 +116,27 @@ def unpacked(kind: str, data: bytes, declared: int | None = None) -> bytes:
 
     Raises
     ------
-    UnpackingError
+    DamageError
         If the compression is unknown, the content is cut off, or it is larger than declared or
         than is accepted.
     """
     if kind in ("", "none"):
         return data
     if kind not in _DECOMPRESSORS:
-        raise UnpackingError(f"compression '{kind}' is not known")
+        raise DamageError(f"compression '{kind}' is not known")
     accepted = INPUT_LIMITS.unpacked_bytes
     limit = accepted if declared is None else declared
     if limit > accepted:
-        raise UnpackingError(f"{limit:,} bytes are declared; accepted are {accepted:,}")
+        raise DamageError(f"{limit:,} bytes are declared; accepted are {accepted:,}")
     parts, size = [], 0
     while data:
         decompressor = _DECOMPRESSORS[kind]()
         parts.append(decompressor.decompress(data, max_length=limit - size + 1))
         size += len(parts[-1])
         if size > limit:
-            raise UnpackingError(f"it unpacks to more than {limit:,} bytes")
+            raise DamageError(f"it unpacks to more than {limit:,} bytes")
         if not decompressor.eof:
-            raise UnpackingError("the compressed content is cut off")
+            raise DamageError("the compressed content is cut off")
         data = decompressor.unused_data
     return b"".join(parts)
 
@@ -213,7 +146,7 @@ def copy_unpacked(source: Path, target: Path) -> None:
 
     Raises
     ------
-    UnpackingError
+    DamageError
         If the content is too large for its file, or for the disk.
     """
     stored = source.stat().st_size
@@ -222,17 +155,18 @@ def copy_unpacked(source: Path, target: Path) -> None:
     with zstd.open(source, "rb") as packed, target.open("wb") as file:
         while block := packed.read(1 << 16):
             size += len(block)
-            _check_size(size, stored)
+            check_size(size, stored)
             if size > room:
-                raise UnpackingError(
+                raise DamageError(
                     f"it unpacks to more than {room:,} bytes, too many for '{target.parent}'"
                 )
             file.write(block)
 
 
-def _check_size(size: int, stored: int) -> None:
+def check_size(size: int, stored: int) -> None:
+    """Raise a DamageError if `stored` bytes unpack to so many that no recording does."""
     limit = max(INPUT_LIMITS.unpacked_bytes, INPUT_LIMITS.unpacked_ratio * stored)
     if size > limit:
-        raise UnpackingError(
+        raise DamageError(
             f"its {stored:,} bytes unpack to {size:,} or more; accepted are {limit:,}"
         )

@@ -108,7 +108,7 @@ def test_chunk_of_ros_1_unpacks_to_what_it_declares(tmp_path: Path, compression:
 def test_bomb_of_any_compression_is_unpacked_to_the_limit_only(compression: str) -> None:
     stored = COMPRESS[compression](ZEROS[: 40 * MB])
     tracemalloc.start()
-    with pytest.raises(storage.UnpackingError, match="more than 1,000 bytes"):
+    with pytest.raises(storage.DamageError, match="more than 1,000 bytes"):
         storage.unpacked(compression, stored, 1000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
