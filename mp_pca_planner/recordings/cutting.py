@@ -23,7 +23,7 @@ from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .demonstration import Demonstration
 from .joint_states import RawJointStates
-from .recording_set import Overview
+from .recording_set import Overview, Segment
 from .repair import CleanRecording, Piece, repair
 from .segmentation import (
     MIN_EXTENT,
@@ -262,7 +262,7 @@ def counted(clean: CleanRecording, kind: str, n: int) -> CleanRecording:
     return replace(clean, repairs={**clean.repairs, kind: n}) if n else clean
 
 
-def cut_row(pieces: Sequence[SmoothPiece], row: SegmentRow) -> Cut:
+def cut_row(pieces: Sequence[SmoothPiece], row: Segment) -> Cut:
     """Cut the motion of a row of a table of segments.
 
     Raises
@@ -333,27 +333,7 @@ def overview(pieces: Sequence[SmoothPiece]) -> Overview:
 COLUMNS = ("recording", "start_time_s", "end_time_s")
 
 
-@dataclass(frozen=True)
-class SegmentRow:
-    """Row of a table of segments.
-
-    Attributes
-    ----------
-    start, end : float
-        Times since the recording's first message [s].
-    label : str
-        Content of the column `label` ('' if there is none).
-    where : str
-        File and line, for messages.
-    """
-
-    start: float
-    end: float
-    label: str
-    where: str
-
-
-def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, list[SegmentRow]]:
+def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, list[Segment]]:
     """Read the segments of each recording.
 
     Parameters
@@ -374,7 +354,7 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
         If the file can't be read, lacks a column, or a row names no given recording, holds no
         time span, or repeats another one; with the number of the line.
     """
-    segments: dict[str, list[SegmentRow]] = {}
+    segments: dict[str, list[Segment]] = {}
     seen: dict[tuple[str, float, float, str], str] = {}
     with reading(f"'{path}'", RecordingError):
         rows = csv.DictReader(io.StringIO(read_text(path), newline=""))
@@ -399,7 +379,7 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
     return segments
 
 
-def _segment(row: dict[str, str], where: str) -> SegmentRow:
+def _segment(row: dict[str, str], where: str) -> Segment:
     start, end = (_seconds(row[name], name, where) for name in COLUMNS[1:])
     latest = INPUT_LIMITS.segment_time
     if not 0.0 <= start < end <= latest:
@@ -407,7 +387,7 @@ def _segment(row: dict[str, str], where: str) -> SegmentRow:
             f"{where}: a motion must start at 0 s or later and end after its start, "
             f"at {latest:g} s at the latest, got {start:g} s to {end:g} s"
         )
-    return SegmentRow(start, end, row.get("label") or "", where)
+    return Segment(start, end, row.get("label") or "", where=where)
 
 
 def _seconds(text: str | None, column: str, where: str) -> float:
@@ -449,7 +429,7 @@ def segments_table(motions: Iterable[Any]) -> bytes:
 
 def segments_by_hand(
     path: str | Path | None, labels: Sequence[str] | None, names: Sequence[str]
-) -> dict[str, list[SegmentRow]] | None:
+) -> dict[str, list[Segment]] | None:
     """The rows of a table with some labels, by recording; None if there is no table.
 
     Parameters

@@ -16,7 +16,6 @@ import numpy as np
 from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
 from . import bags, cutting
 from .cache import ReadingCache
-from .cutting import SegmentRow
 from .demonstration import Demonstration
 from .reading import read_recording
 from .recording_set import MarkerResidual, RecordingReport, RecordingSet, Refusal, Segment
@@ -124,7 +123,7 @@ class LoadTask:
 
     path: bags.Recording
     name: str
-    segments: tuple[SegmentRow, ...] | None
+    segments: tuple[Segment, ...] | None
     options: LoadOptions
     least_extent: float = 0.0
     notes: tuple[str, ...] = ()

@@ -79,9 +79,51 @@ def random_reaches(
     """
     if n_motions < 1:
         raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
-    arm = _Arm(robot, limits)
-    kind = _ReachTask(arm, np.random.default_rng([task, robot.n_joints]))
-    return [kind.reach(np.random.default_rng([seed, task, i]), i) for i in range(n_motions)]
+    arm, n = _Arm(robot, limits), robot.n_joints
+    rng = np.random.default_rng([task, n])
+    longest = 2.0 * _POSTURES * np.linalg.norm(arm.half_range)
+    for _ in range(_MAX_DRAWS):
+        ends = [arm.posture(rng, _POSTURES) for _ in range(2)]
+        if np.linalg.norm(ends[1] - ends[0]) > _MIN_DISTANCE * longest:
+            break
+    detours = rng.normal(0.0, _DETOUR, (n, n)) * (1.0 - np.eye(n))
+    peak_shifts = rng.normal(0.0, _JOINT_PEAK_SHIFT, n)
+    found = []
+    for i in range(n_motions):
+        own = np.random.default_rng([seed, task, i])
+        curve, duration = _reach(arm, ends, detours, peak_shifts, own)
+        times = np.linspace(0.0, duration, round(duration * _RATE) + 1)
+        name = f"made-up reach {i}"
+        found.append(Demonstration.of_curve(robot.joint_names, curve, times, name))
+    return found
+
+
+def _reach(
+    arm: _Arm,
+    ends: Sequence[FloatArray],
+    detours: FloatArray,
+    peak_shifts: FloatArray,
+    rng: np.random.Generator,
+) -> tuple[CubicSpline, float]:
+    """Draw a reach between about two postures: positions by time [s], and its duration [s]."""
+    phases = _phases()
+    for _ in range(_MAX_DRAWS):
+        spread = _SPREAD * arm.half_range
+        start, goal = (end + rng.uniform(-1.0, 1.0, end.size) * spread for end in ends)
+        distance = goal - start
+        peaks = rng.uniform(*_PEAK) + peak_shifts
+        low, high = 1.0 - _DETOUR_SPREAD, 1.0 + _DETOUR_SPREAD
+        detour = (detours @ distance) * rng.uniform(low, high, distance.size)
+        path = start + distance * progress(phases, peaks)
+        path = path + detour * bell(phases, rng.uniform(*_DETOUR_PEAK))
+        duration = arm.duration(path, rng.uniform(*_HASTE))
+        if duration is not None:
+            knots = phases[:, 0] * duration
+            return CubicSpline(knots, path, bc_type="clamped"), float(knots[-1])
+    raise RecordingError(
+        f"no reach of {len(peak_shifts)} joints was found that keeps the limits of the robot: "
+        "there may be some of fewer joints, such as those of one arm"
+    )
 
 
 def reach_recording(
@@ -210,49 +252,6 @@ class _Arm:
 
     def _has_strength(self, tau: FloatArray) -> bool:
         return bool(np.all(np.abs(tau) <= _HASTE[1] * self._limits.effort))
-
-
-class _ReachTask:
-    """Two postures, and the common detours and timing of all reaches between them."""
-
-    def __init__(self, arm: _Arm, rng: np.random.Generator) -> None:
-        n = arm.robot.n_joints
-        self._arm = arm
-        longest = 2.0 * _POSTURES * np.linalg.norm(arm.half_range)
-        for _ in range(_MAX_DRAWS):
-            self._ends = [arm.posture(rng, _POSTURES) for _ in range(2)]
-            if np.linalg.norm(self._ends[1] - self._ends[0]) > _MIN_DISTANCE * longest:
-                break
-        self._detour = rng.normal(0.0, _DETOUR, (n, n)) * (1.0 - np.eye(n))
-        self._peak_shift = rng.normal(0.0, _JOINT_PEAK_SHIFT, n)
-
-    def reach(self, rng: np.random.Generator, number: int) -> Demonstration:
-        for _ in range(_MAX_DRAWS):
-            path = self._path(rng)
-            duration = self._arm.duration(path, rng.uniform(*_HASTE))
-            if duration is not None:
-                return self._demonstration(_phases()[:, 0] * duration, path, number)
-        raise RecordingError(
-            f"no reach of {path.shape[1]} joints was found that keeps the limits of the robot: "
-            "there may be some of fewer joints, such as those of one arm"
-        )
-
-    def _path(self, rng: np.random.Generator) -> FloatArray:
-        column = _phases()
-        spread = _SPREAD * self._arm.half_range
-        start, goal = (end + rng.uniform(-1.0, 1.0, end.size) * spread for end in self._ends)
-        distance = goal - start
-        peaks = rng.uniform(*_PEAK) + self._peak_shift
-        low, high = 1.0 - _DETOUR_SPREAD, 1.0 + _DETOUR_SPREAD
-        detour = (self._detour @ distance) * rng.uniform(low, high, distance.size)
-        path = start + distance * progress(column, peaks)
-        return path + detour * bell(column, rng.uniform(*_DETOUR_PEAK))
-
-    def _demonstration(self, knots: FloatArray, path: FloatArray, number: int) -> Demonstration:
-        curve = CubicSpline(knots, path, bc_type="clamped")
-        times = np.linspace(0.0, knots[-1], round(knots[-1] * _RATE) + 1)
-        names = self._arm.robot.joint_names
-        return Demonstration.of_curve(names, curve, times, f"made-up reach {number}")
 
 
 def _phases() -> FloatArray:

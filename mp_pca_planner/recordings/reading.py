@@ -32,75 +32,28 @@ def read_recording(
     episodes: Sequence[int | str] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> CleanRecording:
-    """Read a bag or a table of joint states, and repair it.
+    """Read the joint states or commanded motions of a bag or a table, and repair them.
 
     Parameters
     ----------
     path :
         The recording.
-    salvage :
-        Reads the messages before the damage of a damaged bag.
-    topic, joints, state_field, listed_only, degrees, max_gap, progress :
-        As of :func:`read_clean`; the topic of a LeRobot dataset is its column.
-    episodes :
-        The episodes of a table to read; all by default.
-
-    Raises
-    ------
-    RecordingError
-        If the recording can't be read or repaired.
-    """
-    table_format = bags.recording_format(path)
-    if table_format not in FORMATS:
-        if episodes is not None:
-            raise RecordingError("a bag holds no episodes: they are chosen from tables only")
-        with bags.open_bag(path, salvage=salvage) as bag:
-            return read_clean(
-                bag,
-                topic,
-                joints,
-                state_field,
-                listed_only=listed_only,
-                degrees=degrees,
-                max_gap=max_gap,
-                progress=progress,
-            )
-    if state_field is not None:
-        raise RecordingError("--field is for messages of bags: a table has columns")
-    raw, found = read_table(path, table_format, topic, joints, max_gap or 0.0, episodes)
-    clean = _repaired(raw, joints, max_gap, listed_only=listed_only, degrees=degrees)
-    return whole_episodes(clean, found) if found else clean
-
-
-def read_clean(
-    bag: bags.Bag,
-    topic: str | None = None,
-    joints: Sequence[str] | None = None,
-    state_field: str | None = None,
-    *,
-    listed_only: bool = False,
-    degrees: bool = False,
-    max_gap: float | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> CleanRecording:
-    """Read joint states or commanded motions, and repair them.
-
-    Parameters
-    ----------
-    bag :
-        The opened recording.
     topic :
-        Topic of the joint states; by default the only one.
+        Topic of the joint states; by default the only one. Of a LeRobot dataset its column.
     joints :
         Names of the joints; by default all that every message lists.
     state_field :
         The field of the topic's messages that is a JointState; needs `topic`.
+    salvage :
+        Reads the messages before the damage of a damaged bag.
     listed_only :
         Takes only those of `joints` that messages list, and notes the others.
     degrees :
         Whether the positions are in degrees.
     max_gap :
         Longest time without messages that is no gap [s], see :func:`.repair.repair`.
+    episodes :
+        The episodes of a table to read; all by default.
     progress :
         Called with the share of the messages that is read.
 
@@ -109,16 +62,26 @@ def read_clean(
     RecordingError
         If the recording can't be read or repaired.
     """
-    if topic is None or state_field is None:
-        chosen = _chosen_topic(bag, topic)
-        if chosen.type == bags.JOINT_TRAJECTORY:
-            if degrees:
-                raise RecordingError("--degrees is for joint states, not for commanded motions")
-            motions = read_trajectories(bag, chosen)
-            taken = _listed(joints, motions.listed_joints) if listed_only else joints
-            return _noted(repair_trajectories(motions, taken), joints)
-        topic = chosen.name
-    raw = bag.joint_states(topic, field=state_field, progress=progress)
+    table_format = bags.recording_format(path)
+    if table_format in FORMATS:
+        if state_field is not None:
+            raise RecordingError("--field is for messages of bags: a table has columns")
+        raw, found = read_table(path, table_format, topic, joints, max_gap or 0.0, episodes)
+        clean = _repaired(raw, joints, max_gap, listed_only=listed_only, degrees=degrees)
+        return whole_episodes(clean, found) if found else clean
+    if episodes is not None:
+        raise RecordingError("a bag holds no episodes: they are chosen from tables only")
+    with bags.open_bag(path, salvage=salvage) as bag:
+        if topic is None or state_field is None:
+            chosen = _chosen_topic(bag, topic)
+            if chosen.type == bags.JOINT_TRAJECTORY:
+                if degrees:
+                    raise RecordingError("--degrees is for joint states, not for commanded motions")
+                motions = read_trajectories(bag, chosen)
+                taken = _listed(joints, motions.listed_joints) if listed_only else joints
+                return _noted(repair_trajectories(motions, taken), joints)
+            topic = chosen.name
+        raw = bag.joint_states(topic, field=state_field, progress=progress)
     return _repaired(raw, joints, max_gap, listed_only=listed_only, degrees=degrees)
 
 
@@ -255,12 +218,10 @@ def inspect_recording(
             bags.recording_names(paths)[0], str(recording), bags.recording_format(copy)
         )
         try:
-            if inspection.format in FORMATS:
-                clean = read_recording(copy, topic, state_field=state_field)
-            else:
+            if inspection.format not in FORMATS:
                 with bags.open_bag(copy, salvage=salvage) as bag:
                     inspection = replace(inspection, topics=bag.topics)
-                    clean = read_clean(bag, topic, state_field=state_field)
+            clean = read_recording(copy, topic, state_field=state_field, salvage=salvage)
             found, refusal = vars(clean) | {"duration": clean.duration}, None
         except UnusableRecordingError as error:
             found, refusal = error.findings, str(error)

@@ -21,16 +21,12 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, listed
 from .demonstration import SUSPICIOUS_PERIOD, Demonstration
-from .repair import REPAIRS
+from .repair import DROPPED, REPAIRS
 from .segmentation import ABSURD_EXTENT
 
 if TYPE_CHECKING:
     from .bags import RecordingFormat
     from .segmentation import SpeedThresholds
-
-
-DROPPED = {"short_pieces", "single_points", "cut_off", "rest"}
-"""Kinds of repairs that leave a motion out."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +41,15 @@ class Segment:
         Label in the table of segments ('' if there is none).
     extent : float
         Norm over the joints of the distance that each of them covers [rad or m].
+    where : str
+        File and line of the table of segments, for messages.
     """
 
     start: float
     end: float
     label: str = ""
     extent: float = 0.0
+    where: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +138,7 @@ class RecordingReport:
     still_joints : tuple of str
         The joints of `joint_names` that never move.
     fingerprint : tuple of int
-        Shows copies of the recording, see :func:`.fingerprint.fingerprint`.
+        Shows copies of the recording, see :func:`.repair.recording.fingerprint`.
     seconds : float
         Time that it took to read it and to cut it into motions [s].
     """

@@ -22,7 +22,7 @@ from embedded_bags import FIELD, TOPIC, write_embedded_bag
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive
-from mp_pca_planner.recordings import reading
+from mp_pca_planner.recordings import load_one
 from mp_pca_planner.recordings.bags import find_recordings, stored_size
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.repair import REPAIRS
@@ -301,7 +301,7 @@ def test_demonstrations_of_processes_are_immutable(bags: Path) -> None:
 def test_recording_whose_process_dies_is_refused_by_name(
     bags: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read = reading.read_clean
+    read = load_one.read_recording
 
     def die_of_two(*arguments, **options):
         clean = read(*arguments, **options)
@@ -309,7 +309,7 @@ def test_recording_whose_process_dies_is_refused_by_name(
             os._exit(9)
         return clean
 
-    monkeypatch.setattr(reading, "read_clean", die_of_two)
+    monkeypatch.setattr(load_one, "read_recording", die_of_two)
     done: list[tuple[int, int]] = []
     loaded = load_recordings([bags], jobs=2, progress=lambda n, total: done.append((n, total)))
     assert {report.name for report in loaded.reports} == {NAMES[0], NAMES[2]}

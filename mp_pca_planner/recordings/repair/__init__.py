@@ -13,7 +13,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..fingerprint import fingerprint
 from ..joint_states import NS_PER_S, RawJointStates
 from .messages import (
     COUNTS,
@@ -35,10 +34,11 @@ from .recording import (
     Samples,
     findings,
     findings_on_refusal,
+    fingerprint,
     motion_findings,
 )
 
-__all__ = ["REPAIRS", "CleanRecording", "Piece", "repair"]
+__all__ = ["DROPPED", "REPAIRS", "CleanRecording", "Piece", "repair"]
 
 OF_SAMPLES = (UNUSABLE, DISORDER, LATE, EQUAL_STAMPS, ZEROS)
 """Defects that are repaired before the recording is cut, in order."""
@@ -57,6 +57,9 @@ REPAIRS = {
 }
 """Kinds of repairs, by the name under which they are counted. The last five are counted where
 commanded motions are sampled and motions are cut."""
+
+DROPPED = {"short_pieces", "single_points", "cut_off", "rest"}
+"""Kinds of repairs that leave a motion out."""
 
 # Arm motions need no higher sample rate [Hz]. Of a recording with at least twice this rate,
 # consecutive samples are averaged.

@@ -26,6 +26,13 @@ MIN_SAMPLES = 10
 NOISE_DEVIATIONS = 8.0
 """Errors of positions up to this many standard deviations of the noise are noise."""
 
+FINGERPRINT_SIZE = 32
+"""Largest number of hashes of a fingerprint."""
+
+# Samples of a fingerprint are in steps of this [rad or m], less than noise and more than errors of
+# other formats, and in runs of so many.
+_QUANTUM = 1e-4
+_RUN = 3
 # A joint that travels less than this is still; it is about the noise of encoders [rad or m].
 _MIN_TRAVEL = 1e-3
 
@@ -97,7 +104,7 @@ class CleanRecording:
     still_joints : tuple of str
         The joints of `joint_names` that never move.
     fingerprint : tuple of int
-        See :func:`.fingerprint.fingerprint`; of commanded motions there is none.
+        See :func:`fingerprint`; of commanded motions there is none.
     episodes : tuple of (float, int or str)
         Start [s] and name of each episode of a table, see :data:`.tables.Episodes`.
     """
@@ -237,6 +244,42 @@ class Samples:
             raise RecordingError(
                 f"there are {n_samples} usable samples, at least {MIN_SAMPLES} are needed"
             )
+
+
+def fingerprint(positions: FloatArray, joint_names: Sequence[str]) -> tuple[int, ...]:
+    """Smallest hashes of short runs of samples, without their times, in which a joint moves.
+
+    Runs that two recordings have in common are in both fingerprints, whatever their formats and
+    times. Noise makes others differ.
+
+    Parameters
+    ----------
+    positions : array, shape (n_samples, n_joints)
+        Samples in order [rad or m].
+    joint_names :
+        Names of the joints; their order does not matter.
+    """
+    order = np.argsort(np.array(joint_names, dtype=object), kind="stable")
+    steps = np.rint(positions[:, order] / _QUANTUM).astype(np.int64).view(np.uint64)
+    factors = np.random.default_rng(1).integers(1 << 62, size=len(order), dtype=np.uint64) * 2 + 1
+    rows = _mixed((steps * factors.astype(np.uint64)).sum(axis=1, dtype=np.uint64))
+    moves = rows[1:] != rows[:-1]
+    n = rows.size - _RUN + 1
+    if n < 1:
+        return ()
+    runs, moving = np.zeros(n, dtype=np.uint64), np.ones(n, dtype=bool)
+    for k in range(_RUN):
+        runs = _mixed(runs ^ rows[k : k + n])
+        if k:
+            moving &= moves[k - 1 : k - 1 + n]
+    return tuple(np.unique(runs[moving] >> np.uint64(1))[:FINGERPRINT_SIZE].tolist())
+
+
+def _mixed(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Values whose bits are spread evenly, by the finaliser of SplitMix64."""
+    values = (values ^ (values >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    values = (values ^ (values >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray(values ^ (values >> np.uint64(31)))
 
 
 def longest_gap(period: float, max_gap: float | None) -> float:
