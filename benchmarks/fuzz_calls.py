@@ -420,7 +420,8 @@ def calls(folder: Path) -> list[Call]:
         Call("Robot.pinocchio_model", robot.pinocchio_model, {}),
         Call("Robot.mimicry", robot.mimicry, {"joint_names": names}),
         Call("Robot.relevant_joints", robot.relevant_joints, {"pairs": True, "links": ["wrist"]}),
-        Call("Robot.collision_geometry", robot.collision_geometry, {"package_dirs": [folder]}),
+        Call("Robot.link_bodies", robot.link_bodies, {"package_dirs": [folder]}),
+        Call("Robot.are_neighbours", robot.are_neighbours, {"links": ["wrist"]}),
         Call("Robot.effort_slopes", robot.effort_slopes, {**matrix, "jerk": zeros}),
         Call(
             "Robot.attached_poses",

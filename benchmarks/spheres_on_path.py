@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
-from scenes import scene_of
+from scenes import plain_geometry, scene_of
 from tables import benchmark_parser, show
 
 import mp_pca_planner as mp
@@ -79,7 +79,9 @@ class Course:
         options = PlannerOptions(naturalness=naturalness, max_solve_time=MAX_TIME)
         self._planner = Planner(robot, [primitive], limits, options, self._collision)
         self._arm = RigidArm(self._scene.urdf, robot.joint_names)
-        self._model, self._geometry, self._order, _ = robot.collision_geometry(folders)
+        self._model, self._geometry, self._order = plain_geometry(
+            self._scene.urdf, robot.joint_names
+        )
 
     def run(self, n_problems: int) -> Iterator[tuple[float, ...]]:
         """Solved (1 or 0), ratio of efforts, distances from the demonstration [deg], time [s]."""

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scenes import plain_geometry
 from tables import benchmark_parser, show
 from virtual_node import VirtualNode, scene_and_model
 
@@ -131,9 +132,7 @@ class PlainCheck:
     """Links that move and the obstacles of a world, for Pinocchio alone."""
 
     def __init__(self, scene: Scene, world: mp.World) -> None:
-        self._model, links, self._order, _ = scene.robot.collision_geometry(
-            package_folders([], scene.urdf)
-        )
+        self._model, links, self._order = plain_geometry(scene.urdf, scene.robot.joint_names)
         links.removeAllCollisionPairs()
         moving = [i for i, part in enumerate(links.geometryObjects) if part.parentJoint]
         for obstacle in world:

@@ -8,6 +8,7 @@ from arm import arm_robot
 
 import mp_pca_planner as mp
 from mp_pca_planner.motion.interpolation import interpolate
+from mp_pca_planner.resources import config_file
 
 try:
     import coal
@@ -49,8 +50,10 @@ def random_world(rng: np.random.Generator) -> mp.World:
 
 def plain_distances(world: mp.World, q: np.ndarray) -> np.ndarray:
     """Distances of the links of the human arm from obstacles, by Pinocchio and its library."""
-    robot = arm_robot()
-    model, geometry, order, _ = robot.collision_geometry([])
+    path, kind = str(config_file("human_arm.urdf")), pin.GeometryType.COLLISION
+    model = pin.buildModelFromUrdf(path)
+    geometry = pin.buildGeomFromUrdf(model, path, kind)
+    order = [arm_robot().joint_names.index(name) for name in model.names[1:]]
     data, geometry_data = model.createData(), geometry.createData()
     least = np.empty((len(q), len(world)))
     for k, one in enumerate(q):

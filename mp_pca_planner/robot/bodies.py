@@ -5,54 +5,34 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary, WeakValueDictionary
+from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, set_frozen
 from ..exceptions import RobotError, WorldError, unknown_name
 from ..input_limits import INPUT_LIMITS
 from .joints import joint_of
 from .mesh_files import find_mesh, scaled
-from .mesh_pieces import MeshPiece
+from .mesh_pieces import MeshPiece, coal
 from .urdf import Description, StatedShape
-from .world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
+from .world import Box, Capsule, Cylinder, Mesh, Shape, Sphere, World
 
-try:
-    import coal as coal
-except ImportError:  # its name before release 3
-    import hppfcl as coal
-
-
-_Points = getattr(coal, "StdVec_Vec3s", None) or coal.StdVec_Vec3f  # before release 3
-
-
-class Solid(NamedTuple):
-    """A shape for the distance library.
-
-    Attributes
-    ----------
-    shape, hull : coal.CollisionGeometry
-        The shape, and its convex hull.
-    is_convex : bool
-        Whether both are the same.
-    """
-
-    shape: Any
-    hull: Any
-    is_convex: bool
+Solid = tuple[Any, Any, MeshPiece | None]
+"""A shape for the distance library, its convex hull (the same object if it is convex), and the
+piece of a mesh that both are made of."""
 
 
 def solids_of(shape: Shape) -> list[Solid]:
     """The shape for the distance library: several for the pieces of a large mesh."""
     if isinstance(shape, Mesh):
-        return [solid_of(piece) for piece in shape.pieces]
+        return [(x.hull if x.is_convex else x.surface, x.hull, x) for x in shape.pieces]
     if isinstance(shape, Box):
         body = coal.Box(*shape.size)
     elif isinstance(shape, Sphere):
@@ -62,140 +42,35 @@ def solids_of(shape: Shape) -> list[Solid]:
     else:
         assert isinstance(shape, Cylinder)
         body = coal.Cylinder(shape.radius, shape.height)
-    return [Solid(body, body, True)]
-
-
-# Worlds with the same mesh share them: they are never changed.
-_SOLIDS: WeakKeyDictionary[MeshPiece, Solid] = WeakKeyDictionary()
-
-
-def solid_of(piece: MeshPiece) -> Solid:
-    """A piece of a mesh for the distance library, the same one each time."""
-    if piece not in _SOLIDS:
-        _SOLIDS[piece] = _solid_of(piece)
-    return _SOLIDS[piece]
-
-
-def _solid_of(piece: MeshPiece) -> Solid:
-    hull = _hull_of(piece)
-    return Solid(hull if piece.is_convex else _surface_of(piece), hull, piece.is_convex)
+    return [(body, body, None)]
 
 
 # A robot is built anew for each change of a parameter or of the primitives, and Coal keeps the lock
 # of the interpreter while it builds the tree of a mesh: robots with equal meshes share them.
-_SURFACES: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
-_HULLS: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+_MESHES: WeakValueDictionary[bytes, MeshPiece] = WeakValueDictionary()
 
 
-def link_solid(piece: MeshPiece) -> Solid:
-    """A piece of the mesh of a link for the distance library.
-
-    Equal pieces share the same objects while one of them is used.
-    """
+def shared(piece: MeshPiece) -> MeshPiece:
+    """The piece of a mesh, or an equal one as long as that is used."""
     content = hashlib.sha256(piece.vertices.tobytes() + piece.triangles.tobytes()).digest()
-    hull, surface = _HULLS.get(content), _SURFACES.get(content)
-    if hull is None:
-        hull = _HULLS[content] = _hull_of(piece)
-    if piece.is_convex:
-        return Solid(hull, hull, True)
-    if surface is None:
-        surface = _SURFACES[content] = _surface_of(piece)
-    return Solid(surface, hull, False)
+    return _MESHES.setdefault(content, piece)
 
 
-def _hull_of(piece: MeshPiece) -> Any:
-    points, faces = _Points(), coal.StdVec_Triangle()
-    for corner in piece.corners:
-        points.append(corner)
-    # No list of each face: so many start a search for garbage, which stops all threads.
-    for face in zip(*piece.faces.T.tolist(), strict=True):
-        faces.append(coal.Triangle(*face))
-    return coal.Convex(points, faces)
-
-
-def _surface_of(piece: MeshPiece) -> Any:
-    mesh = coal.BVHModelOBBRSS()
-    mesh.beginModel(len(piece.triangles), len(piece.vertices))
-    mesh.addVertices(piece.vertices)
-    mesh.addTriangles(piece.triangles)
-    mesh.endModel()
-    return mesh
-
-
-class LinkShapes:
-    """The collision shapes of a URDF for the distance library.
-
-    Parameters
-    ----------
-    description : Description
-        The URDF.
-    package_dirs : sequence of Path
-        Folders of the packages that ``package://`` paths of meshes name.
-    source : str
-        Name of the description in messages.
-
-    Attributes
-    ----------
-    solids : tuple of Solid
-        The shapes: several for the pieces of a large mesh.
-    numbers : tuple of int
-        For each of them, the number of the shape in the URDF that it is of.
-    notes : tuple of str
-        What is unusual about shapes, as sentences.
-
-    Raises
-    ------
-    RobotError
-        If a shape can't be used, a mesh can't be found or read, or there are too many.
-    """
-
-    def __init__(self, description: Description, package_dirs: Sequence[Path], source: str) -> None:
-        for link, problem in description.lost_shapes.items():
-            raise RobotError(f"{source}: <collision> of link '{link}': {problem}")
-        count, most = sum(map(len, description.shapes.values())), INPUT_LIMITS.robot_shapes
-        if count > most:
-            raise RobotError(f"{source} has {count} collision shapes, at most {most} are accepted")
-        self._links, self._places = list[str](), list[Any]()
-        solids, numbers, notes, n_triangles = list[Solid](), list[int](), list[str](), 0
-        every = ((link, one) for link, many in description.shapes.items() for one in many)
-        for number, (link, stated) in enumerate(every):
-            try:
-                shape = _shape(stated, package_dirs)
-            except WorldError as error:
-                raise RobotError(f"{source}: <collision> of link '{link}': {error}") from None
-            if isinstance(shape, Mesh):
-                n_triangles += len(shape.triangles)
-                if n_triangles > (most := INPUT_LIMITS.mesh_triangles):
-                    raise RobotError(
-                        f"the collision meshes of the {source} have more than {most} triangles"
-                    )
-                found = [link_solid(piece) for piece in shape.pieces]
-                notes += [f"link '{link}': {shape.note}"] if shape.note else []
-            else:
-                found = solids_of(shape)
-            place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
-            solids += found
-            numbers += [number] * len(found)
-            self._links += [link] * len(found)
-            self._places += [place] * len(found)
-        self.solids, self.numbers = tuple(solids), tuple(numbers)
-        self.notes = tuple(dict.fromkeys(notes))
-
-    def __iter__(self) -> Iterator[tuple[str, Any, Solid]]:
-        """The link, the placement on the link, and the shape of each one."""
-        return zip(self._links, self._places, self.solids, strict=True)
-
-
-def _shape(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
+def _stated(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
+    """A collision shape of a link, at the origin."""
     sizes = stated.sizes
     if stated.kind == "box":
         return Box(sizes)
     if stated.kind == "sphere":
         return Sphere(float(sizes[0]))
-    if stated.kind == "cylinder":
-        return Cylinder(float(sizes[0]), float(sizes[1]))
+    if stated.kind in ("cylinder", "capsule"):
+        kind = Cylinder if stated.kind == "cylinder" else Capsule
+        return kind(float(sizes[0]), float(sizes[1]))
     found = find_mesh(stated.file, package_dirs)
-    return Mesh(scaled(found.vertices, sizes), found.triangles)
+    mesh = Mesh(scaled(found.vertices, sizes), found.triangles)
+    # Replaces the cached property.
+    set_frozen(mesh, pieces=tuple(map(shared, mesh.pieces)))
+    return mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +99,12 @@ class Bodies:
         Radius of that ball [m].
     halves : array, shape (n_shapes, 3)
         Half of the lengths of the edges of that box [m].
+    pieces : tuple of MeshPiece or None
+        The piece of a mesh that each shape is made of.
+    numbers : array of int, shape (n_shapes,)
+        Pieces of the same mesh have the same number.
+    notes : tuple of str
+        What is unusual about shapes of links, as sentences.
     """
 
     model: Any
@@ -237,15 +118,56 @@ class Bodies:
     centres: FloatArray
     radii: FloatArray
     halves: FloatArray
+    pieces: tuple[MeshPiece | None, ...]
+    numbers: NDArray[np.intp]
+    notes: tuple[str, ...] = ()
 
     @classmethod
-    def of_links(cls, model: Any, geometry: Any, solids: Sequence[Solid]) -> Bodies:
-        """The shapes of a robot's links, for each object of a geometry."""
-        parts = [
-            (model.frames[one.parentFrame].name, one.parentJoint, one.placement, solid)
-            for one, solid in zip(geometry.geometryObjects, solids, strict=True)
-        ]
-        return cls._made(model, parts)
+    def of_links(
+        cls, model: Any, description: Description, package_dirs: Sequence[Path], source: str
+    ) -> Bodies:
+        """The collision shapes of the links of a robot.
+
+        Parameters
+        ----------
+        model : pinocchio.Model
+            The model of the joints that move.
+        description : Description
+            The URDF.
+        package_dirs : sequence of Path
+            Folders of the packages that ``package://`` paths of meshes name.
+        source : str
+            Name of the description in messages.
+
+        Raises
+        ------
+        RobotError
+            If a shape can't be used, a mesh can't be found or read, or there are too many.
+        """
+        for link, problem in description.lost_shapes.items():
+            raise RobotError(f"{source}: <collision> of link '{link}': {problem}")
+        count, most = sum(map(len, description.shapes.values())), INPUT_LIMITS.robot_shapes
+        if count > most:
+            raise RobotError(f"{source} has {count} collision shapes, at most {most} are accepted")
+        parts, notes, n_triangles = [], dict[str, None](), 0
+        every = [(link, one) for link, many in description.shapes.items() for one in many]
+        for link, stated in every:
+            try:
+                shape = _stated(stated, package_dirs)
+            except WorldError as error:
+                raise RobotError(f"{source}: <collision> of link '{link}': {error}") from None
+            if isinstance(shape, Mesh):
+                n_triangles += len(shape.triangles)
+                if n_triangles > (most := INPUT_LIMITS.mesh_triangles):
+                    raise RobotError(
+                        f"the collision meshes of the {source} have more than {most} triangles"
+                    )
+                if shape.note:
+                    notes[f"link '{link}': {shape.note}"] = None
+            place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
+            joint, frame = _attachment(model, link)
+            parts.append((link, joint, frame * place, solids_of(shape)))
+        return replace(cls._made(model, parts), notes=tuple(notes))
 
     def with_world(self, world: World) -> Bodies:
         """The same with the obstacles of a world.
@@ -255,14 +177,18 @@ class Bodies:
         WorldError
             If an obstacle is attached to an unknown link, or has the name of a link.
         """
+        links = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
         parts = []
         for obstacle in world:
-            if obstacle.name in self.names:
-                raise WorldError(f"obstacle '{obstacle.name}' has the name of a link: rename it")
-            joint, frame = self._attachment(obstacle)
+            name, link = obstacle.name, obstacle.frame
+            if name in self.names:
+                raise WorldError(f"obstacle '{name}' has the name of a link: rename it")
+            if link and link not in links:
+                raise WorldError(f"obstacle '{name}': {unknown_name('link', link, links)}")
+            joint, frame = _attachment(self.model, link) if link else (0, pin.SE3.Identity())
             for shape in obstacle.shapes:
                 placement = frame * pin.XYZQUATToSE3(shape.pose)
-                parts += [(obstacle.name, joint, placement, one) for one in solids_of(shape)]
+                parts.append((name, joint, placement, solids_of(shape)))
         others, joined = vars(self._made(self.model, parts)), {}
         for key, own in vars(self).items():
             if isinstance(own, tuple):
@@ -272,39 +198,36 @@ class Bodies:
         return replace(self, **joined)
 
     @classmethod
-    def _made(cls, model: Any, parts: Sequence[tuple[str, int, Any, Solid]]) -> Bodies:
+    def _made(cls, model: Any, parts: Sequence[tuple[str, int, Any, list[Solid]]]) -> Bodies:
         """Bodies of shapes with their names, joints and placements."""
-        solids = [solid for *_, solid in parts]
-        for solid in solids:
-            solid.shape.computeLocalAABB()
-            solid.hull.computeLocalAABB()
+        every = [(k, part, solid) for k, part in enumerate(parts) for solid in part[3]]
+        hulls = tuple(hull for *_, (_, hull, _) in every)
+        for *_, (shape, hull, _) in every:
+            shape.computeLocalAABB()
+            hull.computeLocalAABB()
         # That of a hull is larger, if the shape is a surface without volume.
-        boxes = [solid.hull.aabb_local for solid in solids]
+        boxes = [hull.aabb_local for hull in hulls]
         corners = np.array([(box.min_, box.max_) for box in boxes]).reshape(-1, 2, 3)
-        origins = np.reshape([placement.translation for *_, placement, _ in parts], (-1, 3))
-        rotations = np.reshape([placement.rotation for *_, placement, _ in parts], (-1, 3, 3))
+        origins = np.reshape([part[2].translation for _, part, _ in every], (-1, 3))
+        rotations = np.reshape([part[2].rotation for _, part, _ in every], (-1, 3, 3))
         return cls(
             model,
-            tuple(solid.shape for solid in solids),
-            tuple(solid.hull for solid in solids),
-            tuple(name for name, *_ in parts),
-            np.array([solid.is_convex for solid in solids], dtype=bool),
-            np.array([joint for _, joint, *_ in parts], dtype=np.intp),
+            tuple(shape for *_, (shape, _, _) in every),
+            hulls,
+            tuple(part[0] for _, part, _ in every),
+            np.array([shape is hull for *_, (shape, hull, _) in every], dtype=bool),
+            np.array([part[1] for _, part, _ in every], dtype=np.intp),
             origins,
             rotations,
             origins + (rotations @ corners.mean(axis=1)[:, :, None])[..., 0],
-            np.array([float(solid.hull.aabb_radius) for solid in solids]),
+            np.array([float(hull.aabb_radius) for hull in hulls]),
             0.5 * (corners[:, 1] - corners[:, 0]),
+            tuple(piece for *_, (_, _, piece) in every),
+            np.array([k for k, *_ in every], dtype=np.intp),
         )
 
-    def _attachment(self, obstacle: Obstacle) -> tuple[int, Any]:
-        """The joint that an obstacle moves with, and the placement of its frame there."""
-        if not obstacle.frame:
-            return 0, pin.SE3.Identity()
-        links = [f.name for f in self.model.frames if f.type == pin.FrameType.BODY]
-        if obstacle.frame not in links:
-            raise WorldError(
-                f"obstacle '{obstacle.name}': {unknown_name('link', obstacle.frame, links)}"
-            )
-        frame = self.model.frames[self.model.getFrameId(obstacle.frame, pin.FrameType.BODY)]
-        return joint_of(frame), frame.placement
+
+def _attachment(model: Any, link: str) -> tuple[int, Any]:
+    """The joint that moves a link, and the placement of the link there."""
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+    return joint_of(frame), frame.placement

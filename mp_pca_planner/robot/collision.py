@@ -7,19 +7,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import pinocchio as pin
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RobotError, WorldError
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .bodies import Bodies
-from .distances import CONTACT, BodyPairs, JointTree, NearPairs
+from .distances import CONTACT, BodyPairs, Indices, JointTree, NearPairs
 from .model import Robot
 from .urdf import parse_xml
 from .world import World
@@ -84,19 +85,17 @@ class CollisionGeometry:
             package_dirs=tuple(package_dirs),
             self_collision=self_collision,
         )
-        model, geometry, order, links = robot.collision_geometry(package_dirs)
-        if srdf is not None:
-            geometry.addAllCollisionPairs()
-            _remove_disabled(model, geometry, Path(srdf))
-        pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-        if srdf is None:
-            pairs = _apart(model, geometry, pairs, links.numbers)
-        self._links = Bodies.of_links(model, geometry, links.solids)
-        self._notes = links.notes
-        self._tree, joints = JointTree(model, order), self._links.joints
+        model, order = robot.pinocchio_model()
+        self._links = links = robot.link_bodies(package_dirs)
+        self._tree = JointTree(model, np.argsort(order))
+        excepted = robot.are_neighbours(links.names) if srdf is None else _disabled(srdf, links)
         # A pair without relative motion is not checked.
-        moving = [(a, b) for a, b in pairs if joints[a] != joints[b]]
-        self._pairs_of_links = moving if self_collision else []
+        excepted |= links.joints[:, None] == links.joints
+        pairs = np.argwhere(np.triu(~excepted, 1)) if self_collision else np.zeros((0, 2), np.intp)
+        if srdf is None:
+            neutral = np.clip(0.0, model.lowerPositionLimit, model.upperPositionLimit)[order]
+            pairs = pairs[_are_apart(self._tree, links, pairs, neutral)]
+        self._pairs_of_links = [(a, b) for a, b in pairs.tolist()]
         self.margin = _checked_margin(margin)
         self.set_world(World() if world is None else world)
 
@@ -151,7 +150,7 @@ class CollisionGeometry:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is unusual about the shapes of links and obstacles, as sentences."""
-        return self._notes + self.world.notes
+        return self._links.notes + self.world.notes
 
     @property
     def has_geometry(self) -> bool:
@@ -232,29 +231,32 @@ def _pairs_with_world(bodies: Bodies, n_links: int, world: World) -> Iterator[tu
                 yield a, b
 
 
-def _apart(
-    model: Any, geometry: Any, pairs: Sequence[tuple[int, int]], numbers: Sequence[int]
-) -> list[tuple[int, int]]:
-    """The pairs of a geometry whose shapes, by their numbers, are apart in the neutral position."""
-    neutral = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
-    data, touching = geometry.createData(), set[tuple[int, int]]()
-    pin.updateGeometryPlacements(model, model.createData(), geometry, data, neutral)
-    shapes = [(numbers[a], numbers[b]) for a, b in pairs]
-    for k, both in enumerate(shapes):
-        # One by one: each call keeps the lock of the interpreter.
-        if both not in touching and not (
-            pin.computeDistance(geometry, data, k).min_distance >= CONTACT
-        ):
-            touching.add(both)
-    return [pair for pair, both in zip(pairs, shapes, strict=True) if both not in touching]
+def _are_apart(tree: JointTree, links: Bodies, pairs: Indices, q: FloatArray) -> NDArray[np.bool_]:
+    """Whether each pair is of shapes that don't touch in a configuration."""
+
+    def touching(bodies: Bodies, some: Indices) -> Indices:
+        measured = BodyPairs(tree, bodies, pairs[some], np.zeros(len(some)))
+        distances = measured.distances(q[None], np.zeros_like(some), np.arange(len(some)))
+        return some[~(distances >= CONTACT)]
+
+    near = touching(links, np.arange(len(pairs)))
+    # Hulls may touch where the meshes in their place don't.
+    used, every = np.unique(pairs[near]), enumerate(zip(links.shapes, links.pieces, strict=True))
+    shapes = [piece.surface if piece and i in used else shape for i, (shape, piece) in every]
+    exact = replace(links, shapes=tuple(shapes), are_convex=np.zeros_like(links.are_convex))
+    # All pieces of two meshes may touch if two of them do.
+    both = links.numbers[pairs]
+    met = set(map(tuple, both[touching(exact, near)].tolist()))
+    return np.array([pair not in met for pair in map(tuple, both.tolist())], dtype=bool)
 
 
-def _remove_disabled(model: Any, geometry: Any, srdf: Path) -> None:
-    source = f"the SRDF file '{srdf}'"
-    with reading(source, RobotError):
-        text = read_text(srdf)
-        parse_xml(text, source)
-        pin.removeCollisionPairsFromXML(model, geometry, text)
+def _disabled(srdf: str | Path, links: Bodies) -> NDArray[np.bool_]:
+    """Whether an SRDF file disables the collisions of each pair, shape (n_shapes, n_shapes)."""
+    with reading(f"the SRDF file '{srdf}'", RobotError):
+        root = parse_xml(read_text(Path(srdf)), f"the SRDF file '{srdf}'")
+    pairs = {(x.get("link1"), x.get("link2")) for x in root.iter("disable_collisions")}
+    either = pairs | {(b, a) for a, b in pairs}
+    return np.array([[(a, b) in either for b in links.names] for a in links.names], dtype=bool)
 
 
 def package_folders(given: Sequence[Path], urdf: Path | None = None) -> list[Path]:

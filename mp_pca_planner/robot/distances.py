@@ -18,23 +18,15 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from .bodies import Bodies, coal
+from .bodies import Bodies
+from .mesh_pieces import coal
 
+JointPoses = tuple[FloatArray, FloatArray]
+"""Orientations and origins [m] of all joints in some configurations, in the base frame.
 
-@dataclass(frozen=True, eq=False)
-class JointPoses:
-    """Poses of the joints of a model in some configurations, in the base frame.
-
-    Attributes
-    ----------
-    rotations : array, shape (n_configurations, n_joints + 1, 3, 3)
-        Their orientations; the first is that of the base.
-    positions : array, shape (n_configurations, n_joints + 1, 3)
-        Their origins [m].
-    """
-
-    rotations: FloatArray
-    positions: FloatArray
+Their shapes are (n_configurations, n_joints + 1, 3, 3) and (n_configurations, n_joints + 1, 3); the
+first joint is the base.
+"""
 
 
 class JointTree:
@@ -116,7 +108,7 @@ class JointTree:
             np.matmul(rotations[:, parent], local[:, j], out=rotations[:, j])
             moved = (rotations[:, parent] @ shifts[:, j, :, None])[..., 0]
             positions[:, j] = positions[:, parent] + moved
-        return JointPoses(rotations, positions)
+        return rotations, positions
 
 
 def _axes(model: Any, columns: list[int]) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -194,8 +186,8 @@ class BodyPairs:
     ) -> None:
         self._bodies, self._indices, self.margins = bodies, indices, margins
         self._tree, self._transforms = tree, list[Any]()
-        self._of_hulls = ShapeDistances(bodies.hulls, indices)
-        self._of_shapes = ShapeDistances(bodies.shapes, indices)
+        self._of_hulls = _shape_distances(bodies.hulls, indices)
+        self._of_shapes = _shape_distances(bodies.shapes, indices)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
         # The first bodies are few: their distances from all others are a matrix.
@@ -222,7 +214,7 @@ class BodyPairs:
             reach = float(distances.max(initial=0.0))
             return lambda q: bool(np.any(~(self.near(q[None], reach).bounds > distances)))
         parts = self._tree, self._bodies, self._indices, self.margins + distances
-        return CollisionCheck(*parts, hulls=hulls)
+        return _collision_check(*parts, hulls=hulls)
 
     def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
         """Lower bounds of all distances in some configurations.
@@ -243,8 +235,7 @@ class BodyPairs:
 
     def _bounds(self, poses: JointPoses, enough: FloatArray | float) -> FloatArray:
         bodies, (first, second) = self._bodies, self._indices.T
-        turned = poses.rotations[:, bodies.joints]
-        centres: FloatArray = poses.positions[:, bodies.joints]
+        turned, centres = (values[:, bodies.joints] for values in poses)
         centres = centres + (turned @ bodies.centres[:, :, None])[..., 0]
         apart = _distances(centres[:, self._firsts], centres).reshape(len(centres), -1)
         bounds: FloatArray = np.take(apart, self._entries, axis=1)
@@ -340,9 +331,8 @@ class BodyPairs:
         numbers = moments * n_bodies + every
         every, found = np.unique(numbers, return_inverse=True)
         k, body = np.divmod(every, n_bodies)
-        turned = poses.rotations[k, bodies.joints[body]]
-        origins = (turned @ bodies.origins[body][:, :, None])[..., 0]
-        origins += poses.positions[k, bodies.joints[body]]
+        turned, places = (values[k, bodies.joints[body]] for values in poses)
+        origins = (turned @ bodies.origins[body][:, :, None])[..., 0] + places
         placed = self._transforms
         # To set one takes a quarter of the time to make one.
         placed += [_Transform() for _ in range(len(every) - len(placed))]
@@ -363,16 +353,16 @@ class BodyPairs:
         first, second = self._indices[pairs].T
         centres = [_centres(self._bodies, poses, k, body) for body in (first, second)]
         away, place = _directions(distances, points, np.stack(centres, axis=1))
-        tree = self._tree
-        axes = (poses.rotations[k, 1:] @ tree.axes[1:, :, None])[..., 0]
-        arms = place[:, None] - poses.positions[k, 1:]
+        tree, (turned, origins) = self._tree, (values[k, 1:] for values in poses)
+        axes = (turned @ tree.axes[1:, :, None])[..., 0]
+        arms = place[:, None] - origins
         motions = np.where(tree.turns[1:, None], np.cross(axes, arms), axes)
         rows = np.einsum("eji,ei->ej", motions, away)
         return np.asarray(rows[:, tree.joints] * self._moved[pairs])
 
 
-class ShapeDistances:
-    """Distances of pairs of placed shapes by Coal.
+def _shape_distances(shapes: Sequence[Any], indices: Indices) -> Callable[[int, Any, Any], Any]:
+    """A function that returns Coal's result for a pair in two poses; its next call overwrites it.
 
     Parameters
     ----------
@@ -381,76 +371,52 @@ class ShapeDistances:
     indices : array of int, shape (n_pairs, 2)
         The two shapes of each pair.
     """
+    # Coal's functions of the pairs that were near each other.
+    functions: dict[int, Any] = {}
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    request.gjk_tolerance = _PRECISION
 
-    def __init__(self, shapes: Sequence[Any], indices: Indices) -> None:
-        self._shapes, self._indices = shapes, indices
-        # Coal's functions of the pairs that were near each other.
-        self._functions: dict[int, Any] = {}
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self._request.gjk_tolerance = _PRECISION
-
-    def __call__(self, pair: int, first: Any, second: Any) -> Any:
-        """Coal's result for a pair in two poses; the next call overwrites it."""
-        function = self._functions.get(pair)
+    def distance(pair: int, first: Any, second: Any) -> Any:
+        function = functions.get(pair)
         if function is None:
-            one, other = self._indices[pair].tolist()
-            function = coal.ComputeDistance(self._shapes[one], self._shapes[other])
-            self._functions[pair] = function
-        self._result.clear()
-        function(first, second, self._request, self._result)
-        return self._result
+            one, other = indices[pair].tolist()
+            function = functions[pair] = coal.ComputeDistance(shapes[one], shapes[other])
+        result.clear()
+        function(first, second, request, result)
+        return result
+
+    return distance
 
 
-class CollisionCheck:
-    """Whether any pair is nearer than its margin in a configuration.
-
-    Parameters
-    ----------
-    tree, bodies, indices, margins
-        See `BodyPairs`.
-    hulls : bool
-        Whether meshes that move are replaced by their convex hulls.
-    """
-
-    def __init__(
-        self,
-        tree: JointTree,
-        bodies: Bodies,
-        indices: Indices,
-        margins: FloatArray,
-        *,
-        hulls: bool,
-    ) -> None:
-        are_meshes = ~(bodies.are_convex | (hulls & (bodies.joints > 0)))
-        self._order, geometry = tree.order, pin.GeometryModel()
-        for i, (joint, is_mesh) in enumerate(zip(bodies.joints, are_meshes, strict=True)):
-            part = pin.GeometryObject(
-                str(i),
-                parent_joint=int(joint),
-                placement=pin.SE3(bodies.rotations[i], bodies.origins[i]),
-                collision_geometry=(bodies.shapes if is_mesh else bodies.hulls)[i],
-            )
-            geometry.addGeometryObject(part)
-        for first, second in indices.tolist():
-            geometry.addCollisionPair(pin.CollisionPair(first, second))
-        data, geometry_data = bodies.model.createData(), geometry.createData()
-        requests = geometry_data.collisionRequests
-        for request, margin in zip(requests, margins.tolist(), strict=True):
-            request.security_margin = margin
-        # Pinocchio's broad phase keeps no references to these.
-        self._kept = bodies.model, data, geometry, geometry_data
-        # The fastest broad phases of Coal: each pair of boxes, or sweep and prune of many.
-        kind = "Naive" if len(bodies.names) <= _FEW else "SSaP"
-        manager = getattr(pin, f"BroadPhaseManager_{kind}CollisionManager", None)
-        if manager is None:  # before release 3
-            self._arguments: tuple[Any, ...] = self._kept
-        else:
-            # Its boxes are enlarged by the margins in their first update.
-            self._arguments = *self._kept[:2], manager(bodies.model, geometry, geometry_data)
-
-    def __call__(self, q: FloatArray) -> bool:
-        """The answer for a configuration, shape (n_joints,)."""
-        return bool(pin.computeCollisions(*self._arguments, q[self._order], True))
+def _collision_check(
+    tree: JointTree, bodies: Bodies, indices: Indices, margins: FloatArray, *, hulls: bool
+) -> Callable[[FloatArray], bool]:
+    """The check whether any pair is nearer than its margin, see `BodyPairs.check`."""
+    are_meshes = ~(bodies.are_convex | (hulls & (bodies.joints > 0)))
+    geometry = pin.GeometryModel()
+    for i, (joint, is_mesh) in enumerate(zip(bodies.joints, are_meshes, strict=True)):
+        part = pin.GeometryObject(
+            str(i),
+            parent_joint=int(joint),
+            placement=pin.SE3(bodies.rotations[i], bodies.origins[i]),
+            collision_geometry=(bodies.shapes if is_mesh else bodies.hulls)[i],
+        )
+        geometry.addGeometryObject(part)
+    for first, second in indices.tolist():
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    # Pinocchio's broad phase keeps no references to these, but the function does.
+    every = bodies.model, bodies.model.createData(), geometry, geometry.createData()
+    requests = every[-1].collisionRequests
+    for request, margin in zip(requests, margins.tolist(), strict=True):
+        request.security_margin = margin
+    # The fastest broad phases of Coal: each pair of boxes, or sweep and prune of many.
+    kind = "Naive" if len(bodies.names) <= _FEW else "SSaP"
+    manager = getattr(pin, f"BroadPhaseManager_{kind}CollisionManager", None)
+    if manager is None:  # before release 3
+        return lambda q: bool(pin.computeCollisions(*every, q[tree.order], True))
+    # Its boxes are enlarged by the margins in their first update.
+    phase = manager(bodies.model, geometry, every[-1])
+    return lambda q: bool(pin.computeCollisions(*every[:2], phase, q[tree.order], True))
 
 
 def _levers(tree: JointTree, bodies: Bodies) -> FloatArray:
@@ -474,9 +440,8 @@ def _distances(one: FloatArray, other: FloatArray) -> FloatArray:
 
 def _centres(bodies: Bodies, poses: JointPoses, k: Indices, body: Indices) -> FloatArray:
     """Centres of bodies in configurations, one of each per entry, shape (n, 3)."""
-    joints = bodies.joints[body]
-    local = (poses.rotations[k, joints] @ bodies.centres[body][:, :, None])[..., 0]
-    return np.asarray(poses.positions[k, joints] + local)
+    turned, places = (values[k, bodies.joints[body]] for values in poses)
+    return np.asarray(places + (turned @ bodies.centres[body][:, :, None])[..., 0])
 
 
 def _directions(

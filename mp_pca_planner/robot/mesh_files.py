@@ -36,12 +36,40 @@ _LONGEST_LINE = 4096  # bytes of the header of a request or an answer
 
 
 class MeshProcess:
-    """Parses mesh files in another process, one after the other; any thread may call it."""
+    """Parses mesh files in another process, one after the other; any thread may call it.
+
+    A file is parsed once, whether it is accepted or not. The least recently used ones are
+    forgotten.
+    """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock, self._kept_lock = threading.Lock(), threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._owner = 0
+        self._kept: dict[tuple[bytes, str], MeshContent | str] = {}
+
+    def parsed(self, content: bytes, suffix: str) -> MeshContent:
+        """The mesh in the content of a file; ValueError or TimeoutError with the reason if none."""
+        key = hashlib.sha256(content).digest(), suffix
+        with self._kept_lock:
+            found = self._kept.pop(key, None)
+        if found is None:
+            try:
+                found = self.parse(content, suffix)
+            except (ValueError, RuntimeError) as error:
+                found = str(error)
+        with self._kept_lock:
+            kept = self._kept
+            kept[key] = found
+            while len(kept) > 1 and (
+                len(kept) > INPUT_LIMITS.kept_meshes
+                or sum(len(x.triangles) for x in kept.values() if isinstance(x, MeshContent))
+                > INPUT_LIMITS.mesh_triangles
+            ):
+                del kept[next(iter(kept))]
+        if isinstance(found, str):
+            raise ValueError(found)
+        return found
 
     def parse(self, content: bytes, suffix: str) -> MeshContent:
         """Parse the content of a file, see :func:`.parse_mesh`.
@@ -197,44 +225,7 @@ def _exactly(stream: IO[bytes], size: int) -> bytes:
     return content
 
 
-class MeshFiles:
-    """Mesh files that were read, by their content.
-
-    A file is parsed once in a process of its own, whether it is accepted or not. The least recently
-    used ones are forgotten.
-    """
-
-    def __init__(self) -> None:
-        self._process, self._lock = MeshProcess(), threading.Lock()
-        self._parsed: dict[tuple[bytes, str], MeshContent | str] = {}
-
-    def parsed(self, content: bytes, suffix: str) -> MeshContent:
-        """The mesh in the content of a file; ValueError or RuntimeError with the reason if none."""
-        key = hashlib.sha256(content).digest(), suffix
-        with self._lock:
-            found = self._parsed.pop(key, None)
-        if found is None:
-            try:
-                found = self._process.parse(content, suffix)
-            except (ValueError, RuntimeError) as error:
-                found = str(error)
-        with self._lock:
-            self._parsed[key] = found
-            while len(self._parsed) > 1 and (
-                len(self._parsed) > INPUT_LIMITS.kept_meshes
-                or sum(map(_size, self._parsed.values())) > INPUT_LIMITS.mesh_triangles
-            ):
-                del self._parsed[next(iter(self._parsed))]
-        if isinstance(found, str):
-            raise ValueError(found)
-        return found
-
-
-def _size(parsed: MeshContent | str) -> int:
-    return 0 if isinstance(parsed, str) else len(parsed.triangles)
-
-
-_FILES = MeshFiles()
+_FILES = MeshProcess()
 
 
 def read_mesh(path: Path, resource: str = "") -> MeshContent:

@@ -11,11 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+
+try:
+    import coal as coal
+except ImportError:  # its name before release 3
+    import hppfcl as coal
 
 THICKNESS = 1e-4
 """Thickness of the hull of a mesh without volume [m]."""
@@ -36,6 +43,8 @@ _SIDES = np.array(
     ],
     dtype=np.intp,
 )
+
+_Points = getattr(coal, "StdVec_Vec3s", None) or coal.StdVec_Vec3f  # before release 3
 
 Triangles = NDArray[np.intp]
 
@@ -65,6 +74,27 @@ class MeshPiece:
     faces: Triangles
     is_convex: bool
     is_thin: bool
+
+    @cached_property
+    def surface(self) -> Any:
+        """The triangles for Coal, made once and never changed."""
+        surface = coal.BVHModelOBBRSS()
+        surface.beginModel(len(self.triangles), len(self.vertices))
+        surface.addVertices(self.vertices)
+        surface.addTriangles(self.triangles)
+        surface.endModel()
+        return surface
+
+    @cached_property
+    def hull(self) -> Any:
+        """The convex hull for Coal, made once and never changed."""
+        points, faces = _Points(), coal.StdVec_Triangle()
+        for corner in self.corners:
+            points.append(corner)
+        # No list of each face: so many start a search for garbage, which stops all threads.
+        for face in zip(*self.faces.T.tolist(), strict=True):
+            faces.append(coal.Triangle(*face))
+        return coal.Convex(points, faces)
 
 
 def is_point(vertices: FloatArray) -> bool:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property, partial
 from html import escape
 from pathlib import Path
@@ -30,9 +30,16 @@ from ..arrays import (
 )
 from ..exceptions import RobotError, quote_names, shown, unknown_name
 from ..files import as_path, read_text, reading
-from .bodies import LinkShapes
-from .inertias import EffortSlopes, LinkInertias, inertia_flaws, listed_flaws
-from .joints import JointOrder, LockedModel, joint_of
+from .bodies import Bodies
+from .joints import (
+    JointOrder,
+    LinkInertias,
+    LockedModel,
+    effort_slopes,
+    inertia_flaws,
+    joint_of,
+    listed_flaws,
+)
 from .limits import JointLimits, Overrides, given_limits, merge_limits
 from .urdf import read_description
 
@@ -123,7 +130,7 @@ class Robot:
         if locked:
             _movable(tuple(locked), self.movable_joints, source)
         self._locked = LockedModel(full, names, locked or {}, found)
-        model, _ = self._locked.reduced([])
+        model = self._locked.reduced()
         self._inertia_flaws, unknown = inertia_flaws(model, found)
         for joint in unknown:  # efforts that can't be computed become NaN, not 0
             model.inertias[joint] = pin.Inertia(np.nan, np.zeros(3), np.zeros((3, 3)))
@@ -149,7 +156,7 @@ class Robot:
         # Views of the results, made once: making them takes as long as the call itself.
         self._results = (data.dtau_dq, data.dtau_dv, data.M, data.tau)
         self._pool: Any = pin.ModelPool(model, 1) if hasattr(pin, "rneaInParallel") else None
-        self._slopes: EffortSlopes | None = None
+        self._slopes: Callable[..., FloatArray] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: x for name, x in vars(self).items() if name not in _WORKING_MEMORY}
@@ -343,9 +350,8 @@ class Robot:
         for joint in ElementTree.fromstring(self._given[0]).iter("joint"):
             dynamics, name = joint.find("dynamics"), joint.get("name", "")
             if dynamics is not None and name in found:
-                stated = dynamics.get("friction", "0")
-                with reading(f"the friction of joint '{name}', '{stated}',", RobotError):
-                    found[name] = float(stated)
+                with reading(f"the friction of joint '{name}'", RobotError):
+                    found[name] = float(dynamics.get("friction", "0"))
         return np.array(list(found.values()))
 
     def with_armature(self, inertias: FloatArray) -> Robot:
@@ -385,36 +391,41 @@ class Robot:
         self.link_inertias.change(model, factors)
         return self._with_model(model)
 
-    def collision_geometry(
-        self, package_dirs: Sequence[Path]
-    ) -> tuple[Any, Any, NDArray[np.intp], LinkShapes]:
-        """Pinocchio's model, the collision geometry of the links, and the order of the joints.
+    def link_bodies(self, package_dirs: Sequence[Path]) -> Bodies:
+        """The collision shapes of the links.
 
         Parameters
         ----------
         package_dirs : sequence of Path
             Folders of the packages that ``package://`` paths of meshes name.
 
-        Returns
-        -------
-        model : pinocchio.Model
-            The model of the joints that move.
-        geometry : pinocchio.GeometryModel
-            Its collision geometry, with the pairs of links that are no neighbours: more than one
-            joint is between them, locked ones included.
-        order : array of int, shape (n_joints,)
-            For each joint of the model, its index in `joint_names`.
-        shapes : LinkShapes
-            The shapes of the geometry.
-
         Raises
         ------
         RobotError
             If a shape can't be used, or a mesh can't be found or read.
         """
-        shapes = LinkShapes(self._description, package_dirs, self._source)
-        model, geometry = self._locked.collision_geometry(shapes)
-        return model, geometry, self._order.from_pin, shapes
+        return Bodies.of_links(self._model, self._description, package_dirs, self._source)
+
+    def are_neighbours(self, links: Sequence[str]) -> NDArray[np.bool_]:
+        """Whether at most one joint is between two links, locked ones included.
+
+        Parameters
+        ----------
+        links : sequence of str
+            Names of n_links links.
+
+        Returns
+        -------
+        are_neighbours : array of bool, shape (n_links, n_links)
+            For each two of them.
+
+        Raises
+        ------
+        RobotError
+            If there is no such link.
+        """
+        self._frame_ids(links)
+        return self._locked.are_neighbours(links)
 
     # Dynamics
 
@@ -448,7 +459,7 @@ class Robot:
     def effort_slopes(
         self, q: FloatArray, v: FloatArray, a: FloatArray, jerk: FloatArray
     ) -> FloatArray:
-        """Upper bounds of the rates of change of efforts, see :meth:`.EffortSlopes.bounds`.
+        """Upper bounds of the rates of change of efforts, see :func:`.effort_slopes`.
 
         Parameters
         ----------
@@ -462,9 +473,9 @@ class Robot:
             Bounds of the magnitude of dτ/dt [N·m/s or N/s].
         """
         if self._slopes is None:
-            self._slopes = EffortSlopes(self._model)
+            self._slopes = effort_slopes(self._model)
         q, v, a, jerk = self._order.checked(q, v, a, jerk, n_dims=2)
-        return self._order.restored(self._slopes.bounds(q, v, a, jerk))
+        return self._order.restored(self._slopes(q, v, a, jerk))
 
     def inverse_dynamics_derivatives(
         self, q: FloatArray, v: FloatArray, a: FloatArray
@@ -558,14 +569,7 @@ class Robot:
         RobotError
             If there is no such frame, or the positions have another shape.
         """
-        ids = self._frame_ids(frames)
-        (q,) = self._order.checked(q, n_dims=2)
-        points = np.empty((len(q), len(ids), 3))
-        for k, configuration in enumerate(q):
-            pin.framesForwardKinematics(self._model, self._data, configuration)
-            for i, frame in enumerate(ids):
-                points[k, i] = self._data.oMf[frame].translation
-        return points
+        return self._positions(q, self._frame_ids(frames))
 
     def chain_positions(self, q: FloatArray, frame: str) -> FloatArray:
         """Positions of the joints from the base to a frame, and of the frame, along a motion.
@@ -588,16 +592,21 @@ class Robot:
             If there is no such frame.
         """
         (end,) = self._frame_ids([frame])
-        joints = [joint_of(self._model.frames[end])]
-        while joints[-1] > 0:
-            joints.append(int(self._model.parents[joints[-1]]))
+        frames, kind = list(self._model.frames), pin.FrameType.JOINT
+        of_joints = {joint_of(one): i for i, one in enumerate(frames) if one.type == kind}
+        chain, joint = [end], joint_of(frames[end])
+        while joint > 0:
+            chain.insert(0, of_joints[joint])
+            joint = int(self._model.parents[joint])
+        return self._positions(q, [0, *chain])
+
+    def _positions(self, q: FloatArray, ids: Sequence[int]) -> FloatArray:
         (q,) = self._order.checked(q, n_dims=2)
-        points = np.empty((len(q), len(joints) + 1, 3))
+        points = np.empty((len(q), len(ids), 3))
         for k, configuration in enumerate(q):
             pin.framesForwardKinematics(self._model, self._data, configuration)
-            for i, joint in enumerate(reversed(joints)):
-                points[k, i] = self._data.oMi[joint].translation
-            points[k, -1] = self._data.oMf[end].translation
+            for i, frame in enumerate(ids):
+                points[k, i] = self._data.oMf[frame].translation
         return points
 
     def attached_poses(

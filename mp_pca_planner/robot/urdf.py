@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,8 +23,8 @@ from ..exceptions import RobotError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
 
 _PART = 1 << 16  # characters of XML that are parsed at once
-_SHAPES = ("box", "sphere", "cylinder", "mesh")
-# Numbers in attributes: how many.
+_SHAPES = ("box", "sphere", "cylinder", "mesh", "capsule")
+# Numbers in attributes: how many, and which attributes may be left out.
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -34,8 +34,15 @@ _NUMBERS = {
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
 }
+_OPTIONAL = ("xyz", "rpy", "lower", "upper", "scale")
+_ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
+# Means "no limit" where a URDF needs a number. Continuous joints are revolute ones for Pinocchio:
+# a configuration then has one angle per joint.
+_UNBOUNDED = "1e30"
+_PARTS_OF_JOINTS = ("origin", "parent", "child", "axis", "limit")
 
 
 class StatedShape(NamedTuple):
@@ -68,15 +75,16 @@ def stated_shape(part: ET.Element) -> StatedShape:
     RobotError
         If it has no shape, an unknown one, or numbers that are missing or malformed.
     """
-    shape = part.find("geometry/*")
-    if shape is None:
-        raise RobotError(f"a <{part.tag}> lacks its <geometry>")
-    if shape.tag not in (*_SHAPES, "capsule"):
-        raise RobotError(f"no shape is called <{shape.tag}>")
-    usual = "1 1 1" if shape.tag == "mesh" else ""
-    counts = _NUMBERS["cylinder" if shape.tag == "capsule" else shape.tag]
-    sizes = [numbers_of(shape, name, count, usual) for name, count in counts.items()]
-    file = shape.get("filename", "")
+    shapes = list(next(part.iter("geometry"), ()))
+    if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
+        found = quote_names(shape.tag for shape in shapes)
+        raise RobotError(f"its geometry is {found}, expected one of {', '.join(_SHAPES)}")
+    (shape,) = shapes
+    is_mesh, file = shape.tag == "mesh", shape.get("filename", "")
+    if is_mesh and not file:
+        raise RobotError("its mesh lacks 'filename'")
+    usual = "1 1 1" if is_mesh else None
+    sizes = [numbers_of(shape, name, n, usual) for name, n in _NUMBERS[shape.tag].items()]
     return StatedShape(shape.tag, np.concatenate(sizes), file, stated_origin(part))
 
 
@@ -94,31 +102,30 @@ def stated_origin(part: ET.Element) -> FloatArray:
     return np.concatenate([numbers_of(origin, name, 3, "0 0 0") for name in ("xyz", "rpy")])
 
 
-def numbers_of(element: ET.Element, attribute: str, count: int, usual: str = "") -> FloatArray:
+def numbers_of(
+    element: ET.Element, attribute: str, count: int, usual: str | None = None
+) -> FloatArray:
     """The numbers in an attribute, or the usual ones without it.
 
     Raises
     ------
     RobotError
-        If there are not so many, or one is not finite.
+        If they are missing, there are not so many, or one is not finite or huge.
     """
     text = element.get(attribute, usual)
+    if text is None:
+        raise RobotError(f"<{element.tag}> lacks '{attribute}'")
+    # Limits may be huge; masses and lengths that are would overflow in the dynamics.
+    most = math.inf if element.tag == "limit" else INPUT_LIMITS.description_value
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.zeros(0)
-    if values.size != count or not np.isfinite(values).all():
-        raise RobotError(f"'{attribute}' of <{element.tag}> is '{text}', expected {count} numbers")
+    if values.size != count or not (np.isfinite(values) & (np.abs(values) <= most)).all():
+        expected = "a finite number" if count == 1 else f"{count} finite numbers"
+        expected += "" if most == math.inf else f" of at most {most:g}"
+        raise RobotError(f"'{attribute}' of <{element.tag}> is '{text}', expected {expected}")
     return values
-
-
-_ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
-# Means "no limit" where a URDF needs a number. Continuous joints are revolute ones for Pinocchio:
-# a configuration then has one angle per joint.
-_UNBOUNDED = "1e30"
-_PARTS_OF_JOINTS = ("origin", "parent", "child", "axis", "limit")
-# Attributes with numbers that may be left out.
-_OPTIONAL = ("xyz", "rpy", "lower", "upper", "scale")
 
 
 class Mimic(NamedTuple):
@@ -194,19 +201,30 @@ def read_description(urdf: str, source: str) -> Description:
         raise RobotError(f"{source} has no revolute, continuous or prismatic joint")
     _check_tree(root, source)
     clean = ET.Element("robot", name=root.get("name") or "robot")
-    lost_inertials = _copy_links(root, clean)
+    inertials, lost_inertials = _copy_links(root, clean)
     shapes, lost_shapes = _collision_shapes(root)
-    for joint in every.values():
-        _copy_joint(joint, clean, source)
-    copies = {link.get("name", ""): link.find("inertial") for link in clean.findall("link")}
+    mimics: dict[str, Mimic] = {}
+    for name, joint in every.items():
+        try:
+            _copy_joint(joint, clean)
+            mimic = joint.find("mimic")
+            # Real descriptions also name joints that don't exist: these mimic nothing, as in
+            # Pinocchio.
+            if mimic is not None and name in joints and mimic.get("joint") in every:
+                pairs = (("multiplier", "1"), ("offset", "0"))
+                numbers = (float(numbers_of(mimic, key, 1, usual)[0]) for key, usual in pairs)
+                mimics[name] = Mimic(mimic.get("joint", ""), *numbers)
+        except RobotError as error:
+            raise RobotError(f"{source}: joint '{name}': {error}") from None
+    _check_mimics(mimics, source)
     return Description(
         name=root.get("name", ""),
         xml=ET.tostring(clean, encoding="unicode"),
         types={name: joint.get("type", "") for name, joint in joints.items()},
         limits={name: _limits_of(joint) for name, joint in joints.items()},
-        mimics=_mimics(joints, every, source),
+        mimics=mimics,
         child_links={name: _end(joint, "child") for name, joint in joints.items()},
-        inertials={name: inertial for name, inertial in copies.items() if inertial is not None},
+        inertials=inertials,
         lost_inertials=lost_inertials,
         shapes=shapes,
         lost_shapes=lost_shapes,
@@ -285,35 +303,15 @@ def _limits_of(joint: ET.Element) -> dict[str, float]:
     return {key: float(text) for key, text in found.items()}
 
 
-def _mimics(
-    joints: Mapping[str, ET.Element], every: Collection[str], source: str
-) -> dict[str, Mimic]:
-    """The movable joints that mimic others, in no circle.
-
-    Real descriptions also name joints that don't exist: these mimic nothing, as in Pinocchio.
-    """
-    found: dict[str, Mimic] = {}
-    for name, joint in joints.items():
-        mimic = joint.find("mimic")
-        if mimic is None:
-            continue
-        try:
-            multiplier, offset = (
-                float(numbers_of(mimic, *one)[0])
-                for one in (("multiplier", 1, "1"), ("offset", 1, "0"))
-            )
-        except RobotError as error:
-            raise RobotError(f"{source}: joint '{name}': {error}") from None
-        if mimic.get("joint") in every:
-            found[name] = Mimic(mimic.get("joint", ""), multiplier, offset)
-    for name in found:
+def _check_mimics(mimics: Mapping[str, Mimic], source: str) -> None:
+    """Reject joints that mimic each other in a circle."""
+    for name in mimics:
         chain = [name]
-        while chain[-1] in found and chain.count(name) < 2 and len(chain) <= len(found):
-            chain.append(found[chain[-1]].joint)
+        while chain[-1] in mimics and chain.count(name) < 2 and len(chain) <= len(mimics):
+            chain.append(mimics[chain[-1]].joint)
         if chain.count(name) > 1:
             circle = " mimics ".join(f"'{one}'" for one in chain)
             raise RobotError(f"{source}: joints mimic each other in a circle: {circle}")
-    return found
 
 
 def _end(joint: ET.Element, which: str) -> str:
@@ -349,18 +347,36 @@ def _check_tree(root: ET.Element, source: str) -> None:
         )
 
 
-def _copy_links(root: ET.Element, clean: ET.Element) -> dict[str, str]:
-    """Copy the links; return what is wrong with the inertials left out, by link."""
+def _copy_links(
+    root: ET.Element, clean: ET.Element
+) -> tuple[dict[str, ET.Element], dict[str, str]]:
+    """Copy the links; return the usable inertials, and what is wrong with the others, by link."""
+    found: dict[str, ET.Element] = {}
     lost: dict[str, str] = {}
     for link in root.findall("link"):
         name = link.get("name", "")
-        copy = ET.SubElement(clean, "link", name=name)
-        for inertial in link.findall("inertial")[:1]:
-            if problem := _wrong_inertial(inertial):
-                lost[name] = problem
-            else:
-                copy.append(inertial)
-    return lost
+        copy, inertial = ET.SubElement(clean, "link", name=name), link.find("inertial")
+        if inertial is None:
+            continue
+        if problem := _wrong_inertial(inertial):
+            lost[name] = problem
+        else:
+            copy.append(inertial)
+            found[name] = inertial
+    return found, lost
+
+
+def _wrong_inertial(inertial: ET.Element) -> str:
+    """The defect of an inertial; empty if there is none."""
+    for tag in ("mass", "inertia"):
+        if inertial.find(tag) is None:
+            return f"an <inertial> without <{tag}>"
+    try:
+        _check_numbers(inertial)
+    except RobotError as error:
+        return f"an <inertial> in which {error}"
+    mass = next(inertial.iter("mass")).attrib["value"]
+    return f"a mass of {mass} kg" if float(mass) < 0.0 else ""
 
 
 def _collision_shapes(root: ET.Element) -> tuple[dict[str, list[StatedShape]], dict[str, str]]:
@@ -370,41 +386,17 @@ def _collision_shapes(root: ET.Element) -> tuple[dict[str, list[StatedShape]], d
     for link in root.findall("link"):
         name = link.get("name", "")
         for part in link.findall("collision"):
-            if problem := _wrong_shape(part):
-                lost[name] = problem
-            else:
+            try:
                 shapes.setdefault(name, []).append(stated_shape(part))
+            except RobotError as error:
+                lost[name] = str(error)
     return shapes, lost
 
 
-def _wrong_shape(collision: ET.Element) -> str:
-    """The defect of a collision shape; empty if there is none."""
-    geometry = collision.find("geometry")
-    shapes = [] if geometry is None else list(geometry)
-    if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
-        found = quote_names(shape.tag for shape in shapes)
-        return f"its geometry is {found}, expected one of {', '.join(_SHAPES)}"
-    if shapes[0].tag == "mesh" and not shapes[0].get("filename"):
-        return "its mesh lacks 'filename'"
-    return _wrong_numbers(collision)
-
-
-def _wrong_inertial(inertial: ET.Element) -> str:
-    """The defect of an inertial; empty if there is none."""
-    mass = inertial.find("mass")
-    for tag in ("mass", "inertia"):
-        if inertial.find(tag) is None:
-            return f"an <inertial> without <{tag}>"
-    if problem := _wrong_numbers(inertial):
-        return f"an <inertial> in which {problem}"
-    negative = mass is not None and float(mass.get("value", "")) < 0.0
-    return f"a mass of {mass.get('value')} kg" if mass is not None and negative else ""
-
-
-def _copy_joint(joint: ET.Element, clean: ET.Element, source: str) -> None:
+def _copy_joint(joint: ET.Element, clean: ET.Element) -> None:
     """Add a joint to a description, a continuous one as revolute without bounds."""
-    name, kind = joint.get("name", ""), joint.get("type", "")
-    copy = ET.SubElement(clean, "joint", name=name, type=kind)
+    kind = joint.get("type", "")
+    copy = ET.SubElement(clean, "joint", name=joint.get("name", ""), type=kind)
     copy.extend(part for part in joint if part.tag in _PARTS_OF_JOINTS)
     limit = copy.find("limit")
     if kind == "continuous":
@@ -412,37 +404,20 @@ def _copy_joint(joint: ET.Element, clean: ET.Element, source: str) -> None:
             limit = ET.SubElement(copy, "limit", velocity=_UNBOUNDED, effort=_UNBOUNDED)
         limit.attrib.update(lower="-" + _UNBOUNDED, upper=_UNBOUNDED)
         copy.set("type", "revolute")
-    problem = _wrong_numbers(copy)
-    axis = None if problem or kind not in _ONE_DOF_TYPES else copy.find("axis")
+    _check_numbers(copy)
+    if kind not in _ONE_DOF_TYPES:
+        return
+    axis = copy.find("axis")
     if axis is not None and not any(map(float, axis.get("xyz", "1").split())):
-        problem = "its <axis> has no direction, expected three numbers that are not all 0"
-    if limit is None and kind in _ONE_DOF_TYPES:
-        problem = "it has no <limit>, which must state 'effort' and 'velocity'"
-    if problem:
-        raise RobotError(f"{source}: joint '{name}': {problem}")
+        raise RobotError("its <axis> has no direction, expected three numbers that are not all 0")
+    if limit is None:
+        raise RobotError("it has no <limit>, which must state 'effort' and 'velocity'")
 
 
-def _wrong_numbers(element: ET.Element) -> str:
-    """The defect of the numbers in an element; valid ones are rewritten for urdfdom."""
+def _check_numbers(element: ET.Element) -> None:
+    """Reject wrong numbers in an element; valid ones are rewritten for urdfdom."""
     for part in element.iter():
         for attribute, count in _NUMBERS.get(part.tag, {}).items():
-            text = part.get(attribute)
-            if text is None:
-                if attribute in _OPTIONAL:
-                    continue
-                return f"<{part.tag}> lacks '{attribute}'"
-            try:
-                values = [float(word) for word in text.split()]
-            except ValueError:
-                values = []
-            # Limits may be huge; masses and lengths that are would overflow in the dynamics.
-            largest = math.inf if part.tag == "limit" else INPUT_LIMITS.description_value
-            if len(values) != count or not all(
-                math.isfinite(value) and abs(value) <= largest for value in values
-            ):
-                expected = "a finite number" if count == 1 else f"{count} finite numbers"
-                if largest < math.inf:
-                    expected += f" of at most {largest:g}"
-                return f"'{attribute}' of <{part.tag}> is '{text}', expected {expected}"
-            part.set(attribute, " ".join(map(repr, values)))
-    return ""
+            if attribute in part.attrib or attribute not in _OPTIONAL:
+                numbers = numbers_of(part, attribute, count)
+                part.set(attribute, " ".join(map(repr, numbers.tolist())))

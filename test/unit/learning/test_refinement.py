@@ -33,7 +33,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.robot.bodies import coal
+from mp_pca_planner.robot.mesh_pieces import coal
 
 ROBOT = arm_robot()
 LIMITS = ROBOT.limits()

@@ -248,9 +248,9 @@ def test_poses_of_all_joints_at_once_are_those_of_pinocchio(kind):
     robot = mp.Robot(URDF) if kind == "balls" else arm_robot()
     model, _ = robot.pinocchio_model()
     data, q = model.createData(), np.random.default_rng(3).uniform(-2, 2, (5, robot.n_joints))
-    poses = JointTree(model, np.arange(model.nv)).poses(q)
+    rotations, positions = JointTree(model, np.arange(model.nv)).poses(q)
     for k, one in enumerate(q):
         pin.forwardKinematics(model, data, one)
         for j in range(model.njoints):
-            np.testing.assert_allclose(poses.rotations[k, j], data.oMi[j].rotation, atol=1e-12)
-            np.testing.assert_allclose(poses.positions[k, j], data.oMi[j].translation, atol=1e-12)
+            np.testing.assert_allclose(rotations[k, j], data.oMi[j].rotation, atol=1e-12)
+            np.testing.assert_allclose(positions[k, j], data.oMi[j].translation, atol=1e-12)

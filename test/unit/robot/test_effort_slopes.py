@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of mp_pca_planner.robot.inertias."""
+"""Tests of mp_pca_planner.robot.joints."""
 
 from pathlib import Path
 

@@ -29,7 +29,7 @@ from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.input_limits import InputLimits
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.robot import mesh_files
-from mp_pca_planner.robot.bodies import link_solid
+from mp_pca_planner.robot.bodies import shared
 from mp_pca_planner.robot.mesh_files import MeshProcess, read_mesh
 from mp_pca_planner.robot.mesh_pieces import THICKNESS, pieces_of, whole_piece
 
@@ -299,13 +299,10 @@ def test_links_have_flat_meshes_with_a_note_and_hostile_ones_are_named(tmp_path)
 
 def test_robots_with_equal_meshes_share_what_is_built_of_them():
     piece, same, other = (whole_piece(*sphere(n)) for n in (20, 20, 21))
-    solid = link_solid(piece)
-    assert link_solid(same).shape is solid.shape
-    assert link_solid(same).hull is solid.hull
-    assert link_solid(other).shape is not solid.shape
+    assert shared(piece) is piece and shared(same) is piece and shared(other) is other
     # Nobody needs them any more, so that they take no memory.
-    kept = weakref.ref(solid.shape)
-    del solid
+    kept = weakref.ref(piece.surface)
+    del piece
     assert kept() is None
 
 
