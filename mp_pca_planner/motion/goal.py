@@ -24,6 +24,7 @@ from ..arrays import (
 )
 from ..exceptions import GoalError, quote_names, shown, unknown_name
 from ..input_limits import INPUT_LIMITS
+from ..robot.world import unit_quaternion
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,14 +118,8 @@ class Pose:
         check_type(frame, "the frame of a pose", GoalError, str)
         position = frozen_array(position, (3,), "position of a pose", GoalError)
         if orientation is not None:
-            orientation = frozen_array(orientation, (4,), "orientation of a pose", GoalError)
-            length = float(np.linalg.norm(orientation))
-            if not abs(length - 1.0) <= 1e-3:
-                raise GoalError(
-                    "the orientation of a pose must be a quaternion (x, y, z, w) of length 1, "
-                    f"got one of length {length:.6g}"
-                )
-            orientation = frozen_array(orientation / length, (4,), "orientation", GoalError)
+            what = "the orientation of a pose"
+            orientation = unit_quaternion(orientation, what, GoalError)
         set_frozen(self, frame=frame, position=position, orientation=orientation)
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -99,11 +98,6 @@ class CollisionGeometry:
         self.margin = _checked_margin(margin)
         self.set_world(World() if world is None else world)
 
-    def __copy__(self) -> Self:
-        other = object.__new__(type(self))
-        vars(other).update(vars(self))
-        return other
-
     def __reduce__(self) -> tuple[Any, ...]:
         # Meshes are read again where it is unpickled.
         return partial(self._made, world=self.world, margin=self.margin), ()
@@ -143,7 +137,8 @@ class CollisionGeometry:
         WorldError
             See the class.
         """
-        other = copy(self)
+        other = object.__new__(type(self))
+        vars(other).update(vars(self))
         other.set_world(world)
         return other
 

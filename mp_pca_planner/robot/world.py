@@ -23,7 +23,7 @@ from ..arrays import (
     set_frozen,
     unique_names,
 )
-from ..exceptions import WorldError, quote_names, shown, unknown_name
+from ..exceptions import PlannerError, WorldError, quote_names, shown, unknown_name
 from ..files import as_path
 from ..input_limits import INPUT_LIMITS
 from .mesh_pieces import THICKNESS, MeshPiece, is_point, pieces_of
@@ -60,7 +60,11 @@ class Shape:
     def _place(self, position: ArrayLike, orientation: ArrayLike) -> None:
         what = f"of a {type(self).__name__.lower()}"
         position = _coordinates(position, (3,), f"position {what}")
-        set_frozen(self, position=position, orientation=_unit(orientation, f"orientation {what}"))
+        set_frozen(
+            self,
+            position=position,
+            orientation=unit_quaternion(orientation, f"orientation {what}", WorldError),
+        )
 
     @property
     def pose(self) -> FloatArray:
@@ -71,8 +75,8 @@ class Shape:
         """The same shape in a frame in which its present one has a pose, shape (7,)."""
         pose = float_array(pose, "pose", WorldError, (7,))
         position = _coordinates(pose[:3], (3,), "position")
-        frame = np.concatenate([position, _unit(pose[3:], "orientation")])
-        placed = pin.XYZQUATToSE3(frame) * pin.XYZQUATToSE3(self.pose)
+        frame = [*position, *unit_quaternion(pose[3:], "orientation", WorldError)]
+        placed = pin.XYZQUATToSE3(np.array(frame)) * pin.XYZQUATToSE3(self.pose)
         found = np.array(pin.SE3ToXYZQUAT(placed))
         other = object.__new__(type(self))
         set_frozen(other, **vars(self))
@@ -288,14 +292,21 @@ class Mesh(Shape):
         return f"{len(self.triangles)} triangles"
 
 
-def _unit(quaternion: ArrayLike, what: str) -> FloatArray:
-    values = frozen_array(quaternion, (4,), what, WorldError)
-    length = float(np.linalg.norm(values))
+def unit_quaternion(values: ArrayLike, what: str, error: type[PlannerError]) -> FloatArray:
+    """A quaternion (x, y, z, w) of length 1 from one of nearly that length, shape (4,).
+
+    Raises
+    ------
+    PlannerError
+        (as `error`) If there are not four finite numbers, or the length is another one.
+    """
+    given = frozen_array(values, (4,), what, error)
+    length = float(np.linalg.norm(given))
     if not abs(length - 1.0) <= _QUATERNION_TOLERANCE:
-        raise WorldError(
+        raise error(
             f"{what} must be a quaternion (x, y, z, w) of length 1, got one of length {length:.6g}"
         )
-    return frozen_array(values / length, (4,), what, WorldError)
+    return frozen_array(given / length, (4,), what, error)
 
 
 def _positive(value: float, what: str) -> float:
