@@ -16,8 +16,8 @@ from ..plotting.style import COLOURS
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.recording_set import RecordingSet
 from .content import typical_demonstration
-from .player import Player, ShownMotion
-from .stage import DrawnPaths, Rgb, Stage, from_hex, part
+from .robot_shapes import DrawnPaths, Rgb, from_hex
+from .stage import Player, ShownMotion, Stage, part
 
 COMPONENTS, DEMONSTRATIONS = "Components", "Demonstrations"
 _N_SAMPLES = 60  # configurations of a shown demonstration

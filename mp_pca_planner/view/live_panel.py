@@ -19,7 +19,8 @@ from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
 from ..robot.world import World
 from .content import LiveLink, LiveView, NodeStatus
-from .stage import BAD, GOOD, GREY, WARNING, DrawnPaths, DrawnRobot, Rgb, Stage, part
+from .robot_shapes import DrawnPaths, DrawnRobot, Rgb
+from .stage import BAD, GOOD, GREY, WARNING, Stage, part
 from .world_panel import DrawnWorld, WorldEditor
 
 NAME = "Live"

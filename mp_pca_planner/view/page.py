@@ -24,10 +24,9 @@ from .live_panel import LivePanel
 from .plan_panel import NAME as PLAN
 from .plan_panel import PlanPanel
 from .planning import InteractivePlanner, ViewRequest
-from .player import Player, ShownMotion
-from .robot_shapes import RobotShapes
+from .robot_shapes import Rgb, RobotShapes
 from .server import PageServer
-from .stage import Rgb, Stage, part
+from .stage import Player, ShownMotion, Stage, part
 from .world_panel import NAME as WORLD
 from .world_panel import WorldPanel
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,8 +27,8 @@ from .planning import (
     answer_html,
     limit_shares,
 )
-from .player import Player, ShownMotion
-from .stage import DrawnPaths, DrawnRobot, Rgb, Stage, part
+from .robot_shapes import DrawnPaths, DrawnRobot, Rgb
+from .stage import Player, ShownMotion, Stage, part
 
 NAME = "Plan"
 _TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."
@@ -44,68 +43,6 @@ _SHORT: Rgb = (230, 159, 0)
 _REJECTED: Rgb = (217, 53, 43)
 _PATH: Rgb = (0, 114, 178)
 _SPLINES: Rgb = (204, 121, 167)
-
-
-class ViaHandles:
-    """Handles of the places to pass, and the buttons that add and remove them.
-
-    Parameters
-    ----------
-    stage : Stage
-        The scene.
-    new_place : callable
-        Position of a new point [m], shape (3,).
-    react : callable
-        Called with the vias when a person changes them.
-    """
-
-    def __init__(
-        self,
-        stage: Stage,
-        new_place: Callable[[], FloatArray],
-        react: Callable[[tuple[Pose, ...]], None],
-    ) -> None:
-        self._stage, self._new_place, self._react = stage, new_place, react
-        self._handles: list[viser.TransformControlsHandle] = []
-        gui = stage.server.gui
-        hint = "Places that the end effector passes, in order"
-        choice = gui.add_button_group("Points to pass", (_ADD, _REMOVE), hint=hint)
-        stage.on_click(
-            choice, lambda: self._on_add() if choice.value == _ADD else self._on_remove()
-        )
-
-    def clear(self) -> None:
-        """Remove all points without a call."""
-        for handle in self._handles:
-            handle.remove()
-        self._handles = []
-
-    def set_visible(self, is_visible: bool) -> None:
-        """Show or hide the handles."""
-        for handle in self._handles:
-            handle.visible = is_visible
-
-    @property
-    def poses(self) -> tuple[Pose, ...]:
-        """The points in the order in which they were added."""
-        return tuple(Pose(self._stage.frame, handle.position) for handle in self._handles)
-
-    def _on_add(self) -> None:
-        if len(self._handles) == _MAX_VIAS:
-            return
-        scene, size = self._stage.server.scene, self._stage.size
-        name, place = f"/vias/{len(self._handles)}", self._new_place()
-        handle = scene.add_transform_controls(
-            name, scale=0.1 * size, disable_rotations=True, depth_test=False, position=place
-        )
-        scene.add_icosphere(f"{name}/ball", 0.012 * size, color=_SHORT)
-        self._stage.on_drag(handle, lambda _: self._react(self.poses))
-        self._handles.append(handle)
-        self._react(self.poses)
-
-    def _on_remove(self) -> None:
-        self.clear()
-        self._react(())
 
 
 class PlanPanel:
@@ -159,14 +96,19 @@ class PlanPanel:
         gui.add_html(explanation(planner.primitives[0]))
         self._verdict = gui.add_html("")
         self._add_goal()
-        self._vias = ViaHandles(stage, self._new_via, lambda vias: self.submit(vias=vias))
+        self._vias: list[viser.TransformControlsHandle] = []
+        hint = "Places that the end effector passes, in order"
+        vias = gui.add_button_group("Points to pass", (_ADD, _REMOVE), hint=hint)
+        stage.on_click(
+            vias, lambda: self._on_add_via() if vias.value == _ADD else self._on_remove_vias()
+        )
         self._add_settings()
         with gui.add_folder("Limits used"):
             self._bars = gui.add_html("")
         self._formats = gui.add_button_group("Save as", tuple(_FORMATS))
         self._formats.on_click(self._on_save)
         self._worker = PreemptiveWorker[ViewRequest](
-            lambda request, _: self._serve(request), lambda _: None, lambda: None, self._on_failure
+            self._serve, lambda _: None, lambda: None, self._on_failure
         )
         self._place_handle()
         self.submit()
@@ -176,8 +118,8 @@ class PlanPanel:
         self._is_open = is_open
         self._ghost.visible = is_open
         self._draw_paths()
-        self.handle.visible = with_handles
-        self._vias.set_visible(with_handles)
+        for handle in (self.handle, *self._vias):
+            handle.visible = with_handles
         if is_open:
             self._player.show(self._motion)
 
@@ -300,16 +242,35 @@ class PlanPanel:
 
     def _on_reset(self) -> None:
         start, goal = self._home
-        self._vias.clear()
         self._place_handle(goal)
         self._player.seek(0.0)
-        self.submit(start=start, goal=goal, pose=None, vias=())
+        self._on_remove_vias(start=start, goal=goal, pose=None)
 
-    def _new_via(self) -> FloatArray:
-        """The place that the end effector passes in the middle of the present motion."""
+    def _on_add_via(self) -> None:
+        """Add a place to pass, where the end effector is in the middle of the present motion."""
+        if len(self._vias) == _MAX_VIAS:
+            return
         plan = None if self.answer is None else self.answer.plan
         motion = self._request.start[None] if plan is None else plan.trajectory.positions
-        return np.asarray(self._stage.path(motion[len(motion) // 2][None])[0])
+        (place,) = self._stage.path(motion[len(motion) // 2][None])
+        scene, size, name = self._stage.server.scene, self._stage.size, f"/vias/{len(self._vias)}"
+        handle = scene.add_transform_controls(
+            name, scale=0.1 * size, disable_rotations=True, depth_test=False, position=place
+        )
+        scene.add_icosphere(f"{name}/ball", 0.012 * size, color=_SHORT)
+        self._stage.on_drag(handle, lambda _: self._submit_vias())
+        self._vias.append(handle)
+        self._submit_vias()
+
+    def _submit_vias(self, **changes: Any) -> None:
+        vias = tuple(Pose(self._stage.frame, handle.position) for handle in self._vias)
+        self.submit(vias=vias, **changes)
+
+    def _on_remove_vias(self, **changes: Any) -> None:
+        for handle in self._vias:
+            handle.remove()
+        self._vias = []
+        self._submit_vias(**changes)
 
     def _place_handle(self, q: FloatArray | None = None) -> None:
         """Put the handle onto the end effector in a configuration, by default at the goal."""
@@ -318,30 +279,23 @@ class PlanPanel:
             goal, self._stage.frame
         )
 
-    def _serve(self, request: ViewRequest) -> None:
+    def _serve(self, request: ViewRequest, _: object) -> None:
         # In the planning thread: only what is under the lock changes the page.
         if request.pose is not None and self.answer is not None:
             # The search for a pose begins where the last answer ended.
             request = replace(request, goal=self.answer.goal)
-        answer = None
-        with self._stage.caught():  # the thread must outlive every error
-            answer = self._planner.answer(request)
-            # Words sent alone appear at once; with the scene, they would wait until it is drawn.
-            for show in (self._say, self._draw):
-                with self._stage.lock, self._stage.server.atomic():
-                    show(answer)
-                self._stage.server.flush()
-        if answer is None:
-            self._fail(request)
+        answer = self._planner.answer(request)
+        # Words sent alone appear at once; with the scene, they would wait until it is drawn.
+        for show in (self._say, self._draw):
+            with self._stage.lock, self._stage.server.atomic():
+                show(answer)
+            self._stage.server.flush()
 
     def _on_failure(self, request: ViewRequest | None, error: BaseException) -> None:
+        """Show that a plan failed for a reason that no goal should cause."""
         with self._stage.caught():
             raise error
-        if request is not None:
-            self._fail(request)
-
-    def _fail(self, request: ViewRequest) -> None:
-        """Show that a plan failed for a reason that no goal should cause."""
+        request = request or self._request
         problem = "internal error; its traceback is in the log of this command"
         with self._stage.caught(), self._stage.lock:
             self._say(PlanAnswer(request, request.goal, None, problem, None, 0.0))

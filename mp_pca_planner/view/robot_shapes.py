@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes of each link to draw: visual ones, else collision shapes, else a skeleton."""
+"""The robot and paths in the scene: visual shapes, else collision shapes, else a skeleton."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import trimesh
+import viser
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
@@ -21,17 +22,23 @@ from ..robot.joints import joint_of
 from ..robot.mesh_files import find_mesh, scaled
 from ..robot.mesh_pieces import whole_piece
 from ..robot.model import Robot
-from ..robot.urdf import StatedShape, numbers_of, parse_xml, stated_shape
+from ..robot.urdf import numbers_of, parse_xml, stated_shape
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
+
+Rgb = tuple[int, int, int]
+
+# Faces of a mesh above which its convex hull is drawn; browsers without a GPU need that.
+_MAX_FACES = 40_000
 
 # Size of a ghost as a multiple of the robot's, whose surface would flicker with an equal one.
 _GHOST_GROWTH = 1.02
 
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
 _SHAPES: dict[str, Callable[..., Shape]] = {
+    "box": Box,
     "sphere": Sphere,
     "cylinder": Cylinder,
     "capsule": Capsule,
@@ -94,14 +101,28 @@ class RobotShapes:
         self._order = np.argsort(order)
         self.n_joints = int(self._model.njoints)
         root = parse_xml(urdf, "the robot description")
-        reader = _ShapeReader(self._model, root, folders)
-        links = root.findall("link")
-        shapes = [shape for link in links for shape in reader.visual_shapes(link)]
+        colours = dict(filter(None, map(_named_colour, root.findall("material"))))
+        notes: dict[str, None] = {}
+
+        def usable(link: ET.Element, tag: str) -> list[RobotShape]:
+            """The shapes of a link under a tag; those that can't be used are noted."""
+            found, name = [], link.get("name", "")
+            for part in link.findall(tag):
+                try:
+                    found.append(_shape(self._model, name, part, colours, folders))
+                except PlannerError as error:
+                    notes[f"link '{name}': {error}"] = None
+            return found
+
+        links, shapes = root.findall("link"), list[RobotShape]()
+        for link in links:
+            visual = usable(link, "visual")
+            is_missing = link.find("visual") is not None and not visual
+            shapes += usable(link, "collision") if is_missing else visual
         if not shapes:
-            shapes = [shape for link in links for shape in reader.shapes(link, "collision")]
+            shapes = [shape for link in links for shape in usable(link, "collision")]
         shapes += _skeleton(self._model, {shape.joint for shape in shapes})
-        self.shapes: tuple[RobotShape, ...] = tuple(shapes)
-        self.notes = tuple(dict.fromkeys(reader.notes))
+        self.shapes, self.notes = tuple(shapes), tuple(notes)
 
     def placements(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Places of all joints, the base first.
@@ -161,66 +182,34 @@ def _pose(places: Sequence[Any]) -> tuple[FloatArray, FloatArray]:
     return found[:, :3], np.roll(found[:, 3:], 1, axis=1)
 
 
-class _ShapeReader:
-    """Reads the visual or collision shapes of a URDF; unusable ones are left out with a note."""
-
-    def __init__(self, model: Any, root: ET.Element, folders: Sequence[Path]) -> None:
-        self._model, self._root, self._folders = model, root, folders
-        self._colours = dict(filter(None, map(_named_colour, root.findall("material"))))
-        self.notes: list[str] = []
-
-    def visual_shapes(self, link: ET.Element) -> list[RobotShape]:
-        """The visual shapes of a link; its collision shapes if none of these can be used."""
-        found = self.shapes(link, "visual")
-        is_missing = link.find("visual") is not None and not found
-        return self.shapes(link, "collision") if is_missing else found
-
-    def shapes(self, link: ET.Element, tag: str) -> list[RobotShape]:
-        """The usable shapes of a link under a tag."""
-        found = (self._shape(link, part) for part in link.findall(tag))
-        return [shape for shape in found if shape is not None]
-
-    def _shape(self, link: ET.Element, part: ET.Element) -> RobotShape | None:
-        name = link.get("name", "")
-        frame = self._model.frames[self._model.getFrameId(name, pin.FrameType.BODY)]
-        try:
-            shape = stated_shape(part)
-            mesh, has_colours = self._mesh(shape)
-        except PlannerError as error:
-            self.notes.append(f"link '{name}': {error}")
-            return None
-        turn = pin.rpy.rpyToMatrix(*shape.origin[3:])
-        place = frame.placement * pin.SE3(turn, shape.origin[:3])
-        mesh.apply_transform(place.homogeneous)
-        colour = self._colour(part)
-        if colour is None and not has_colours:
-            colour = _PLAIN
-        return RobotShape(joint_of(frame), mesh, colour)
-
-    def _colour(self, part: ET.Element) -> Colour | None:
-        material = part.find("material")
-        if material is None:
-            return None
-        own = _named_colour(material)
-        return own[1] if own else self._colours.get(material.get("name", ""))
-
-    def _mesh(self, shape: StatedShape) -> tuple[Any, bool]:
-        """The surface of a shape in its own frame, and whether it has colours of its own."""
-        if shape.kind == "mesh":
-            return self._loaded(shape)
-        if shape.kind == "box":
-            return surface(Box(shape.sizes)), False
-        return surface(_SHAPES[shape.kind](*shape.sizes)), False
-
-    def _loaded(self, shape: StatedShape) -> tuple[Any, bool]:
-        found = find_mesh(shape.file, self._folders)
-        vertices = scaled(found.vertices, shape.sizes)
+def _shape(
+    model: Any,
+    name: str,
+    part: ET.Element,
+    colours: Mapping[str, Colour],
+    folders: Sequence[Path],
+) -> RobotShape:
+    """The <visual> or <collision> of a link; PlannerError if it can't be used."""
+    stated = stated_shape(part)
+    if stated.kind == "mesh":
+        found = find_mesh(stated.file, folders)
+        vertices = scaled(found.vertices, stated.sizes)
         # Merged vertices make smooth surfaces, and mix their colours.
         is_plain = found.colours is None
         mesh = trimesh.Trimesh(
             vertices, found.triangles, face_colors=found.colours, process=is_plain
         )
-        return mesh, not is_plain
+    else:
+        sizes = (stated.sizes,) if stated.kind == "box" else stated.sizes
+        mesh, is_plain = surface(_SHAPES[stated.kind](*sizes)), True
+    frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+    turn = pin.rpy.rpyToMatrix(*stated.origin[3:])
+    mesh.apply_transform((frame.placement * pin.SE3(turn, stated.origin[:3])).homogeneous)
+    material, colour = part.find("material"), None
+    if material is not None:
+        own = _named_colour(material)
+        colour = own[1] if own else colours.get(material.get("name", ""))
+    return RobotShape(joint_of(frame), mesh, _PLAIN if colour is None and is_plain else colour)
 
 
 def glb(mesh: Any) -> bytes:
@@ -289,3 +278,128 @@ def _skeleton(model: Any, drawn: Collection[int]) -> Iterator[RobotShape]:
         for end in rods:
             rod = trimesh.creation.cylinder(radius, segment=[np.zeros(3), end], sections=24)
             yield RobotShape(joint, rod, _PLAIN)
+
+
+class DrawnRobot:
+    """A robot in the scene, in its own colours or, as a ghost, in one translucent colour.
+
+    Parameters
+    ----------
+    scene : viser.SceneApi
+        The scene.
+    name : str
+        Name of its node.
+    shapes : RobotShapes
+        Its shapes.
+    ghost : tuple of int, optional
+        Colour of a ghost, which consists of convex hulls of what moves.
+    opacity : float
+        Opacity of a ghost.
+
+    Attributes
+    ----------
+    configuration : array, shape (n_joints,)
+        The configuration shown.
+    """
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        name: str,
+        shapes: RobotShapes,
+        ghost: Rgb | None = None,
+        opacity: float = 0.35,
+    ) -> None:
+        self._shapes = shapes
+        self.configuration: FloatArray = np.zeros(0)
+        self._root = scene.add_frame(name, show_axes=False)
+        self._joints = [
+            scene.add_frame(f"{name}/{joint}", show_axes=False) for joint in range(shapes.n_joints)
+        ]
+        self._meshes: list[Any] = []
+        for i, shape in enumerate(shapes.shapes):
+            node = f"{name}/{shape.joint}/{i}"
+            if ghost is None:
+                _add_shape(scene, node, shape)
+            elif shape.joint > 0:
+                mesh = add_mesh(scene, node, shape.hull, ghost, opacity=opacity)
+                mesh.cast_shadow = mesh.receive_shadow = False
+                self._meshes.append(mesh)
+
+    def show(self, q: FloatArray) -> None:
+        """Put the robot into a configuration, shape (n_joints,)."""
+        self.configuration = q
+        positions, orientations = self._shapes.placements(q)
+        for frame, position, orientation in zip(self._joints, positions, orientations, strict=True):
+            frame.position, frame.wxyz = position, orientation
+
+    def paint(self, colour: Rgb) -> None:
+        """Give a ghost another colour."""
+        for mesh in self._meshes:
+            mesh.color = colour
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is shown."""
+        return bool(self._root.visible)
+
+    @visible.setter
+    def visible(self, is_visible: bool) -> None:
+        self._root.visible = is_visible
+
+
+def add_mesh(scene: viser.SceneApi, name: str, mesh: Any, colour: Rgb, **more: Any) -> Any:
+    """Add a mesh of one colour to the scene."""
+    return scene.add_mesh_simple(name, mesh.vertices, mesh.faces, color=colour, **more)
+
+
+def _add_shape(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
+    mesh = shape.mesh if len(shape.mesh.faces) <= _MAX_FACES else shape.hull
+    if shape.colour is None and mesh is shape.mesh:
+        scene.add_glb(name, glb(mesh))
+        return
+    red, green, blue, opacity = shape.colour or (0.8, 0.8, 0.8, 1.0)
+    colour = round(255 * red), round(255 * green), round(255 * blue)
+    add_mesh(scene, name, mesh, colour, opacity=None if opacity >= 1.0 else opacity)
+
+
+def from_hex(colour: str) -> Rgb:
+    """A colour written as ``#RRGGBB``."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return red, green, blue
+
+
+class DrawnPaths:
+    """Paths of one colour in the scene.
+
+    Parameters
+    ----------
+    scene : viser.SceneApi
+        The scene.
+    name : str
+        Name of its node.
+    colour : tuple of int
+        Its colour.
+    width : float
+        Its width on the screen [pixels].
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0) -> None:
+        self._lines = scene.add_line_segments(
+            name,
+            np.zeros((1, 2, 3), np.float32),
+            colour,
+            thickness=width,
+            thickness_units="screen",
+            visible=False,
+        )
+
+    def show(self, *paths: FloatArray, colour: Rgb | None = None) -> None:
+        """Draw paths through points, each of shape (n_points, 3) [m]; without any, hide them."""
+        segments = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
+        drawn = np.concatenate([np.zeros((0, 2, 3)), *segments]).astype(np.float32)
+        if len(drawn):
+            self._lines.points = drawn
+        if colour is not None:
+            self._lines.colors = np.asarray(colour, np.uint8)
+        self._lines.visible = bool(len(drawn))

@@ -12,7 +12,7 @@ import secrets
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Annotated, Any
+from typing import Annotated, Any, Union
 from unittest import mock
 
 import msgspec
@@ -44,65 +44,39 @@ _Vector = tuple[_Number, _Number, _Number]
 _Quaternion = tuple[_Number, _Number, _Number, _Number]
 
 
-class _Frame(msgspec.Struct, tag_field="type"):
-    """A message that a page sends; the names are Viser's."""
+_Handle = {"name": _Text, "owner": (_Text, "")}
+_Place = {"wxyz": _Quaternion, "position": _Vector}
+_VALUE = msgspec.defstruct("Value", [("value", bool | _Number | _Text)], forbid_unknown_fields=True)
+# The messages that a page sends, by Viser's names: their fields, some with a default.
+_MESSAGES: dict[str, dict[str, Any]] = {
+    "ViewerCameraMessage": {
+        **_Place,
+        **dict.fromkeys(("fov", "near", "far"), _Number),
+        **dict.fromkeys(("image_height", "image_width"), int),
+        **dict.fromkeys(("look_at", "up_direction"), _Vector),
+    },
+    "GuiUpdateMessage": {"uuid": _Text, "updates": _VALUE},
+    "CommandTriggerMessage": {"uuid": _Text},
+    "TransformControlsUpdateMessage": {**_Handle, **_Place},
+    "TransformControlsDragStartMessage": _Handle,
+    "TransformControlsDragEndMessage": _Handle,
+    "SceneNodeClickMessage": {
+        **_Handle,
+        "instance_index": int | None,
+        **dict.fromkeys(("ray_origin", "ray_direction"), _Vector),
+        "screen_pos": tuple[_Number, _Number],
+        "modifier": _Text | None,
+    },
+}
 
 
-class _Camera(_Frame, tag="ViewerCameraMessage"):
-    wxyz: _Quaternion
-    position: _Vector
-    fov: _Number
-    near: _Number
-    far: _Number
-    image_height: int
-    image_width: int
-    look_at: _Vector
-    up_direction: _Vector
+def _struct(name: str, fields: dict[str, Any]) -> Any:
+    """The type of a message."""
+    every = [(key, *(x if isinstance(x, tuple) else (x,))) for key, x in fields.items()]
+    return msgspec.defstruct(name, every, tag=name, tag_field="type", kw_only=True)
 
 
-class _NewValue(msgspec.Struct, forbid_unknown_fields=True):
-    value: bool | _Number | _Text
-
-
-class _Widget(_Frame, tag="GuiUpdateMessage"):
-    uuid: _Text
-    updates: _NewValue
-
-
-class _Command(_Frame, tag="CommandTriggerMessage"):
-    uuid: _Text
-
-
-class _Handle(_Frame, tag="TransformControlsUpdateMessage"):
-    name: _Text
-    wxyz: _Quaternion
-    position: _Vector
-    owner: _Text = ""
-
-
-class _HandleTaken(_Frame, tag="TransformControlsDragStartMessage"):
-    name: _Text
-    owner: _Text = ""
-
-
-class _HandleReleased(_Frame, tag="TransformControlsDragEndMessage"):
-    name: _Text
-    owner: _Text = ""
-
-
-class _Click(_Frame, tag="SceneNodeClickMessage"):
-    name: _Text
-    instance_index: int | None
-    ray_origin: _Vector
-    ray_direction: _Vector
-    screen_pos: tuple[_Number, _Number]
-    modifier: _Text | None
-    owner: _Text = ""
-
-
-_FRAMES = msgspec.msgpack.Decoder(
-    _Camera | _Widget | _Command | _Handle | _HandleTaken | _HandleReleased | _Click
-)
+_FRAMES: Any = msgspec.msgpack.Decoder(Union[*(_struct(*one) for one in _MESSAGES.items())])
 
 
 ValueProblem = Callable[[str, Any], str]
@@ -139,13 +113,13 @@ def frame_problem(frame: str | bytes, value_problem: ValueProblem) -> str:
         message = _FRAMES.decode(frame)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         return printable(str(error))[:200]
-    if isinstance(message, _Widget):
+    if hasattr(message, "updates"):
         return value_problem(message.uuid, message.updates.value)
     return ""
 
 
-class Access:
-    """Who may open a page and connect to it.
+def _refusal(request: Request, token: str) -> str:
+    """Why a request for the page is refused; empty if it is admitted.
 
     A browser lets every web site open a websocket to this machine. Therefore, a request must name
     the page's own host as its origin. A site whose name resolves to this machine does so, too:
@@ -153,34 +127,26 @@ class Access:
 
     Parameters
     ----------
+    request : Request
+        The request.
     token : str
         First part of the path of each request; empty for a page that only this machine reaches.
     """
-
-    def __init__(self, token: str) -> None:
-        self._token = token
-
-    def refusal(self, request: Request) -> str:
-        """Why a request is refused; empty if it is admitted."""
-        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
-        found = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
-        if found is None:
-            return "expected one host"
-        if not self._token and found["name"].lower() not in _LOCAL_NAMES:
-            return "this page is asked for as localhost or 127.0.0.1"
-        own = [[f"{scheme}://{hosts[0].lower()}"] for scheme in ("http", "https")]
-        is_connection = "Upgrade" in request.headers
-        if (is_connection or origins) and [origin.lower() for origin in origins] not in own:
-            return "another web site can't use this page"
-        first, *_ = re.split("[/?]", request.path.removeprefix("/"), maxsplit=1)
-        given = first.encode("utf-8", "surrogateescape")
-        if self._token and not secrets.compare_digest(given, self._token.encode()):
-            return "the address of this page ends with a token, which the command has printed"
-        return ""
-
-    def without_token(self, path: str) -> str:
-        """The path of an admitted request within the page."""
-        return "/" + path.removeprefix(f"/{self._token}").removeprefix("/")
+    hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+    found = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+    if found is None:
+        return "expected one host"
+    if not token and found["name"].lower() not in _LOCAL_NAMES:
+        return "this page is asked for as localhost or 127.0.0.1"
+    own = [[f"{scheme}://{hosts[0].lower()}"] for scheme in ("http", "https")]
+    is_connection = "Upgrade" in request.headers
+    if (is_connection or origins) and [origin.lower() for origin in origins] not in own:
+        return "another web site can't use this page"
+    first, *_ = re.split("[/?]", request.path.removeprefix("/"), maxsplit=1)
+    given = first.encode("utf-8", "surrogateescape")
+    if token and not secrets.compare_digest(given, token.encode()):
+        return "the address of this page ends with a token, which the command has printed"
+    return ""
 
 
 def _policy(host: str) -> str:
@@ -224,7 +190,7 @@ class PageServer(viser.ViserServer):
         self.is_local = host in LOCAL_HOSTS
         self._token = "" if self.is_local else secrets.token_urlsafe(16)
         # Viser has no option for this; its server is up when its constructor returns.
-        serve = _guarded(Access(self._token), self.value_problem)
+        serve = _guarded(self._token, self.value_problem)
         with mock.patch.object(websockets.asyncio.server, "serve", serve), _quiet():
             super().__init__(host, port, label="mp_pca_planner", verbose=False)
 
@@ -263,7 +229,7 @@ class PageServer(viser.ViserServer):
         return f"{address}/{self._token}/" if self._token else address
 
 
-def _guarded(access: Access, value_problem: ValueProblem) -> Callable[..., Any]:
+def _guarded(token: str, value_problem: ValueProblem) -> Callable[..., Any]:
     """The function of websockets that serves, for admitted requests and frames of the page."""
     serve = websockets.asyncio.server.serve
 
@@ -274,10 +240,9 @@ def _guarded(access: Access, value_problem: ValueProblem) -> Callable[..., Any]:
 
     def guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
         def admit(connection: ServerConnection, request: Request) -> Response | None:
-            reason = access.refusal(request)
-            if reason:
+            if reason := _refusal(request, token):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"Refused: {reason}.\n")
-            request.path = access.without_token(request.path)
+            request.path = "/" + request.path.removeprefix(f"/{token}").removeprefix("/")
             response: Response | None = process_request(connection, request)
             if response is not None:
                 response.headers["Content-Security-Policy"] = _policy(request.headers["Host"])

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What all panels share: the scene with robots and paths, parts of HTML, and caught errors."""
+"""What all panels share: the scene, the player, parts of HTML, and caught errors."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from typing import Any
@@ -19,12 +20,11 @@ import viser
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, printable
+from ..motion.trajectory import Trajectory
 from ..plotting.page import environment
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .robot_shapes import RobotShape, RobotShapes, glb
-
-Rgb = tuple[int, int, int]
+from .robot_shapes import DrawnRobot, Rgb, RobotShapes
 
 GOOD, WARNING, BAD, GREY = "#009E73", "#E69F00", "#D9352B", "#8C8C8C"
 """Colours of verdicts, legible on light and on dark."""
@@ -32,15 +32,17 @@ GOOD, WARNING, BAD, GREY = "#009E73", "#E69F00", "#D9352B", "#8C8C8C"
 LOG = logging.getLogger("mp_pca_planner.view")
 """Log of the page."""
 
-# Faces of a mesh above which its convex hull is drawn; browsers without a GPU need that.
-_MAX_FACES = 40_000
-
 # From what it sees to a camera, in diagonals of that.
 _DIRECTION = np.array([0.75, -0.65, 0.35])
 
 # Where a phone shows the robot, in halves of its width and height from the middle, right and down.
 _PHONE_SIDE, _PHONE_HEIGHTS = 0.9, (-0.85, -0.2)
 
+_SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
+_PERIOD = 1.0 / 30.0  # between two configurations [s]
+_SLIDER_STEPS = 4  # the slider follows every so many
+_N_GHOSTS = 4
+_GHOST: Rgb = (120, 144, 176)
 _COMPLAINT_TIME = 10.0  # for which an error is shown, and not repeated [s]
 
 
@@ -53,131 +55,6 @@ def part(macro: str, *content: Any) -> str:
 def _macros() -> Any:
     colours = {"GOOD": GOOD, "WARNING": WARNING, "BAD": BAD, "GREY": GREY}
     return environment().get_template("view.html", globals=colours).module
-
-
-class DrawnRobot:
-    """A robot in the scene, in its own colours or, as a ghost, in one translucent colour.
-
-    Parameters
-    ----------
-    scene : viser.SceneApi
-        The scene.
-    name : str
-        Name of its node.
-    shapes : RobotShapes
-        Its shapes.
-    ghost : tuple of int, optional
-        Colour of a ghost, which consists of convex hulls of what moves.
-    opacity : float
-        Opacity of a ghost.
-
-    Attributes
-    ----------
-    configuration : array, shape (n_joints,)
-        The configuration shown.
-    """
-
-    def __init__(
-        self,
-        scene: viser.SceneApi,
-        name: str,
-        shapes: RobotShapes,
-        ghost: Rgb | None = None,
-        opacity: float = 0.35,
-    ) -> None:
-        self._shapes = shapes
-        self.configuration: FloatArray = np.zeros(0)
-        self._root = scene.add_frame(name, show_axes=False)
-        self._joints = [
-            scene.add_frame(f"{name}/{joint}", show_axes=False) for joint in range(shapes.n_joints)
-        ]
-        self._meshes: list[Any] = []
-        for i, shape in enumerate(shapes.shapes):
-            node = f"{name}/{shape.joint}/{i}"
-            if ghost is None:
-                _add_shape(scene, node, shape)
-            elif shape.joint > 0:
-                mesh = add_mesh(scene, node, shape.hull, ghost, opacity=opacity)
-                mesh.cast_shadow = mesh.receive_shadow = False
-                self._meshes.append(mesh)
-
-    def show(self, q: FloatArray) -> None:
-        """Put the robot into a configuration, shape (n_joints,)."""
-        self.configuration = q
-        positions, orientations = self._shapes.placements(q)
-        for frame, position, orientation in zip(self._joints, positions, orientations, strict=True):
-            frame.position, frame.wxyz = position, orientation
-
-    def paint(self, colour: Rgb) -> None:
-        """Give a ghost another colour."""
-        for mesh in self._meshes:
-            mesh.color = colour
-
-    @property
-    def visible(self) -> bool:
-        """Whether it is shown."""
-        return bool(self._root.visible)
-
-    @visible.setter
-    def visible(self, is_visible: bool) -> None:
-        self._root.visible = is_visible
-
-
-def add_mesh(scene: viser.SceneApi, name: str, mesh: Any, colour: Rgb, **more: Any) -> Any:
-    """Add a mesh of one colour to the scene."""
-    return scene.add_mesh_simple(name, mesh.vertices, mesh.faces, color=colour, **more)
-
-
-def _add_shape(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
-    mesh = shape.mesh if len(shape.mesh.faces) <= _MAX_FACES else shape.hull
-    if shape.colour is None and mesh is shape.mesh:
-        scene.add_glb(name, glb(mesh))
-        return
-    red, green, blue, opacity = shape.colour or (0.8, 0.8, 0.8, 1.0)
-    colour = round(255 * red), round(255 * green), round(255 * blue)
-    add_mesh(scene, name, mesh, colour, opacity=None if opacity >= 1.0 else opacity)
-
-
-def from_hex(colour: str) -> Rgb:
-    """A colour written as ``#RRGGBB``."""
-    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
-    return red, green, blue
-
-
-class DrawnPaths:
-    """Paths of one colour in the scene.
-
-    Parameters
-    ----------
-    scene : viser.SceneApi
-        The scene.
-    name : str
-        Name of its node.
-    colour : tuple of int
-        Its colour.
-    width : float
-        Its width on the screen [pixels].
-    """
-
-    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0) -> None:
-        self._lines = scene.add_line_segments(
-            name,
-            np.zeros((1, 2, 3), np.float32),
-            colour,
-            thickness=width,
-            thickness_units="screen",
-            visible=False,
-        )
-
-    def show(self, *paths: FloatArray, colour: Rgb | None = None) -> None:
-        """Draw paths through points, each of shape (n_points, 3) [m]; without any, hide them."""
-        segments = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
-        drawn = np.concatenate([np.zeros((0, 2, 3)), *segments]).astype(np.float32)
-        if len(drawn):
-            self._lines.points = drawn
-        if colour is not None:
-            self._lines.colors = np.asarray(colour, np.uint8)
-        self._lines.visible = bool(len(drawn))
 
 
 class Stage:
@@ -360,3 +237,187 @@ def view_above_sheet(
     middle = [0.5 * (left_end + right_end), 0.5 * (low_end + high_end + (bottom + top) * z), z]
     position = np.array(middle) @ axes
     return position, position + (np.mean(depth) - z) * forward
+
+
+@dataclass(frozen=True, eq=False)
+class ShownMotion:
+    """A motion to show.
+
+    Attributes
+    ----------
+    name : str
+        What it is, for people.
+    times : array, shape (n_steps,)
+        Increasing times [s], the first 0.
+    positions : array, shape (n_steps, n_joints)
+        Joint positions [rad or m].
+    """
+
+    name: str
+    times: FloatArray
+    positions: FloatArray
+
+    @classmethod
+    def of(cls, name: str, trajectory: Trajectory) -> ShownMotion:
+        """The motion of a trajectory."""
+        return cls(name, trajectory.times, trajectory.positions)
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> FloatArray:
+        """The configuration at a time [s], shape (n_joints,); held before and after the motion."""
+        return np.array([np.interp(time, self.times, column) for column in self.positions.T])
+
+    def thinned(self, n: int) -> FloatArray:
+        """At most n configurations, evenly spaced in time, ends included."""
+        return np.array([self.at(t) for t in np.linspace(0.0, self.duration, n)])
+
+
+class Playback:
+    """The clock of the shown motion.
+
+    Attributes
+    ----------
+    motion : ShownMotion
+        The motion.
+    time : float
+        Present time in the motion [s].
+    speed : float
+        Seconds of the motion per second.
+    is_playing : bool
+        Whether the clock runs. It starts again after the end, with a rest between.
+    """
+
+    REST = 0.6
+    """Rest at the end of the motion before it starts again [s]."""
+
+    def __init__(self, motion: ShownMotion) -> None:
+        self.motion, self.time, self.speed, self.is_playing = motion, 0.0, 1.0, True
+        self._rested = 0.0
+
+    @property
+    def configuration(self) -> FloatArray:
+        """The present configuration, shape (n_joints,)."""
+        return self.motion.at(self.time)
+
+    @property
+    def share(self) -> float:
+        """Share of the motion that has passed, 0 to 1."""
+        duration = self.motion.duration
+        return min(self.time / duration, 1.0) if duration > 0.0 else 0.0
+
+    def show(self, motion: ShownMotion) -> None:
+        """Show another motion, at the same share of its duration."""
+        share = self.share
+        self.motion = motion
+        self.time = share * motion.duration
+
+    def seek(self, share: float) -> None:
+        """Go to a share of the motion."""
+        self.time, self._rested = share * self.motion.duration, 0.0
+
+    def advance(self, elapsed: float) -> bool:
+        """Let time pass [s]; returns whether the configuration may have changed."""
+        if not self.is_playing:
+            return False
+        if self.time < self.motion.duration:
+            self.time = min(self.time + self.speed * elapsed, self.motion.duration)
+            self._rested = 0.0
+            return True
+        self._rested += elapsed
+        if self._rested < self.REST:
+            return False
+        self.seek(0.0)
+        return True
+
+
+class Player:
+    """Plays one motion at a time.
+
+    Parameters
+    ----------
+    stage : Stage
+        The scene.
+    motion : ShownMotion
+        The first motion.
+    """
+
+    def __init__(self, stage: Stage, motion: ShownMotion) -> None:
+        self._stage = stage
+        self.playback = Playback(motion)
+        gui = stage.server.gui
+        self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
+        self._slider: Any = gui.add_slider("Time [%]", 0, 100, 1, 0)
+        with gui.add_folder("Playback", expand_by_default=False):
+            self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
+            self._with_ghosts = gui.add_checkbox("Ghosts", False, hint="The robot on its way")
+        self._ghosts: list[DrawnRobot] = []
+        stage.on_click(self._button, lambda: self.play(not self.playback.is_playing))
+        stage.on_change(self._slider, lambda: self.seek(0.01 * self._slider.value))
+        stage.on_change(self._speed, self._on_speed)
+        stage.on_change(self._with_ghosts, self._draw_ghosts)
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="player", daemon=True)
+        self._thread.start()
+
+    def show(self, motion: ShownMotion) -> None:
+        """Show another motion, at the same share of its duration."""
+        self.playback.show(motion)
+        self._draw()
+        self._draw_ghosts()
+
+    def play(self, is_playing: bool) -> None:
+        """Play or pause."""
+        if is_playing and self.playback.share >= 1.0:
+            self.playback.seek(0.0)
+        self.playback.is_playing = is_playing
+        self._button.label = "Pause" if is_playing else "Play"
+        self._button.icon = viser.Icon.PLAYER_PAUSE if is_playing else viser.Icon.PLAYER_PLAY
+
+    def seek(self, share: float) -> None:
+        """Pause at a share of the motion, 0 to 1."""
+        self.play(False)
+        self.playback.seek(share)
+        self._slider.value = round(100 * share)
+        self._draw()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closed.set()
+        self._thread.join()
+
+    def _on_speed(self) -> None:
+        self.playback.speed = float(self._speed.value)
+
+    def _draw(self) -> None:
+        with self._stage.server.atomic():
+            self._stage.drawn.show(self.playback.configuration)
+
+    def _draw_ghosts(self) -> None:
+        is_shown = self._with_ghosts.value
+        if is_shown and not self._ghosts:
+            scene, shapes = self._stage.server.scene, self._stage.shapes
+            self._ghosts = [
+                DrawnRobot(scene, f"/ghosts/{i}", shapes, _GHOST, 0.2) for i in range(_N_GHOSTS)
+            ]
+        for ghost in self._ghosts:
+            ghost.visible = is_shown
+        if is_shown:
+            configurations = self.playback.motion.thinned(_N_GHOSTS)
+            for ghost, q in zip(self._ghosts, configurations, strict=True):
+                ghost.show(q)
+
+    def _run(self) -> None:
+        last, steps = time.monotonic(), 0
+        while not self._closed.wait(_PERIOD):
+            now = time.monotonic()
+            with self._stage.caught(), self._stage.lock:
+                if self.playback.advance(now - last):
+                    self._draw()
+                    steps += 1
+                    if steps % _SLIDER_STEPS == 0 or self.playback.share in (0.0, 1.0):
+                        self._slider.value = round(100 * self.playback.share)
+            last = now

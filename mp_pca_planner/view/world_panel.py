@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
 from ..robot.world import Box, Cylinder, Obstacle, Shape, Sphere, World
-from .robot_shapes import surface
-from .stage import Rgb, Stage, add_mesh, part
+from .robot_shapes import Rgb, add_mesh, surface
+from .stage import Stage, part
 
 NAME = "World"
 _NOTHING = "none"

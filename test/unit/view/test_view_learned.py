@@ -24,7 +24,7 @@ from mp_pca_planner.view.learned import (
     reproduced,
     variance_shares,
 )
-from mp_pca_planner.view.player import Playback, ShownMotion
+from mp_pca_planner.view.stage import Playback, ShownMotion
 
 
 def ramp(duration: float = 2.0) -> ShownMotion:

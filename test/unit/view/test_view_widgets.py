@@ -72,10 +72,10 @@ def test_a_phone_sees_all_points_above_its_sheet_and_no_nearer_camera_does(exten
 
 
 def test_a_tab_shows_its_subject_and_no_handle_of_another(page):
-    page.plan._vias._on_add()
+    page.plan._on_add_via()
     page.world._on_add("Sphere")
     until(lambda: page.plan.is_settled)
-    (via,) = page.plan._vias._handles
+    (via,) = page.plan._vias
     obstacle = page.world.handle
     for name, handles in (
         ("Plan", (True, True, False)),
