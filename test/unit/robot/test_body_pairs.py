@@ -55,6 +55,15 @@ def test_distance_of_a_sphere_from_a_box_is_that_of_its_centre_from_the_box():
     assert found["turner", "box"] == pytest.approx(np.hypot(0.4, 0.3) - RADIUS, abs=1e-6)
 
 
+def test_a_link_may_be_a_capsule():
+    ball = f'<geometry><sphere radius="{RADIUS}"/>'
+    capsule = '<geometry><capsule radius="0.1" length="0.4"/>'
+    found = distances(CollisionModel(mp.Robot(URDF.replace(ball, capsule, 1))), [0.0, 0.0])
+    # Its upper half sphere is the nearest part to the turner.
+    expected = np.hypot(0.5, 1.0 - 0.2) - 0.1 - RADIUS
+    assert found["base", "turner"] == pytest.approx(expected, abs=1e-6)
+
+
 @pytest.mark.parametrize("n_others", [0, 60, 400])
 def test_configurations_are_checked_with_the_margin_among_few_and_many_bodies(n_others):
     ball = mp.Obstacle("ball", mp.Sphere(0.2, (0.0, 0.8, 1.0)))
