@@ -27,7 +27,7 @@ robot = model.with_link_inertias(np.repeat(factors[:, None], 4, axis=1))
 def execute(trajectory):
     """Measured effort ½∫‖τ‖²dt of the robot under the control law; 1 kHz."""
     loop = ControlLoop(model, law, trajectory)
-    return 0.5e-3 * np.sum(simulate(loop, robot, np.zeros(4), np.zeros(4)).efforts ** 2)
+    return 0.5e-3 * np.sum(simulate(loop, robot, np.zeros(4))[1] ** 2)
 
 
 learner = TrialLearner(list(plan.motions), model, planner.limits)

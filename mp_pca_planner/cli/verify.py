@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, text_table
-from ..control.closed_loop import ControlLoop, ErrorModel, Sampling, Verification, verify
+from ..control.closed_loop import ControlLoop, ErrorModel, Verification, verify
 from ..control.identification import Identification, identify
 from ..control.law import (
     COMPUTED_TORQUE,
@@ -42,7 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(output, ".npz", force=arguments.force)
     if parameters_file is not None:
         check_writable(parameters_file, overwrite=arguments.force)
-    sampling = Sampling(arguments.control_period, arguments.delay)
     request = plan_request(arguments)
     if not request.plan.is_executable:
         raise ControlError(f"there is no motion to verify: {request.plan.message}")
@@ -68,7 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     law = _choose_law(arguments, request, robot)
     parameters = parameters_file and controller_parameters(law, "joint_trajectory_controller")
-    loop = ControlLoop(robot, law, trajectory, request.planner.limits.effort, sampling)
+    sampling, limits = (arguments.control_period, arguments.delay), request.planner.limits
+    loop = ControlLoop(robot, law, trajectory, limits.effort, *sampling)
     stability, n = analyse(loop, errors), arguments.trials
     with progress_bar("simulations", "simulation") as progress:
         found = verify(loop, errors, stability.error_bound, n, progress=progress)

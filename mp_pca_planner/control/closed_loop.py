@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +37,6 @@ class ErrorModel:
         Link of the end effector; None means the link that most joints move.
     position : float
         Largest error of each joint at the start [rad or m].
-    velocity : float
-        The same of velocities [/s].
     friction : tuple of float
         Largest Coulomb friction of each joint [N·m or N]; empty: none.
 
@@ -53,20 +50,19 @@ class ErrorModel:
     payload: float = 0.0
     frame: str | None = None
     position: float = 0.001
-    velocity: float = 0.0
     friction: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         check_number(self.inertia, "the error of inertia", ControlError, 0.0, 0.999)
-        for name in ("payload", "position", "velocity"):
+        for name in ("payload", "position"):
             check_number(getattr(self, name), f"the error of {name}", ControlError, 0.0, 1e6)
         for friction in self.friction:
             check_number(friction, "the friction of a joint", ControlError, 0.0, 1e6)
 
     def sample(
         self, robot: Robot, rng: np.random.Generator, *, extreme: bool = False
-    ) -> tuple[Robot, FloatArray, FloatArray, FloatArray]:
-        """One robot within the errors: (robot, start error, that of velocity, friction).
+    ) -> tuple[Robot, FloatArray, FloatArray]:
+        """One robot within the errors: (robot, start error, friction).
 
         Parameters
         ----------
@@ -86,78 +82,12 @@ class ErrorModel:
         payload = self.payload * 0.5 * (1.0 + float(draw(1)[0]))
         true = robot.with_link_inertias(1.0 + self.inertia * draw(shape))
         true = true.with_payload(payload, self.frame)
-        starts = self.position * draw(n), self.velocity * draw(n)
-        friction = np.broadcast_to(self.friction or 0.0, (n,))
-        return true, *starts, friction * 0.5 * (1.0 + (draw(n) if friction.any() else 0.0))
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """Timing of a control loop.
-
-    Attributes
-    ----------
-    period : float
-        Time between samples [s].
-    delay : int
-        Samples from measuring to acting.
-
-    Raises
-    ------
-    ControlError
-        If the period isn't positive or the delay negative.
-    """
-
-    period: float = 1e-3
-    delay: int = 1
-
-    def __post_init__(self) -> None:
-        check_number(self.period, "a control period [s]", ControlError, 1e-5, 0.1)
-        check_number(self.delay, "a delay [samples]", ControlError, 0, 100, is_whole=True)
+        start, friction = self.position * draw(n), np.broadcast_to(self.friction or 0.0, (n,))
+        return true, start, friction * 0.5 * (1.0 + (draw(n) if friction.any() else 0.0))
 
 
 # Speed at which friction reaches three quarters of its size [rad/s or m/s].
 _SLOW = 0.01
-
-
-class Reference(NamedTuple):
-    """The desired motion at some instants, followed by rest at its end.
-
-    Attributes
-    ----------
-    q, v, a : array, shape (n_steps, n_joints)
-        Positions, velocities and accelerations.
-    """
-
-    q: FloatArray
-    v: FloatArray
-    a: FloatArray
-
-    @classmethod
-    def of(cls, trajectory: Trajectory, times: FloatArray) -> Reference:
-        """The controller's quintic interpolation of a trajectory at any times [s]."""
-        inside = np.clip(times, 0.0, trajectory.duration)
-        ends = segment_ends(trajectory.times, *trajectory.states)
-        return cls(*interpolate_at(inside, trajectory.times, ends))
-
-
-@dataclass(frozen=True, eq=False)
-class Simulation:
-    """Result of a simulation of the closed loop.
-
-    Attributes
-    ----------
-    errors : array, shape (n_samples, n_joints)
-        q_d − q at the samples [rad or m].
-    efforts : array, shape (n_samples, n_joints)
-        Efforts that acted after each sample.
-    saturated : int
-        Samples at which an effort was cut to its limit.
-    """
-
-    errors: FloatArray
-    efforts: FloatArray
-    saturated: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,22 +104,27 @@ class ControlLoop:
         The motion, of the same joints.
     effort_limits : array, shape (n_joints,)
         Efforts at which the drives saturate; infinite unless given.
-    sampling : Sampling
-        Timing.
+    period : float
+        Time between samples [s].
+    delay : int
+        Samples from measuring to acting.
 
     Raises
     ------
     ControlError
-        If the joints differ, or a limit is NaN.
+        If the joints differ, a limit is NaN, the period isn't positive or the delay negative.
     """
 
     model: Robot
     law: ControlLaw
     trajectory: Trajectory
     effort_limits: FloatArray = field(default_factory=lambda: np.array(np.inf))
-    sampling: Sampling = Sampling()
+    period: float = 1e-3
+    delay: int = 1
 
     def __post_init__(self) -> None:
+        check_number(self.period, "a control period [s]", ControlError, 1e-5, 0.1)
+        check_number(self.delay, "a delay [samples]", ControlError, 0, 100, is_whole=True)
         names, n = self.model.joint_names, self.model.n_joints
         if not names == self.law.joint_names == self.trajectory.joint_names:
             raise ControlError(
@@ -205,22 +140,30 @@ class ControlLoop:
     @cached_property
     def times(self) -> FloatArray:
         """Instants of control from the start to the end of the motion, shape (n_samples,) [s]."""
-        n_steps = int(np.ceil(self.trajectory.duration / self.sampling.period))
-        return np.asarray(np.arange(n_steps + 1) * self.sampling.period)
+        n_steps = int(np.ceil(self.trajectory.duration / self.period))
+        return np.asarray(np.arange(n_steps + 1) * self.period)
 
     @cached_property
-    def reference(self) -> Reference:
-        """The desired motion at these instants."""
-        return Reference.of(self.trajectory, self.times)
+    def reference(self) -> FloatArray:
+        """The desired motion at these instants, see :meth:`reference_at`."""
+        return self.reference_at(self.times)
+
+    def reference_at(self, times: FloatArray) -> FloatArray:
+        """Positions, velocities and accelerations of the motion, and of the rest at its end.
+
+        Their shape is (3, n_times, n_joints).
+        """
+        inside, motion = np.clip(times, 0.0, self.trajectory.duration), self.trajectory
+        ends = segment_ends(motion.times, *motion.states)
+        return np.array(interpolate_at(inside, motion.times, ends))
 
 
 def simulate(
     loop: ControlLoop,
     robot: Robot,
     start_error: FloatArray,
-    start_velocity_error: FloatArray,
-    friction: FloatArray | None = None,
-) -> Simulation:
+    friction: FloatArray | float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
     """Simulate the closed loop with Pinocchio's forward dynamics.
 
     Parameters
@@ -229,11 +172,18 @@ def simulate(
         The law and the motion.
     robot : Robot
         The simulated robot, which may differ from the model of the controller.
-    start_error, start_velocity_error : array, shape (n_joints,)
-        q_d − q and its derivative at the start.
-    friction : array, shape (n_joints,), optional
+    start_error : array, shape (n_joints,)
+        q_d − q at the start.
+    friction : array, shape (n_joints,), or float
         Coulomb friction of each joint [N·m or N]. It is smooth near rest, where a jump could not be
         integrated.
+
+    Returns
+    -------
+    errors : array, shape (n_samples, n_joints)
+        q_d − q at the samples [rad or m].
+    efforts : array, shape (n_samples, n_joints)
+        Efforts within their limits that acted after each sample.
 
     Raises
     ------
@@ -242,37 +192,34 @@ def simulate(
     """
     for one in (robot, loop.model):
         one.require_inertias("simulations")
-    desired, limits = loop.reference, loop.effort_limits
+    desired, limits, period = loop.reference, loop.effort_limits, loop.period
     feedforward = loop.model.inverse_dynamics(*desired)
-    q, v = desired.q[0] - start_error, desired.v[0] - start_velocity_error
+    q, v = desired[0, 0] - start_error, desired[1, 0]
     # Before the start, the robot is at rest under the same law.
-    pending = [_command(loop, feedforward, 0, q, v)] * loop.sampling.delay
-    errors, efforts = np.empty_like(desired.q), np.empty_like(desired.q)
-    saturated, period = 0, loop.sampling.period
-    drag = np.zeros(robot.n_joints) if friction is None else friction
+    pending = [_command(loop, feedforward, 0, q, v)] * loop.delay
+    errors, efforts = np.empty_like(desired[0]), np.empty_like(desired[0])
+    drag = np.broadcast_to(friction, (robot.n_joints,))
     slow = np.full(robot.n_joints, _SLOW)
     if drag.any():
         # Friction that changes more within a step than inertia allows would be unstable.
         mass, _ = robot.motion_equation(q, v)
         slow = np.maximum(slow, 2.0 * period * drag * np.linalg.inv(mass).diagonal())
     for k in range(len(loop.times)):
-        errors[k] = desired.q[k] - q
+        errors[k] = desired[0, k] - q
         pending.append(_command(loop, feedforward, k, q, v))
-        command = pending.pop(0)
-        efforts[k] = np.clip(command, -limits, limits)
-        saturated += bool(np.any(efforts[k] != command))
+        efforts[k] = np.clip(pending.pop(0), -limits, limits)
         q, v = _integrate(robot, q, v, efforts[k], period, drag, slow)
-    return Simulation(errors, efforts, saturated)
+    return errors, efforts
 
 
 def _command(
     loop: ControlLoop, feedforward: FloatArray, k: int, q: FloatArray, v: FloatArray
 ) -> FloatArray:
     """The effort of the law at one instant, shape (n_joints,)."""
-    desired, law = loop.reference, loop.law
-    correction = law.position_gains * (desired.q[k] - q) + law.velocity_gains * (desired.v[k] - v)
+    (q_d, v_d, a_d), law = loop.reference[:, k], loop.law
+    correction = law.position_gains * (q_d - q) + law.velocity_gains * (v_d - v)
     if law.kind == COMPUTED_TORQUE:
-        acceleration = desired.a[k] + correction
+        acceleration = a_d + correction
         return np.asarray(loop.model.inverse_dynamics(q[None], v[None], acceleration[None])[0])
     return np.asarray(feedforward[k] + correction)
 
@@ -357,12 +304,12 @@ def verify(
     shares = np.full(n_trials, np.inf)
     saturated = 0
     for trial in range(n_trials):
-        result = simulate(loop, *errors.sample(loop.model, rng, extreme=trial % 2 == 0))
-        magnitude = np.abs(result.errors)
+        found, efforts = simulate(loop, *errors.sample(loop.model, rng, extreme=trial % 2 == 0))
+        magnitude = np.abs(found)
         worst[trial] = magnitude.max(axis=0)
         if error_bound is not None:
             floor = np.finfo(float).tiny
             shares[trial] = float((magnitude / np.maximum(error_bound, floor)).max())
-        saturated += result.saturated > 0
+        saturated += bool(np.any(np.abs(efforts) >= loop.effort_limits))
         progress(trial + 1, n_trials)
     return Verification(worst, shares, saturated)

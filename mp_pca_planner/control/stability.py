@@ -41,7 +41,7 @@ from scipy.linalg import expm
 
 from ..arrays import FloatArray
 from ..robot.model import Robot
-from .closed_loop import ControlLoop, ErrorModel, Reference, simulate
+from .closed_loop import ControlLoop, ErrorModel, simulate
 from .law import COMPUTED_TORQUE
 
 # Intervals of the motion with bounds of their own; the time grows with their square.
@@ -163,12 +163,11 @@ class NominalLoop:
     """The nominal loop along a motion, linearised and sampled: x = (e, ė), input an effort."""
 
     def __init__(self, control: ControlLoop) -> None:
-        model, law, trajectory = control.model, control.law, control.trajectory
+        model, law, step = control.model, control.law, control.period
         n = self.n = model.n_joints
-        step = control.sampling.period
-        self.delay, self.times = control.sampling.delay, control.times
+        self.delay, self.times = control.delay, control.times
         unlimited = replace(control, effort_limits=np.array(np.inf))
-        self.errors = simulate(unlimited, model, np.zeros(n), np.zeros(n)).errors
+        self.errors = simulate(unlimited, model, np.zeros(n))[0]
         # Intervals of equal length, and the one of each sample.
         per_interval = max(len(self.times) // _N_INTERVALS, 1)
         self.interval = np.arange(len(self.times)) // per_interval
@@ -180,7 +179,7 @@ class NominalLoop:
         if law.kind == COMPUTED_TORQUE:
             self.feedback = linear[:, :, 2 * n :] @ gains - linear[:, :, : 2 * n]
         # The dynamics between samples, with coefficients of the middle of the step.
-        self.middle = Reference.of(trajectory, self.times + 0.5 * step)
+        self.middle = control.reference_at(self.times + 0.5 * step)
         self.middle_efforts, self.linear = model.inverse_dynamics_derivatives(*self.middle)
         self.mass_inverse = np.linalg.inv(self.linear[:, :, 2 * n :])
         eigenvalues, vectors = np.linalg.eigh(self.linear[:, :, 2 * n :])
@@ -270,12 +269,11 @@ def _known_responses(
     computed = np.arange(len(loop.times)) - loop.delay
     pushes.append(loop.middle_efforts - loop.feedforward[np.maximum(computed, 0)])
     signals = np.stack(pushes, axis=2)
-    size = np.repeat([errors.position, errors.velocity], n)
-    still = np.zeros((len(loop.times), n, 2 * n))
+    still = np.zeros((len(loop.times), n, n))
     responses = np.concatenate(
         [
             loop.respond(signals, np.zeros((2 * n, signals.shape[2]))),
-            loop.respond(still, np.diag(size)),
+            loop.respond(still, errors.position * np.eye(2 * n, n)),
         ],
         axis=2,
     )
@@ -441,7 +439,7 @@ def _deviation(
 ) -> FloatArray:
     """τ(d − z) − τ(d) + linear part at some samples, shape (n_corners, n_intervals, n)."""
     n = loop.n
-    desired = np.concatenate([values[rows] for values in loop.middle], axis=1)
+    desired = np.concatenate(loop.middle[:, rows], axis=1)
     states = (desired - errors).reshape(-1, 3 * n)
     tau = model.inverse_dynamics(states[:, :n], states[:, n : 2 * n], states[:, 2 * n :])
     linear = np.einsum("kij,ckj->cki", loop.linear[rows], errors)

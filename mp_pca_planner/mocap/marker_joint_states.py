@@ -18,9 +18,8 @@ from ..input_limits import INPUT_LIMITS
 from ..recordings.joint_states import NS_PER_S, JointLayout, RawJointStates
 from ..recordings.recording_set import MarkerResidual
 from ..robot.model import Robot
-from .inverse_kinematics import MarkerProblem, solve
+from .inverse_kinematics import MarkerProblem, check_fits, fit_origins, solve
 from .markers import MarkerMap, MarkerPlacement, MarkerTrajectories, read_marker_map, read_markers
-from .origin_fit import check_fits, fit_origins
 
 
 @dataclass(frozen=True)

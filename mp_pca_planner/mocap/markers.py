@@ -12,6 +12,7 @@ its own samples, which are interpolated at the stamps of the marker with most sa
 from __future__ import annotations
 
 from array import array
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field
 from fnmatch import fnmatchcase
@@ -23,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..arrays import FloatArray, frozen_array
+from ..arrays import FloatArray, frozen_array, set_frozen
 from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import load_yaml, read_text, reading
 from ..input_limits import INPUT_LIMITS
@@ -75,17 +76,14 @@ class MarkerPlacement:
     where: InitVar[str] = "marker map"
 
     def __post_init__(self, where: str) -> None:
-        def set_number(name: str, shape: tuple[int, ...]) -> None:
-            what = f"{where}: {name} of marker '{self.name}'"
-            array = frozen_array(getattr(self, name), shape, what, RecordingError)
-            if not shape and array <= 0.0:
-                raise RecordingError(f"{what} is {float(array):g}, but it must be positive")
-            object.__setattr__(self, name, array if shape else float(array))
-
-        set_number("position", (3,))
-        set_number("offset", (3,))
-        set_number("weight", ())
-        object.__setattr__(self, "body", self.body or self.name)
+        set_frozen(self, body=self.body or self.name)
+        for field_, shape in (("position", (3,)), ("offset", (3,)), ("weight", ())):
+            what = f"{where}: {field_} of marker '{self.name}'"
+            values = frozen_array(getattr(self, field_), shape, what, RecordingError)
+            set_frozen(self, **{field_: values})
+        if not self.weight > 0.0:
+            raise RecordingError(f"{what} is {self.weight:g}, but it must be positive")
+        set_frozen(self, weight=float(self.weight))
 
 
 @dataclass(frozen=True)
@@ -271,32 +269,12 @@ def _read_samples(bag: Bag, topic: str) -> dict[str, BodySamples]:
     return bag.read(frames, partial(_bodies, bag, {})) if frames else _read_topics(bag, topic)
 
 
-class _PoseBuffer:
-    """Numbers of a body in flat arrays: a long recording needs little more memory than these."""
-
-    def __init__(self, frame: str) -> None:
-        self.frame = frame
-        self._integers = array("q")
-        self._numbers = array("d")
-
-    def add(self, integers: Sequence[int], position: Any, orientation: Any = None) -> None:
-        self._integers.extend(integers)
-        self._numbers.extend((position.x, position.y, position.z))
-        q = orientation
-        self._numbers.extend((0.0,) * 4 if q is None else (q.x, q.y, q.z, q.w))
-
-    def samples(self) -> BodySamples:
-        """Samples, with the integers in one row for each."""
-        poses = np.array(self._numbers, dtype=np.float64).reshape(-1, 7)
-        integers = np.array(self._integers, dtype=np.int64)
-        return BodySamples(integers.reshape(len(poses), -1), poses, self.frame)
-
-
 def _marker_array(bag: Bag, stored: Iterator[Stored]) -> dict[str, BodySamples]:
     """Poses in all messages, NaN where a marker is not in the message."""
-    stamps: list[tuple[int, int]] = []
-    found: dict[tuple[str, int], _PoseBuffer] = {}
-    several: set[str] = set()
+    stamps, several = array("q"), set[str]()
+    # Frame and poses by namespace and id, in flat arrays: a long recording needs little more
+    # memory than these.
+    found: dict[tuple[str, int], tuple[str, array[float]]] = {}
     for row, (source, receive, data) in enumerate(stored):
         header = 0
         in_message: set[tuple[str, int]] = set()
@@ -307,23 +285,35 @@ def _marker_array(bag: Bag, stored: Iterator[Stored]) -> dict[str, BodySamples]:
             key = str(marker.ns), int(marker.id)
             in_message.add(key)
             header = header or _nanoseconds(marker.header.stamp)
-            buffer = found.setdefault(key, _PoseBuffer(str(marker.header.frame_id)))
-            buffer.add((row,), marker.pose.position, marker.pose.orientation)
-        spaces = [space for space, _ in in_message]
-        if len(set(spaces)) < len(spaces):
-            several.update(space for space in spaces if spaces.count(space) > 1)
-        stamps.append((header, receive))
-    all_stamps = np.array(stamps, dtype=np.int64).reshape(-1, 2)
+            _, poses = found.setdefault(key, (str(marker.header.frame_id), array("d")))
+            _fill(poses, row)
+            poses[7 * row :] = array("d", _pose(marker.pose.position, marker.pose.orientation))
+        spaces = Counter(space for space, _ in in_message)
+        several.update(space for space, count in spaces.items() if count > 1)
+        stamps.extend((header, receive))
+    all_stamps = np.array(stamps).reshape(-1, 2)
     samples: dict[str, BodySamples] = {}
-    for (space, number), buffer in found.items():
-        name = f"{space}/{number}" if space in several else space
-        empty = np.full((len(stamps), 7), np.nan)
-        own = samples.setdefault(
-            name if space else str(number), BodySamples(all_stamps, empty, buffer.frame)
-        )
-        seen = buffer.samples()
-        own.poses[seen.stamps[:, 0]] = seen.poses
+    for (space, number), (frame, poses) in found.items():
+        _fill(poses, len(all_stamps))
+        new = BodySamples(all_stamps, np.array(poses).reshape(-1, 7), frame)
+        name = f"{space}/{number}" if space in several else space or str(number)
+        own = samples.setdefault(name, new)
+        seen = ~np.isnan(new.poses).all(axis=1)
+        own.poses[seen] = new.poses[seen]
     return samples
+
+
+def _fill(poses: array[float], n_rows: int) -> None:
+    """Fill the poses of a marker with NaN up to a number of rows."""
+    poses.extend([np.nan] * (7 * n_rows - len(poses)))
+
+
+def _pose(position: Any, orientation: Any = None) -> tuple[float, ...]:
+    """Position and quaternion of a message; the quaternion is 0 if there is none."""
+    q = (0.0,) * 4
+    if orientation is not None:
+        q = orientation.x, orientation.y, orientation.z, orientation.w
+    return position.x, position.y, position.z, *q
 
 
 def _read_topics(bag: Bag, pattern: str) -> dict[str, BodySamples]:
@@ -343,19 +333,24 @@ def _read_topics(bag: Bag, pattern: str) -> dict[str, BodySamples]:
 
 def _bodies(bag: Bag, names: Mapping[str, str], stored: Iterator[Stored]) -> dict[str, BodySamples]:
     """Samples by name: that of the topic, or of the frame in messages of several."""
-    buffers: dict[str, _PoseBuffer] = {}
+    # Frame, stamps and poses by name, in flat arrays.
+    found: dict[str, tuple[str, array[int], array[float]]] = {}
     for topic, receive, data in stored:
         message = bag.deserialise(topic, data)
         for name, header, *pose in _poses(message, topic.type, names.get(topic.name, "")):
             frame = str(header.frame_id).lstrip("/")
-            buffer = buffers.setdefault(name, _PoseBuffer(frame))
-            if buffer.frame != frame:
+            first, stamps, poses = found.setdefault(name, (frame, array("q"), array("d")))
+            if first != frame:
                 raise RecordingError(
-                    f"'{name}' is given in two frames in '{topic.name}', '{buffer.frame}' and "
+                    f"'{name}' is given in two frames in '{topic.name}', '{first}' and "
                     f"'{frame}': record each marker in one frame"
                 )
-            buffer.add((_nanoseconds(header.stamp), receive), *pose)
-    return {name: buffer.samples() for name, buffer in buffers.items()}
+            stamps.extend((_nanoseconds(header.stamp), receive))
+            poses.extend(_pose(*pose))
+    return {
+        name: BodySamples(np.array(stamps).reshape(-1, 2), np.array(poses).reshape(-1, 7), frame)
+        for name, (frame, stamps, poses) in found.items()
+    }
 
 
 def _poses(message: Any, kind: str, name: str) -> Iterator[tuple[Any, ...]]:

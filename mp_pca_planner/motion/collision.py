@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..robot.collision import CollisionGeometry
-from ..robot.distances import CONTACT, Indices
+from ..robot.distances import CONTACT, BodyPairs, Indices
 from .interpolation import DenseSamples, interpolate
 from .trajectory import Trajectory
 
@@ -117,7 +117,7 @@ class CollisionModel(CollisionGeometry):
         travelled = np.concatenate(
             [np.zeros((1, displacements.shape[1])), np.cumsum(displacements, axis=0)]
         )
-        met = _CollisionSearch(self, dense.q, travelled).moments_in_collision(precisely)
+        met = _moments_in_collision(self, dense.q, travelled, precisely)
         found = [self._collision(dense, k, moments) for k, moments in met.items()]
         return tuple(sorted(found, key=attrgetter("penetration"), reverse=True))
 
@@ -147,74 +147,85 @@ def _between(values: FloatArray, moments: Indices) -> FloatArray:
     return np.asarray(values[before] + shares * (values[after] - values[before]))
 
 
-class _CollisionSearch:
-    """The search for collisions along a motion, by halving the intervals that may have one.
+def _moments_in_collision(
+    model: CollisionModel, q: FloatArray, travelled: FloatArray, precisely: bool
+) -> dict[int, list[tuple[float, int]]]:
+    """Search for collisions along a motion, by halving the intervals that may have one.
 
     Moments are counted in parts of the time between two samples.
+
+    Parameters
+    ----------
+    model : CollisionModel
+        Computes the distances.
+    q, travelled : array, shape (n_samples, n_joints)
+        The motion, and the distances that the joints have travelled.
+    precisely : bool
+        See :meth:`CollisionModel.collisions`.
+
+    Returns
+    -------
+    found : dict
+        Distances and moments of collisions by pair, with the first, last and deepest one.
     """
+    bodies, n_pairs = model.body_pairs, len(model.pairs)
+    deepest = np.full(n_pairs, np.inf)
+    found: dict[int, list[tuple[float, int]]] = {}
 
-    def __init__(self, model: CollisionModel, q: FloatArray, travelled: FloatArray) -> None:
-        self._pairs, self._q, self._travelled = model.body_pairs, q, travelled
-        self._deepest = np.full(len(model.pairs), np.inf)
-        self._found: dict[int, list[tuple[float, int]]] = {}
+    def largest_approach(pairs: Indices, first: Indices, last: Indices) -> FloatArray:
+        moved = _between(travelled, last) - _between(travelled, first)
+        return np.asarray(np.einsum("ej,ej->e", moved, bodies.levers[pairs]))
 
-    def moments_in_collision(self, precisely: bool) -> dict[int, list[tuple[float, int]]]:
-        """Distances and moments of collisions by pair, with the first, last and deepest one."""
-        pairs, first, last = self._doubtful()
-        closed = self._closed(pairs, first, last)
-        both = np.concatenate([first, last]) * self._deepest.size + np.tile(pairs, 2)
-        every, places = np.unique(both, return_inverse=True)
-        ends = self._distances(*np.divmod(every, self._deepest.size))[places].reshape(2, -1)
-        if self._found and not precisely:
-            return self._found
-        doubtful: dict[int, list[tuple[float, int]]] = {}
-        while True:
-            # A distance within an interval is at least half of this.
-            least = ends.sum(axis=0) - closed
-            # Between two collisions, only the deepest one matters.
-            collide = ends < CONTACT
-            both = collide.all(axis=0) & (0.5 * least > self._deepest[pairs] - CONTACT)
-            # A collision that is known is timed to a sample.
-            is_done = both | (last - first <= np.where(collide.any(axis=0), _PARTS, 1))
-            is_clear = least > 2.0 * CONTACT
-            for e in np.flatnonzero(~is_clear & (last - first <= 1)):
-                doubtful.setdefault(int(pairs[e]), []).append((0.0, int(first[e])))
-            if (is_done | is_clear).all():
-                return doubtful | self._found
-            kept = np.flatnonzero(~(is_done | is_clear))
-            pairs, first, last, ends = pairs[kept], first[kept], last[kept], ends[:, kept]
-            middle = (first + last) // 2
-            middle -= np.where(last - first > _PARTS, middle % _PARTS, 0)
-            between = self._distances(middle, pairs)
-            pairs = np.tile(pairs, 2)
-            first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
-            ends = np.block([[ends[0], between], [between, ends[1]]])
-            closed = self._closed(pairs, first, last)
-
-    def _doubtful(self) -> tuple[Indices, Indices, Indices]:
-        """Pairs and intervals that bounds of the distances don't clear."""
-        # Every 32 ms are checked first; a single point is an interval of its own.
-        n = len(self._q)
-        grid = np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp)
-        closed = np.diff(self._travelled[grid], axis=0) @ self._pairs.levers.T
-        pad = np.zeros((1, closed.shape[1]))
-        bounds = self._pairs.bounds(
-            self._q[grid], np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed]))
-        )
-        interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
-        return pairs, _PARTS * grid[interval], _PARTS * grid[interval + 1]
-
-    def _closed(self, pairs: Indices, first: Indices, last: Indices) -> FloatArray:
-        """Largest distances that pairs can have closed between moments [m]."""
-        travelled = _between(self._travelled, last) - _between(self._travelled, first)
-        return np.asarray(np.einsum("ej,ej->e", travelled, self._pairs.levers[pairs]))
-
-    def _distances(self, moments: Indices, pairs: Indices) -> FloatArray:
-        """Distances of pairs at moments; collisions are noted."""
+    def distances_at(moments: Indices, pairs: Indices) -> FloatArray:
         every, places = np.unique(moments, return_inverse=True)
-        distances = self._pairs.distances(_between(self._q, every), places, pairs)
+        distances = bodies.distances(_between(q, every), places, pairs)
         for e in np.flatnonzero(~(distances >= CONTACT)):  # a NaN is a collision
-            noted = self._found.setdefault(int(pairs[e]), [])
+            noted = found.setdefault(int(pairs[e]), [])
             noted.append((float(distances[e]), int(moments[e])))
-        np.fmin.at(self._deepest, pairs, distances)
+        np.fmin.at(deepest, pairs, distances)
         return distances
+
+    pairs, first, last = _doubtful(bodies, q, travelled)
+    closed = largest_approach(pairs, first, last)
+    both = np.concatenate([first, last]) * n_pairs + np.tile(pairs, 2)
+    every, places = np.unique(both, return_inverse=True)
+    ends = distances_at(*np.divmod(every, n_pairs))[places].reshape(2, -1)
+    if found and not precisely:
+        return found
+    doubtful: dict[int, list[tuple[float, int]]] = {}
+    while True:
+        # A distance within an interval is at least half of this.
+        least = ends.sum(axis=0) - closed
+        # Between two collisions, only the deepest one matters.
+        collide = ends < CONTACT
+        both = collide.all(axis=0) & (0.5 * least > deepest[pairs] - CONTACT)
+        # A collision that is known is timed to a sample.
+        is_done = both | (last - first <= np.where(collide.any(axis=0), _PARTS, 1))
+        is_clear = least > 2.0 * CONTACT
+        for e in np.flatnonzero(~is_clear & (last - first <= 1)):
+            doubtful.setdefault(int(pairs[e]), []).append((0.0, int(first[e])))
+        if (is_done | is_clear).all():
+            return doubtful | found
+        kept = np.flatnonzero(~(is_done | is_clear))
+        pairs, first, last, ends = pairs[kept], first[kept], last[kept], ends[:, kept]
+        middle = (first + last) // 2
+        middle -= np.where(last - first > _PARTS, middle % _PARTS, 0)
+        between = distances_at(middle, pairs)
+        pairs = np.tile(pairs, 2)
+        first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
+        ends = np.block([[ends[0], between], [between, ends[1]]])
+        closed = largest_approach(pairs, first, last)
+
+
+def _doubtful(
+    bodies: BodyPairs, q: FloatArray, travelled: FloatArray
+) -> tuple[Indices, Indices, Indices]:
+    """Pairs and intervals that bounds of the distances don't clear."""
+    # Every 32 ms are checked first; a single point is an interval of its own.
+    n = len(q)
+    grid = np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp)
+    closed = np.diff(travelled[grid], axis=0) @ bodies.levers.T
+    pad = np.zeros((1, closed.shape[1]))
+    bounds = bodies.bounds(q[grid], np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed])))
+    interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
+    return pairs, _PARTS * grid[interval], _PARTS * grid[interval + 1]

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
-from ..motion.least_duration import least_path_duration
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
@@ -27,6 +26,7 @@ from .options import REAL_TIME as REAL_TIME
 from .options import SHORTEST as SHORTEST
 from .options import TIMINGS as TIMINGS
 from .options import PlannerOptions as PlannerOptions
+from .time_scaling import least_path_duration
 
 if TYPE_CHECKING:
     from .planner import Planner

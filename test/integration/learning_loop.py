@@ -27,7 +27,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import yaml
 
-from mp_pca_planner.control.closed_loop import ControlLoop, Sampling, simulate
+from mp_pca_planner.control.closed_loop import ControlLoop, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
 from mp_pca_planner.learning.refined_motion import primitive_around
 from mp_pca_planner.learning.refinement import refine
@@ -150,19 +150,17 @@ class SimulatedRobot:
 
     def execute(self, trajectory: Trajectory, name: str) -> float:
         """Follow a trajectory in real time, record it, and measure its cost from the bag."""
-        limits, sampling = self._model.limits().effort, Sampling()
-        zero = np.zeros(len(JOINT_NAMES))
-        loop = ControlLoop(self._model, self._law, trajectory, limits, sampling)
-        done = simulate(loop, self._robot, zero, zero)
+        loop = ControlLoop(self._model, self._law, trajectory, self._model.limits().effort)
+        errors, acted = simulate(loop, self._robot, np.zeros(len(JOINT_NAMES)))
         times = loop.times
-        q = loop.reference.q - done.errors
+        q = loop.reference[0] - errors
         rows, began = [], time.perf_counter()
         # To its end, which the published steps need not meet.
         for k in sorted({*range(0, len(times), PUBLISHED_EVERY), len(times) - 1}):
             time.sleep(max(0.0, times[k] - (time.perf_counter() - began)))
-            velocity = (q[min(k + 1, len(q) - 1)] - q[max(k - 1, 0)]) / (2.0 * sampling.period)
-            self.publish(q[k], velocity, done.efforts[k])
-            rows.append((int(times[k] * 1e9), q[k], done.efforts[k]))
+            velocity = (q[min(k + 1, len(q) - 1)] - q[max(k - 1, 0)]) / (2.0 * loop.period)
+            self.publish(q[k], velocity, acted[k])
+            rows.append((int(times[k] * 1e9), q[k], acted[k]))
         stamps, positions, efforts = (np.array(column) for column in zip(*rows, strict=True))
         bag = self._folder / "bags" / f"{name}.mcap"
         bag.parent.mkdir(exist_ok=True)

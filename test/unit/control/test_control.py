@@ -12,7 +12,7 @@ import yaml
 from arm import JOINTS, arm_primitive, arm_robot, mass_matrix
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, Sampling, simulate, verify
+from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate, verify
 from mp_pca_planner.control.law import (
     COMPUTED_TORQUE,
     FEEDFORWARD_PD,
@@ -86,21 +86,18 @@ def test_payload_adds_its_weight_and_inertia_at_its_place() -> None:
 
 
 def test_error_of_computed_torque_decays_as_the_chosen_second_order_system() -> None:
-    robot = Robot(PENDULUM)
-    motion = reach(robot, [0.0], [1.0], 1.0)
-    law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 10.0)
-    loop = ControlLoop(robot, law, motion, sampling=Sampling(1e-4, 0))
-    result = simulate(loop, robot, np.array([0.1]), np.zeros(1))
-    times = np.arange(len(result.errors)) * 1e-4
+    loop = pendulum_loop(period=1e-4, delay=0)
+    errors, _ = simulate(loop, loop.model, np.array([0.1]))
+    times = np.arange(len(errors)) * 1e-4
     exact = 0.1 * (1.0 + 10.0 * times) * np.exp(-10.0 * times)
-    assert np.abs(result.errors[:, 0] - exact).max() < 2e-4
+    assert np.abs(errors[:, 0] - exact).max() < 2e-4
 
 
 def test_poles_of_computed_torque_are_those_asked_for() -> None:
     robot = arm_robot()
     motion = arm_reach()
     law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 20.0, 0.8)
-    known = analyse(ControlLoop(robot, law, motion, sampling=Sampling(1e-3, 0)), ErrorModel())
+    known = analyse(ControlLoop(robot, law, motion, delay=0), ErrorModel())
     assert known.slowest_pole == pytest.approx(-16.0, rel=0.02)
     assert known.least_damping == pytest.approx(0.8, rel=0.02)
     assert known.sampled_radius == pytest.approx(np.exp(-16.0 * 1e-3), abs=1e-3)
@@ -131,9 +128,9 @@ def test_efforts_stay_within_the_bound_that_tells_whether_they_saturate() -> Non
     assert known.effort_bound is not None
     rng = np.random.default_rng(0)
     loop = ControlLoop(robot, law, motion)
-    result = simulate(loop, *errors.sample(robot, rng, extreme=True))
+    _, efforts = simulate(loop, *errors.sample(robot, rng, extreme=True))
     # Efforts act one sample after the one that they are computed for.
-    assert np.all(np.abs(result.efforts[1:]) <= known.effort_bound[:-1] + 1e-9)
+    assert np.all(np.abs(efforts[1:]) <= known.effort_bound[:-1] + 1e-9)
     tight = known.effort_bound.max(axis=0) * 0.9
     assert analyse(ControlLoop(robot, law, motion, tight), errors).effort_reserve < 0.0
 
@@ -142,7 +139,7 @@ def test_loop_that_delay_makes_unstable_has_no_bound() -> None:
     robot = arm_robot()
     motion = arm_reach(0.3)
     law = ControlLaw.from_frequency(FEEDFORWARD_PD, robot, motion, 30.0)
-    known = analyse(ControlLoop(robot, law, motion, sampling=Sampling(1e-3, 60)), ErrorModel())
+    known = analyse(ControlLoop(robot, law, motion, delay=60), ErrorModel())
     assert known.sampled_radius > 1.0
     assert not known.holds
 
@@ -174,6 +171,13 @@ def test_controller_gets_the_gains_by_joint() -> None:
         controller_parameters(other, "arm_controller")
 
 
+def pendulum_loop(**sampling: float) -> ControlLoop:
+    robot = Robot(PENDULUM)
+    motion = reach(robot, [0.0], [1.0], 1.0)
+    law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 10.0)
+    return ControlLoop(robot, law, motion, **sampling)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("build", "reason"),
     [
@@ -184,8 +188,8 @@ def test_controller_gets_the_gains_by_joint() -> None:
         (lambda: ControlLaw(FEEDFORWARD_PD, JOINTS, np.ones(4), -np.ones(4)), "positive"),
         (lambda: ErrorModel(inertia=1.0), "from 0 to 0.999"),
         (lambda: ErrorModel(payload=-1.0), "payload"),
-        (lambda: Sampling(0.0), "control period"),
-        (lambda: Sampling(1e-3, -1), "delay"),
+        (lambda: pendulum_loop(period=0.0), "control period"),
+        (lambda: pendulum_loop(delay=-1), "delay"),
     ],
 )
 def test_unusable_values_are_refused_in_a_sentence(build: object, reason: str) -> None:

@@ -16,7 +16,7 @@ from arm import arm_robot
 from scipy.interpolate import BPoly
 from test_control import arm_reach, reach
 
-from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, Sampling, simulate
+from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
 from mp_pca_planner.exceptions import RobotError
@@ -60,7 +60,7 @@ def simulated_errors(
     law: ControlLaw,
     motion: Trajectory,
     start_error: np.ndarray,
-    sampling: Sampling,
+    sampling: tuple[float, int],
     friction: float = 0.0,
 ) -> np.ndarray:
     """q_d − q at the instants of control, shape (n_samples, n_joints)."""
@@ -68,10 +68,11 @@ def simulated_errors(
         motion.times.copy(),
         np.stack([motion.positions, motion.velocities, motion.accelerations], axis=1),
     )
+    period, delay = sampling
     n_substeps, believed, data = 4, nominal.createData(), true.createData()
-    h = sampling.period / n_substeps
-    n_steps = int(np.ceil(motion.duration / sampling.period))
-    times = np.minimum(np.arange(n_steps + 1) * sampling.period, motion.duration)
+    h = period / n_substeps
+    n_steps = int(np.ceil(motion.duration / period))
+    times = np.minimum(np.arange(n_steps + 1) * period, motion.duration)
     desired = np.stack([curve(times, nu) for nu in range(3)], axis=1)
 
     def command(k: int, x: np.ndarray) -> np.ndarray:
@@ -86,7 +87,7 @@ def simulated_errors(
         return np.array([x[1], pin.aba(true, data, x[0], x[1], tau - drag)])
 
     x = np.array([desired[0, 0] - start_error, desired[0, 1]])
-    waiting = [command(0, x)] * sampling.delay
+    waiting = [command(0, x)] * delay
     errors = []
     for k in range(n_steps + 1):
         errors.append(desired[k, 0] - x[0])
@@ -105,16 +106,16 @@ def simulated_errors(
 @pytest.mark.parametrize(
     ("share", "offset", "sampling"),
     [
-        (0.0, 0.0, Sampling()),
-        (0.0, 0.0, Sampling(1e-3, 0)),
-        (0.0, 0.001, Sampling(2e-3, 1)),
-        (1e-4, 0.0, Sampling(1e-3, 0)),
-        (0.02, 0.0, Sampling()),
-        (0.05, 0.001, Sampling()),
+        (0.0, 0.0, (1e-3, 1)),
+        (0.0, 0.0, (1e-3, 0)),
+        (0.0, 0.001, (2e-3, 1)),
+        (1e-4, 0.0, (1e-3, 0)),
+        (0.02, 0.0, (1e-3, 1)),
+        (0.05, 0.001, (1e-3, 1)),
     ],
 )
 def test_no_error_leaves_the_bound_when_inertias_vary_independently(
-    kind: str, share: float, offset: float, sampling: Sampling
+    kind: str, share: float, offset: float, sampling: tuple[float, int]
 ) -> None:
     for urdf, robot, motion in (
         (ARM, arm_robot(), arm_reach(0.6)),
@@ -122,7 +123,7 @@ def test_no_error_leaves_the_bound_when_inertias_vary_independently(
     ):
         law = ControlLaw.from_frequency(kind, robot, motion, 30.0)
         errors = ErrorModel(inertia=share, position=offset)
-        known = analyse(ControlLoop(robot, law, motion, sampling=sampling), errors)
+        known = analyse(ControlLoop(robot, law, motion, np.array(np.inf), *sampling), errors)
         assert known.error_bound is not None
         nominal = pin.buildModelFromXML(urdf)
         for seed in range(3 if share else 1):
@@ -135,7 +136,7 @@ def test_no_error_leaves_the_bound_when_inertias_vary_independently(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_error_leaves_the_bound_with_friction(kind: str) -> None:
-    robot, motion, friction, sampling = arm_robot(), arm_reach(0.6), 0.02, Sampling()
+    robot, motion, friction, sampling = arm_robot(), arm_reach(0.6), 0.02, (1e-3, 1)
     law = ControlLaw.from_frequency(kind, robot, motion, 30.0)
     loop, nominal = ControlLoop(robot, law, motion), pin.buildModelFromXML(ARM)
     bounds = [
@@ -157,8 +158,8 @@ def test_simulations_hold_friction_that_lets_a_joint_rest() -> None:
     motion = reach(robot, [0.2], [0.2 + 1e-9], 0.5)
     law = ControlLaw(FEEDFORWARD_PD, robot.joint_names, np.array([10.0]), np.array([5.0]))
     loop, start = ControlLoop(robot, law, motion), np.array([0.01])
-    held = simulate(loop, robot, start, np.zeros(1), np.array([1.0])).errors
-    free = simulate(loop, robot, start, np.zeros(1)).errors
+    held = simulate(loop, robot, start, 1.0)[0]
+    free = simulate(loop, robot, start)[0]
     assert held[-1, 0] > 0.009 and abs(free[-1, 0]) < 0.8 * held[-1, 0]
 
 

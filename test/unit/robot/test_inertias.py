@@ -232,7 +232,7 @@ def test_whatever_else_computes_efforts_takes_inertias():
         lambda: random_reaches(bare, limits, 1, 1),
         lambda: ControlLaw.from_frequency(FEEDFORWARD_PD, bare, TRAJECTORY, 10.0, 1.0),
         lambda: analyse(ControlLoop(bare, law, TRAJECTORY, limits.effort), ErrorModel()),
-        lambda: simulate(ControlLoop(sound, law, TRAJECTORY), bare, zero, zero),
+        lambda: simulate(ControlLoop(sound, law, TRAJECTORY), bare, zero),
     ):
         with pytest.raises(RobotError, match=BY_NAME):
             attempt()

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mp_pca_planner.motion.interpolation import interpolate_at, segment_ends
-from mp_pca_planner.motion.least_duration import least_path_duration
 from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.planning.time_scaling import least_path_duration
 
 ROBOT = arm_robot()
 FREE = {"max_velocity": np.inf, "max_effort": np.inf}
