@@ -7,7 +7,7 @@ kinds of stops, one is of a robot that follows its motion; before another one, a
 ahead of the hand; the others are of a slowed robot, of one that is held, and of one that sends no
 states. Plain calls of Pinocchio check the commands after the stop every millisecond. In virtual
 time the search for a clear stop is not cut off, as it is in the node
-(`ServingOptions.clearance_time`).
+(`Serving.clearance_time`).
 
     python benchmarks/stops.py [--stops 200] [--obstacles 20] [--robots panda,ur5] [--seed 0]
 """

@@ -27,9 +27,12 @@ from mp_pca_planner.execution.serving.execution import (
     ExecutionReport,
     GoalOutcome,
 )
-from mp_pca_planner.execution.serving.goal_planner import GoalRequest
 from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
-from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
+from mp_pca_planner.execution.serving.motion_server import (
+    GoalRequest,
+    GoalStatistics,
+    MotionServer,
+)
 from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.execution.tracking.estimation import StatedCommand
 from mp_pca_planner.execution.tracking.following import MotionFollower

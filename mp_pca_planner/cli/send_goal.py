@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
-from ..execution.options import ServingOptions
+from ..execution.options import Serving
 from ..execution.serving.execution import MotionOutcome
 from ..motion.goal import JointState, Pose, SequenceGoal
 from ..ros.client import (
@@ -37,7 +37,7 @@ _SERVICES = {"reload": "reload_primitives"}
 """Names of services that differ from their command's."""
 
 _MARGIN = 30.0  # s from the end of the motion to its report, where --wait is not given
-_RESUMPTION_MARGIN = _MARGIN + ServingOptions.resumption_timeout  # where it may go on later
+_RESUMPTION_MARGIN = _MARGIN + Serving.resumption_timeout  # where it may go on later
 
 
 def run(arguments: argparse.Namespace) -> int:

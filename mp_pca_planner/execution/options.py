@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of following, serving and stopping, with their units.
+"""Constants of tracking, serving and stopping, with their units.
 
 The values were tuned in campaigns of benchmarks/moving_robot.py. Distances are the largest of all
 joints [rad or m].
@@ -8,12 +8,9 @@ joints [rad or m].
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 
-
-@dataclass(frozen=True)
-class FollowingOptions:
-    """Options of the estimation, from measured states, of how a robot follows its motion.
+class Tracking:
+    """Constants of the estimation, from measured states, of how a robot follows its motion.
 
     Attributes
     ----------
@@ -118,62 +115,61 @@ class FollowingOptions:
         Part of a motion that is retained when another one continues it [s].
     """
 
-    rest_velocity: float = 0.01
-    rest_slope: float = 0.003
-    clear_velocity: float = 0.1
-    spacing: float = 0.008
-    window: float = 0.3
-    min_span: float = 0.08
-    rest_spread: float = 0.005
-    max_step: float = 0.05
-    max_speed: float = 10.0
-    max_reversal: float = 0.004
-    max_acceleration: float = 50.0
-    max_disagreement: float = 5e-4
-    max_stamp_delay: float = 0.1
-    max_stamp_lead: float = 0.005
-    stamp_spacing: float = 0.02
-    min_stamps: int = 20
-    max_stamps: int = 250
-    position_noise: float = 0.002
-    prior: tuple[float, float, float, float] = (1.0, 0.3, 2.0, 40.0)
-    max_rate: float = 1.2
-    n_newest: int = 5
-    good_error: float = 3e-5
-    servo_memory: float = 0.35
-    servo_time: float = 0.2
-    lag_share: float = 0.2
-    slow: float = 0.1
-    lag_noise: float = 0.005
-    initial_lag: float = 0.002
-    max_lag: float = 0.1
-    cycle: float = 0.001
-    on_time_distance: float = 5e-4
-    on_time_rate: float = 0.07
-    start_distance: float = 0.002
-    start_time: float = 0.5
-    taken_distance: float = 0.0015
-    refused_distance: float = 0.006
-    refused_rest_distance: float = 4e-4
-    same_distance: float = 1.5e-4
-    load_lag: float = 0.003
-    max_age: float = 0.1
-    precision: float = 1e-4
-    max_change: float = 0.5
-    missed_distance: float = 0.02
-    missed_stop_distance: float = 0.005
-    beside_share: float = 0.15
-    min_rate: float = 0.05
-    visible_time: float = 0.05
-    late_start: float = 1.0
-    start_tolerance: float = 0.005
-    full_rate: float = 0.01
-    lead: float = 0.35
+    rest_velocity = 0.01
+    rest_slope = 0.003
+    clear_velocity = 0.1
+    spacing = 0.008
+    window = 0.3
+    min_span = 0.08
+    rest_spread = 0.005
+    max_step = 0.05
+    max_speed = 10.0
+    max_reversal = 0.004
+    max_acceleration = 50.0
+    max_disagreement = 5e-4
+    max_stamp_delay = 0.1
+    max_stamp_lead = 0.005
+    stamp_spacing = 0.02
+    min_stamps = 20
+    max_stamps = 250
+    position_noise = 0.002
+    prior = (1.0, 0.3, 2.0, 40.0)
+    max_rate = 1.2
+    n_newest = 5
+    good_error = 3e-5
+    servo_memory = 0.35
+    servo_time = 0.2
+    lag_share = 0.2
+    slow = 0.1
+    lag_noise = 0.005
+    initial_lag = 0.002
+    max_lag = 0.1
+    cycle = 0.001
+    on_time_distance = 5e-4
+    on_time_rate = 0.07
+    start_distance = 0.002
+    start_time = 0.5
+    taken_distance = 0.0015
+    refused_distance = 0.006
+    refused_rest_distance = 4e-4
+    same_distance = 1.5e-4
+    load_lag = 0.003
+    max_age = 0.1
+    precision = 1e-4
+    max_change = 0.5
+    missed_distance = 0.02
+    missed_stop_distance = 0.005
+    beside_share = 0.15
+    min_rate = 0.05
+    visible_time = 0.05
+    late_start = 1.0
+    start_tolerance = 0.005
+    full_rate = 0.01
+    lead = 0.35
 
 
-@dataclass(frozen=True)
-class ServingOptions:
-    """Options of serving goals, continuing and stopping motions, and monitoring their execution.
+class Serving:
+    """Constants of serving goals, continuing and stopping motions, and monitoring their execution.
 
     Attributes
     ----------
@@ -224,28 +220,28 @@ class ServingOptions:
         motion counts as not followed [s].
     """
 
-    max_attempts: int = 3
-    max_lookahead: float = 0.25
-    latency_margin: float = 1.5
-    initial_latency: float = 0.1
-    publishing_time: float = 0.02
-    confirmation_timeout: float = 1.5
-    confirmation_period: float = 0.01
-    late_states: float = 1.5
-    near: float = 0.15
-    near_at_rest: float = 0.03
-    stop_latency: float = 0.02
-    longest_stop_latency: float = 0.1
-    max_stops: int = 8
-    clearance_time: float = 0.01
-    acceleration_share: float = 0.7
-    jerk_share: float = 0.5
-    away_time: float = 0.2
-    start_delay: float = 1.0
-    left_start: float = 0.006
-    slowest_rate: float = 0.1
-    avoidance_lookahead: float = 0.15
-    avoidance_reserve: float = 0.6
-    resumption_period: float = 2.0
-    resumption_timeout: float = 60.0
-    max_hold: float = 10.0
+    max_attempts = 3
+    max_lookahead = 0.25
+    latency_margin = 1.5
+    initial_latency = 0.1
+    publishing_time = 0.02
+    confirmation_timeout = 1.5
+    confirmation_period = 0.01
+    late_states = 1.5
+    near = 0.15
+    near_at_rest = 0.03
+    stop_latency = 0.02
+    longest_stop_latency = 0.1
+    max_stops = 8
+    clearance_time = 0.01
+    acceleration_share = 0.7
+    jerk_share = 0.5
+    away_time = 0.2
+    start_delay = 1.0
+    left_start = 0.006
+    slowest_rate = 0.1
+    avoidance_lookahead = 0.15
+    avoidance_reserve = 0.6
+    resumption_period = 2.0
+    resumption_timeout = 60.0
+    max_hold = 10.0

@@ -21,7 +21,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ..arrays import FloatArray
 from ..exceptions import GoalError, quote_names, unknown_name
 from ..execution.serving.assembly import Model
-from ..execution.serving.goal_planner import GoalRequest
+from ..execution.serving.motion_server import GoalRequest
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal

@@ -15,8 +15,12 @@ from std_srvs.srv import Trigger
 from ..exceptions import GoalError
 from ..execution.serving.assembly import Model, is_outdated
 from ..execution.serving.execution import GoalOutcome, Served
-from ..execution.serving.goal_planner import AnyPlan, UnexecutablePlanError
-from ..execution.serving.motion_server import GoalStatistics, MotionServer
+from ..execution.serving.motion_server import (
+    AnyPlan,
+    GoalStatistics,
+    MotionServer,
+    UnexecutablePlanError,
+)
 from ..execution.threads import CancelledError, IsCancelled, PreemptiveWorker
 from .goal_messages import GOAL_TOPICS, GoalTopic, ReceivedGoal, read_goal, read_stamp
 from .last_motion import LastMotion

@@ -18,7 +18,7 @@ from ..control.law import control_statement
 from ..exceptions import GoalError, printable, quote_names
 from ..execution.parameters import Declaration
 from ..execution.serving.execution import ExecutionReport, GoalOutcome
-from ..execution.serving.goal_planner import AdaptedPlan
+from ..execution.serving.motion_server import AdaptedPlan
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointState

@@ -15,7 +15,7 @@ import numpy as np
 from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ...planning.requests.resolve import in_order
 from ...primitives.primitive import MovementPrimitive
-from ..options import ServingOptions
+from ..options import Serving
 from ..tracking.following import Following, How
 from ..tracking.published_motion import PublishedMotion
 from ..tracking.start_state import MotionStart
@@ -23,56 +23,38 @@ from .assembly import Model
 
 if TYPE_CHECKING:
     from ...robot.world import World
-    from .goal_planner import AnyPlan
+    from .motion_server import AnyPlan
     from .surroundings import Threat
     from .trial_store import ServedTrial
 
 
 class GoalOutcome(StrEnum):
-    """What became of a goal: its word in reports and diagnostics, and the level of its report.
+    """What became of a goal: its word in reports and diagnostics."""
 
-    Attributes
-    ----------
-    level : int
-        0 good, 1 a warning, 2 an error.
-    """
+    SERVED = "served"
+    UNDER_WAY = "under_way"  # the same goal is under way, or reached, already
+    OVERTAKEN = "overtaken"  # valid, but preempted by a newer one or by a stop
+    REFUSED = "refused"
 
-    level: int
-
-    SERVED = "served", 0
-    UNDER_WAY = "under_way", 0  # the same goal is under way, or reached, already
-    OVERTAKEN = "overtaken", 1  # valid, but preempted by a newer one or by a stop
-    REFUSED = "refused", 2
-
-    def __new__(cls, word: str, level: int) -> GoalOutcome:
-        """The member with this word."""
-        member = str.__new__(cls, word)
-        member._value_, member.level = word, level
-        return member
+    @property
+    def level(self) -> int:
+        """The level of its report: 0 good, 1 a warning, 2 an error."""
+        return {GoalOutcome.OVERTAKEN: 1, GoalOutcome.REFUSED: 2}.get(self, 0)
 
 
 class MotionOutcome(StrEnum):
-    """What became of a motion: its word in reports, and whether that was as requested.
+    """What became of a motion: its word in reports."""
 
-    Attributes
-    ----------
-    is_good : bool
-        Whether the motion was executed as requested.
-    """
+    ARRIVED = "arrived"
+    REPLACED = "replaced"
+    STOPPED = "stopped"
+    NOT_FOLLOWED = "not_followed"
+    NEVER_STARTED = "never_started"
 
-    is_good: bool
-
-    ARRIVED = "arrived", True
-    REPLACED = "replaced", True
-    STOPPED = "stopped", True
-    NOT_FOLLOWED = "not_followed", False
-    NEVER_STARTED = "never_started", False
-
-    def __new__(cls, word: str, is_good: bool) -> MotionOutcome:
-        """The member with this word."""
-        member = str.__new__(cls, word)
-        member._value_, member.is_good = word, is_good
-        return member
+    @property
+    def is_good(self) -> bool:
+        """Whether the motion was executed as requested."""
+        return self not in (MotionOutcome.NOT_FOLLOWED, MotionOutcome.NEVER_STARTED)
 
 
 ACCEPTED = "accepted the goal"
@@ -157,15 +139,15 @@ class Resumption:
     tried: float = -math.inf
     world: World | None = None
 
-    def is_over(self, now: float, options: ServingOptions) -> bool:
+    def is_over(self, now: float) -> bool:
         """Whether the goal is dropped."""
-        return now - self.since >= options.resumption_timeout
+        return now - self.since >= Serving.resumption_timeout
 
-    def is_due(self, now: float, world: World, options: ServingOptions) -> bool:
+    def is_due(self, now: float, world: World) -> bool:
         """Whether to plan a motion now: the obstacles have changed, or that was long ago."""
         since = now - self.tried
-        wait = options.resumption_period
-        return not self.is_over(now, options) and (
+        wait = Serving.resumption_period
+        return not self.is_over(now) and (
             since >= wait or (world is not self.world and since >= 0.25 * wait)
         )
 
@@ -294,9 +276,7 @@ class Execution:
             )
         return self._end(MotionOutcome.NOT_FOLLOWED, f"not followed: the controller {answer.text}")
 
-    def update(
-        self, following: Following | None, now: float, options: ServingOptions
-    ) -> ExecutionReport | None:
+    def update(self, following: Following | None, now: float) -> ExecutionReport | None:
         """Record how the robot follows the motion.
 
         Parameters
@@ -305,8 +285,6 @@ class Execution:
             None if the robot sends no states.
         now : float
             The time [s].
-        options : ServingOptions
-            Thresholds.
 
         Returns
         -------
@@ -314,12 +292,12 @@ class Execution:
             The report, once the outcome is known; None before and after.
         """
         if following is None:
-            if now < self.motion.began + self.motion.duration + options.max_hold:
+            if now < self.motion.began + self.motion.duration + Serving.max_hold:
                 return None
-            silence = f"joint_states are silent {options.max_hold:g} s after the end of the motion"
+            silence = f"joint_states are silent {Serving.max_hold:g} s after the end of the motion"
             return self.given_up(silence)
         if following.motion is not self.motion:
-            if now <= self.published + options.start_delay:
+            if now <= self.published + Serving.start_delay:
                 return None  # on a busy machine, the message comes late
             return self._end(
                 MotionOutcome.NEVER_STARTED,
@@ -332,16 +310,14 @@ class Execution:
             self.deviation_time = now - self.motion.time
         if following.how is not self.how:
             self.how, self.since, self.place = following.how, now, following.progress.place
-        return self._judge(following, now, options)
+        return self._judge(following, now)
 
-    def _judge(
-        self, following: Following, now: float, options: ServingOptions
-    ) -> ExecutionReport | None:
+    def _judge(self, following: Following, now: float) -> ExecutionReport | None:
         away = f"{following.distance:.3g} rad (or m), of joint '{following.joint}'"
         duration = now - self.since
         if following.is_over and following.at_rest:
             late = following.progress.place - following.motion.duration
-            if self.controller == ACCEPTED and late < options.start_delay:
+            if self.controller == ACCEPTED and late < Serving.start_delay:
                 return None  # the result of the controller comes a little later
             if not self.is_stop:
                 return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
@@ -351,13 +327,13 @@ class Execution:
             return self._end(
                 MotionOutcome.STOPPED, "; ".join(filter(None, [text, self.reason, more]))
             )
-        if self._never_started(following, now, options):
+        if self._never_started(following, now):
             return self._end(
                 MotionOutcome.NEVER_STARTED,
                 "never started: the robot rests at the start of the motion; check that the "
                 "controller is active and accepts the trajectory",
             )
-        if self.how is How.OFF and duration > options.away_time:
+        if self.how is How.OFF and duration > Serving.away_time:
             return self._end(
                 MotionOutcome.NOT_FOLLOWED,
                 f"not followed: the deviation from the path is {away}; the largest one was "
@@ -365,26 +341,26 @@ class Execution:
             )
         # Under speed scaling, a robot may be too slow to be seen to move.
         advanced = following.progress.place - self.place
-        is_slow = advanced > 0.5 * options.slowest_rate * duration
-        if self.how is How.HELD and duration > options.max_hold and not is_slow:
+        is_slow = advanced > 0.5 * Serving.slowest_rate * duration
+        if self.how is How.HELD and duration > Serving.max_hold and not is_slow:
             return self._end(
                 MotionOutcome.NOT_FOLLOWED,
                 f"not followed: the robot has rested at {self._share:.0%} of the motion for more "
-                f"than {options.max_hold:g} s",
+                f"than {Serving.max_hold:g} s",
             )
         return None
 
-    def _never_started(self, following: Following, now: float, options: ServingOptions) -> bool:
+    def _never_started(self, following: Following, now: float) -> bool:
         """Whether the robot has rested at the start of the motion for too long."""
         published = self.motion.time
-        if self.how is not How.HELD or now - max(self.since, published) <= options.start_delay:
+        if self.how is not How.HELD or now - max(self.since, published) <= Serving.start_delay:
             return False
         began = published - self.motion.began
         # A slow motion, under speed scaling, may not be seen yet.
-        seen = began + options.slowest_rate * (now - published)
+        seen = began + Serving.slowest_rate * (now - published)
         places = np.array([began, following.progress.place, seen])
         start, here, due = self.motion.sample(places)[0]
-        has_left = np.abs([here - start, due - start]).max(axis=1) > options.left_start
+        has_left = np.abs([here - start, due - start]).max(axis=1) > Serving.left_start
         return bool(not has_left[0] and has_left[1])
 
     @property

@@ -10,11 +10,11 @@ from contextlib import suppress
 from ...exceptions import GoalError
 from ...motion.trajectory import Trajectory
 from ...robot.world import World
-from ..options import ServingOptions
+from ..options import Serving
 from ..threads import SAFETY_WAIT
 from ..tracking.following import MotionFollower
+from ..tracking.measured import Clock
 from ..tracking.published_motion import PublishedMotion
-from ..tracking.state_sources import Clock
 from .assembly import Model
 from .execution import ControllerAnswer, Execution, ExecutionReport, Resumption, Served
 from .stopping import StopPlanner
@@ -34,12 +34,10 @@ class MotionMonitor:
         The clock of planning times [s]: never set back.
     report :
         Called with the outcome of each published motion.
-    options :
-        Parameters.
 
     Attributes
     ----------
-    follower, clock, options
+    follower, clock
         As given.
     surroundings : Surroundings
         The obstacles around the robot.
@@ -51,13 +49,11 @@ class MotionMonitor:
         send: Callable[[PublishedMotion], None],
         clock: Clock,
         report: Callable[[ExecutionReport], None],
-        options: ServingOptions | None = None,
     ) -> None:
-        self.options = options or ServingOptions()
         self.follower, self.clock = follower, clock
         self._send, self._report = send, report
         self.surroundings = Surroundings(follower)
-        self._stops = StopPlanner(follower, self.surroundings, clock, self.options)
+        self._stops = StopPlanner(follower, self.surroundings, clock)
 
     def watch(self, model: Model) -> None:
         """Check how the robot follows its motion; call this at 10 Hz or more.
@@ -79,19 +75,19 @@ class MotionMonitor:
                 self._end(execution.given_up("time was set back"))
                 self._end(execution.dropped("time was set back"))
             elif execution is not None:
-                report = execution.update(following, now, self.options)
+                report = execution.update(following, now)
                 self._end(report)
                 is_lost = report is not None and not report.outcome.is_good
                 if following is not None and following.motion is not execution.motion:
-                    is_lost |= now <= execution.published + self.options.start_delay
+                    is_lost |= now <= execution.published + Serving.start_delay
                 if execution.is_stop and is_lost and following and not following.at_rest:
                     self.stop(model, execution.reason, execution.resumption, execution.published)
                 resumption = execution.resumption
-                if resumption is not None and resumption.is_over(now, self.options):
-                    longest = self.options.resumption_timeout
+                if resumption is not None and resumption.is_over(now):
+                    longest = Serving.resumption_timeout
                     self._end(execution.dropped(f"no path was found for {longest:g} s"))
             threat = self.surroundings.threat
-            if threat is not None and now > threat.last_time(self.options):
+            if threat is not None and now > threat.last_time:
                 self.stop_before(threat, model)
 
     def expect(self, joint_names: tuple[str, ...], model: Model | None = None) -> bool:
@@ -153,7 +149,7 @@ class MotionMonitor:
         found = execution.resumption if execution is not None and execution.rests else None
         if found is None:
             return None
-        is_due = found.is_due(self.follower.motion_time, self.surroundings.world, self.options)
+        is_due = found.is_due(self.follower.motion_time, self.surroundings.world)
         return found if is_due else None
 
     def stop(

@@ -12,25 +12,113 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import nan
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ...exceptions import GoalError, PlannerError
-from ...motion.goal import Goal, JointGoal, JointState
-from ...motion.validation import check_executable, check_limits
-from ...primitives.primitive import MovementPrimitive
-from ...robot.world import World
-from ..options import ServingOptions
+from ...exceptions import GoalError, PlannerError, TrajectoryError
+from ...motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
+from ...motion.trajectory import Trajectory
+from ...motion.validation import LimitCheck, check_executable, check_limits
+from ...planning.plan import SOLVED, Plan
+from ..options import Serving
 from ..threads import BusyError, CancelledError, IsCancelled
 from ..tracking.following import UnconfirmedError
 from ..tracking.measured import LateStateError
-from ..tracking.start_state import TooLateError, choose_start, join
+from ..tracking.published_motion import PublishedMotion, displaced
+from ..tracking.start_state import MotionStart, TooLateError, choose_start, join
 from .assembly import Model, unknown_positions
 from .execution import Execution, GoalOutcome, Served
-from .goal_planner import AdaptedPlan, AnyPlan, GoalPlanner, GoalRequest, Planned, PlanRequest
 from .motion_monitor import MotionMonitor
+
+if TYPE_CHECKING:
+    from .trial_store import TrialStore
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptedPlan:
+    """A displaced motion within the limits, in place of a planned one.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        The motion, with its efforts.
+    limit_check : LimitCheck
+        Its comparison with the limits.
+    primitives : tuple of str
+        Names of the primitives of the motion that was displaced; none for a stop.
+    in_span_score : float
+        In-span score of the motion that was displaced.
+    planned_duration : float
+        Duration of the planned motion that was displaced, perhaps several times [s].
+    solve_time : float
+        Time taken to find it [s].
+    """
+
+    trajectory: Trajectory
+    limit_check: LimitCheck
+    primitives: tuple[str, ...]
+    in_span_score: float
+    planned_duration: float
+    solve_time: float
+    status: ClassVar[str] = SOLVED
+    message: ClassVar[str] = "the motion is continued to the new goal"
+
+    def summary(self) -> dict[str, str | float | int]:
+        """Scalar facts, by the names of the package's public interface."""
+        return {
+            "status": self.status,
+            "message": self.message,
+            "primitive": ", ".join(self.primitives) or "none",
+            "duration": self.trajectory.duration,
+            "effort_cost": self.trajectory.effort_cost,
+            "solve_time_s": self.solve_time,
+            "iterations": 0,
+            "in_span_score": self.in_span_score,
+            "limit_violation": self.limit_check.worst_excess,
+            "start_error": 0.0,
+            "goal_error": 0.0,
+        }
+
+
+AnyPlan = Plan | AdaptedPlan
+
+
+class UnexecutablePlanError(TrajectoryError):
+    """A plan that must not be published."""
+
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(plan.message)
+        self.plan = plan
+
+
+@dataclass(frozen=True, eq=False)
+class GoalRequest:
+    """A goal that was received.
+
+    Attributes
+    ----------
+    goal : Goal
+        The goal as stated.
+    model : Model
+        The planner and its settings.
+    name : object
+        Identifies the goal in the report of its execution.
+    make_goal : callable, optional
+        Returns the goal for a motion from a start state, if that depends on the start.
+    """
+
+    goal: Goal
+    model: Model
+    name: Any = None
+    make_goal: Callable[[JointState], Goal] | None = None
+
+    def goal_from(self, start: JointState) -> Goal:
+        """The goal for a motion from a start state."""
+        return self.goal if self.make_goal is None else self.make_goal(start)
 
 
 class GoalStatistics:
@@ -42,8 +130,7 @@ class GoalStatistics:
         Goals by outcome.
     """
 
-    def __init__(self, options: ServingOptions | None = None) -> None:
-        self._options = options or ServingOptions()
+    def __init__(self) -> None:
         self.counts = dict.fromkeys(GoalOutcome, 0)
         self._lock = threading.Lock()
         # Enough times for a 99th percentile; older ones are discarded, because they may be
@@ -79,8 +166,8 @@ class GoalStatistics:
         with self._lock:
             recent = list(self._latencies[kind])
         if not recent:
-            return self._options.initial_latency
-        return self._options.latency_margin * float(np.percentile(recent, 90))
+            return Serving.initial_latency
+        return Serving.latency_margin * float(np.percentile(recent, 90))
 
     def solve_time_percentiles(self) -> dict[str, float]:
         """Percentiles of the latest solve times by name [s]; none before the first goal."""
@@ -117,9 +204,8 @@ class MotionServer:
     ) -> None:
         self.monitor = monitor
         self._follower, self._surroundings = monitor.follower, monitor.surroundings
-        self._clock, self._options = monitor.clock, monitor.options
+        self._clock = monitor.clock
         self._statistics, self._sleep = statistics, sleep
-        self._planner = GoalPlanner(self._follower, self._clock, self._options)
 
     def serve(
         self, request: GoalRequest, is_cancelled: IsCancelled, *, lookahead: float = 0.0
@@ -142,10 +228,10 @@ class MotionServer:
         CancelledError
             If it is preempted before it is published.
         """
-        options, latency = self._options, self._statistics.expected_latency(type(request.goal))
+        latency = self._statistics.expected_latency(type(request.goal))
         if isinstance(request.goal, JointGoal):
-            latency = max(min(latency, options.max_lookahead), lookahead)
-        deadline, attempt = self._clock() + options.confirmation_timeout, 1
+            latency = max(min(latency, Serving.max_lookahead), lookahead)
+        deadline, attempt = self._clock() + Serving.confirmation_timeout, 1
         while True:
             began = self._follower.motion_time
             try:
@@ -153,17 +239,17 @@ class MotionServer:
             except (UnconfirmedError, LateStateError) as error:
                 # States that ceased long ago do not come back soon.
                 age, is_late = self._follower.measured.age, isinstance(error, LateStateError)
-                is_over = is_late and (age is None or age > options.late_states)
+                is_over = is_late and (age is None or age > Serving.late_states)
                 if is_over or self._clock() > deadline:
                     raise
                 if is_cancelled():
                     raise CancelledError from None
-                self._sleep(options.confirmation_period)
+                self._sleep(Serving.confirmation_period)
                 with suppress(BusyError):  # the thread that watches does so just now
                     self.monitor.watch(request.model)
             except TooLateError:
                 # While there is time before a collision, a stop is no better than a motion.
-                if attempt >= options.max_attempts and not lookahead:
+                if attempt >= Serving.max_attempts and not lookahead:
                     raise
                 if is_cancelled():
                     raise CancelledError from None
@@ -197,7 +283,7 @@ class MotionServer:
         served, threat = self.monitor.served, self._surroundings.threat
         if served is None or threat is None:
             return "", None
-        last, reason = threat.last_time(self._options), threat.reason
+        last, reason = threat.last_time, threat.reason
 
         def is_over() -> bool:
             return is_cancelled() or self._follower.motion_time > last
@@ -207,7 +293,7 @@ class MotionServer:
             if is_over():
                 raise CancelledError
             request = GoalRequest(goal, model, served.name)
-            found = self.serve(request, is_over, lookahead=self._options.avoidance_lookahead)
+            found = self.serve(request, is_over, lookahead=Serving.avoidance_lookahead)
         except Exception as error:  # whatever the reason, the robot must not hit the obstacle
             if is_cancelled():
                 raise CancelledError from None
@@ -244,53 +330,181 @@ class MotionServer:
         world = self._surroundings.prepare(model)
         if unknown := unknown_positions(model, world):
             raise GoalError(unknown)
-        context = PlanRequest(start, model, is_cancelled, last)
-        planned = self._planner.plan(goal, context)
+        plan, trial = self._plan(goal, start, model, last), None
+        may_learn = model.settings.learn_trials and not start.is_in_motion
+        if may_learn and isinstance(goal, JointGoal) and isinstance(plan, Plan):
+            plan, trial = self._trials.vary(goal, plan, model)
         self._surroundings.settle(is_cancelled)
-        world = self._surroundings.check_again(planned[0].trajectory, world, model)
-        served = self._publish(goal, planned, context, request.name, world)
-        self._statistics.served(type(request.goal), served.plan.solve_time, self._clock() - began)
+        world = self._surroundings.check_again(plan.trajectory, world, model)
+        # A displaced motion has the primitives of the motion before.
+        primitives = last.primitives if last is not None else ()
+        if isinstance(plan, Plan):
+            library = model.planner.primitives
+            primitives = tuple(map(library.named, dict.fromkeys(plan.primitives)))
+        check = self._check_joined(plan, start, model)
+        with self._follower.lock:  # the only place where the motions of goals are published
+            motion = self._joined(plan, start, model, check)
+            served = Served(goal, plan, model, motion, request.name, trial, primitives)
+            self.monitor.publish(Execution(request.name, motion, served), world)
+        self._statistics.served(type(request.goal), plan.solve_time, self._clock() - began)
         return served
 
-    def _publish(
-        self, goal: Goal, planned: Planned, request: PlanRequest, name: Any, world: World
-    ) -> Served:
-        """Publish a plan from where the robot is: the only place where goals are published.
+    def _plan(self, goal: Goal, start: MotionStart, model: Model, last: Served | None) -> AnyPlan:
+        """Plan an executable motion.
 
-        Whatever can be rejected is checked before: a published motion is never rejected.
+        Raises
+        ------
+        PlannerError
+            If there is no executable plan.
+        CancelledError
+            If the goal is preempted.
         """
-        start, model, settings = request.start, request.model, request.model.settings
-        (plan, trial), first = planned, start.state
-        check = plan.limit_check
+        if start.following is None or isinstance(goal, SequenceGoal):
+            return _executable_plan(goal, start, model)
+        adapted = self._continued(goal, start, model, last)
+        return adapted or _executable_plan(goal, start, model)
+
+    def _continued(
+        self,
+        goal: JointGoal | PoseGoal,
+        start: MotionStart,
+        model: Model,
+        last: Served | None,
+    ) -> AnyPlan | None:
+        """Continue the motion that the robot follows to another goal; None if that is impossible.
+
+        A planned motion takes no longer than the displaced one, so streams of goals do not delay
+        the arrival. Planning ends when it is time to publish. For a goal near the end of the
+        motion, the displaced motion is used, because planned motions would swing as the
+        demonstrations do.
+        """
+        began, following = self._clock(), start.following
+        assert following is not None
+        if isinstance(goal, PoseGoal):
+            if following.is_over:
+                return None
+            end = _executable_plan(goal, start, model).trajectory.positions[-1]
+            end_state = JointState(start.state.joint_names, end)
+            goal = JointGoal(end_state, goal.duration, goal.primitive)
+        target = model.planner.target(goal, start.state)
+        if model.planner.is_too_far(goal, start.state, target):
+            return None
+        change = float(np.abs(target.positions - following.motion.end).max())
+        near = Serving.near_at_rest if following.is_over else Serving.near
+        is_near = not goal.duration and goal.primitive is None and change <= near
+        is_known = last is not None and last.model is model
+        if following.is_over and not (is_near and is_known):
+            return None
+        adapted = self._displaced(target, start, model, last, began)
+        if adapted is None or is_near:
+            return adapted
+        planned = self._plan_in_time(goal, adapted, start, model)
+        if planned is None or not planned.is_executable:
+            return adapted
+        if not goal.duration and planned.trajectory.effort_cost > adapted.trajectory.effort_cost:
+            return adapted
+        return planned
+
+    def _displaced(
+        self,
+        target: JointState,
+        start: MotionStart,
+        model: Model,
+        last: Served | None,
+        began: float,
+    ) -> AdaptedPlan | None:
+        """The running motion displaced to a target, if that keeps what motions have to."""
+        assert start.following is not None
+        motion, robot = start.following.motion, model.planning_robot
+        period = model.settings.sample_period
+        place, planned = min(start.place, motion.duration), motion.duration
+        primitives, score = tuple[str, ...](), nan
+        if last is not None:
+            plan = last.plan
+            planned = plan.trajectory.duration if isinstance(plan, Plan) else plan.planned_duration
+            primitives, score = plan.primitives, plan.in_span_score
+        found = displaced(motion, place, target, robot, model.limits, period, planned)
+        collision = model.planner.collision
+        if found is None or (collision is not None and collision.collisions(found[0])):
+            return None
+        for constraint in model.constraints:
+            if np.any(constraint.values(robot, found[0].positions)[0] < 0.0):
+                return None
+        return AdaptedPlan(*found, primitives, score, planned, self._clock() - began)
+
+    def _plan_in_time(
+        self, goal: JointGoal, adapted: AdaptedPlan, start: MotionStart, model: Model
+    ) -> Plan | None:
+        """A plan with the duration of the displaced motion; None if it would come too late."""
+        cancellation, deadline = model.cancellation, start.deadline - Serving.publishing_time
+        is_cancelled = cancellation.is_cancelled
+        if not goal.duration:
+            goal = replace(goal, duration=adapted.trajectory.duration)
+
+        def is_over() -> bool:
+            return is_cancelled() or self._follower.motion_time > deadline
+
+        cancellation.is_cancelled = is_over
+        try:
+            plan = model.planner.plan(goal, start.state)
+        finally:
+            cancellation.is_cancelled = is_cancelled
+        if is_cancelled():
+            raise CancelledError
+        return None if is_over() else plan
+
+    def _check_joined(self, plan: AnyPlan, start: MotionStart, model: Model) -> LimitCheck:
+        """Compare a plan that is joined to the present motion with the limits.
+
+        Raises
+        ------
+        TooLateError
+            If it exceeds one there.
+        """
+        if not start.is_in_motion:
+            return plan.limit_check
+        # The trajectory that is published a moment later is a part of this one.
+        motion = join(self._follower, plan.trajectory, start, model.settings)
+        check = check_limits(motion.sent, model.planning_robot, model.limits)
+        if check.violations:  # at another place, they join within the limits
+            raise TooLateError(
+                f"where the motion joins the one under way, the {check.violations[0]}; send "
+                "the goal again"
+            )
+        return check
+
+    def _joined(
+        self, plan: AnyPlan, start: MotionStart, model: Model, check: LimitCheck
+    ) -> PublishedMotion:
+        """A plan joined to where the robot is, which may be published.
+
+        Whatever can be rejected is checked here: a published motion is never rejected.
+        """
+        if model.cancellation():
+            raise CancelledError
+        motion, first = join(self._follower, plan.trajectory, start, model.settings), start.state
         if start.is_in_motion:
-            # The trajectory that is published a moment later is a part of this one.
-            motion = join(self._follower, plan.trajectory, start, settings)
-            check = check_limits(motion.sent, model.planning_robot, model.limits)
-            if check.violations:  # at another place, they join within the limits
-                raise TooLateError(
-                    f"where the motion joins the one under way, the {check.violations[0]}; send "
-                    "the goal again"
-                )
-        may_end_moving = settings.allow_nonzero_end_velocity
-        primitives = _primitives_of(plan, request)
-        with self._follower.lock:
-            if request.is_cancelled():
-                raise CancelledError
-            motion = join(self._follower, plan.trajectory, start, settings)
-            if start.is_in_motion:
-                threat = self._surroundings.threat
-                if threat is not None and start.time >= threat.time:
-                    raise GoalError(f"{threat.reason} before another motion could begin")
-                first = JointState(first.joint_names, motion.sent.positions[0])
-            check_executable(motion.sent, check, first, allow_nonzero_end_velocity=may_end_moving)
-            served = Served(goal, plan, model, motion, name, trial, primitives)
-            self.monitor.publish(Execution(name, motion, served), world)
-        return served
+            threat = self._surroundings.threat
+            if threat is not None and start.time >= threat.time:
+                raise GoalError(f"{threat.reason} before another motion could begin")
+            first = JointState(first.joint_names, motion.sent.positions[0])
+        may_end_moving = model.settings.allow_nonzero_end_velocity
+        check_executable(motion.sent, check, first, allow_nonzero_end_velocity=may_end_moving)
+        return motion
+
+    @cached_property
+    def _trials(self) -> TrialStore:
+        # The import is slow, and few nodes learn.
+        from .trial_store import TrialStore
+
+        return TrialStore()
 
 
-def _primitives_of(plan: AnyPlan, request: PlanRequest) -> tuple[MovementPrimitive, ...]:
-    """The primitives of a plan; a displaced motion has those of the motion before."""
-    if isinstance(plan, AdaptedPlan):
-        return () if request.last is None else request.last.primitives
-    library = request.model.planner.primitives
-    return tuple(map(library.named, dict.fromkeys(plan.primitives)))
+def _executable_plan(goal: Goal, start: MotionStart, model: Model) -> Plan:
+    """A plan that may be executed."""
+    plan = model.planner.plan(goal, start.state)
+    if model.cancellation():
+        raise CancelledError
+    if not plan.is_executable:
+        raise UnexecutablePlanError(plan)
+    return plan

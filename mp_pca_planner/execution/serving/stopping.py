@@ -32,11 +32,11 @@ from ...motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start, r
 from ...planning.search.stop_and_go import brakes
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
-from ..options import ServingOptions
+from ..options import Serving, Tracking
 from ..tracking.following import MotionFollower, UnconfirmedError
+from ..tracking.measured import Clock
 from ..tracking.published_motion import USUAL_TRANSPORT, PublishedMotion, hold
 from ..tracking.start_state import TooLateError, choose_start, join
-from ..tracking.state_sources import Clock
 from .assembly import Model
 from .surroundings import Surroundings
 
@@ -87,8 +87,6 @@ class StopPlanner:
         Finds collisions of stops.
     clock :
         The clock of planning times [s].
-    options :
-        Parameters.
     """
 
     def __init__(
@@ -96,10 +94,8 @@ class StopPlanner:
         follower: MotionFollower,
         surroundings: Surroundings,
         clock: Clock,
-        options: ServingOptions,
     ) -> None:
         self._follower, self._surroundings, self._clock = follower, surroundings, clock
-        self._options = options
 
     def find(self, model: Model, late: float = 0.0) -> FoundStop:
         """Find a stop; again if a busy computer interrupted that, while the robot moved on.
@@ -117,14 +113,14 @@ class StopPlanner:
         GoalError
             If neither a measured nor a commanded state is known.
         """
-        latency = max(self._options.stop_latency, 2.0 * late)
-        for _ in range(self._options.max_attempts):
+        latency = max(Serving.stop_latency, 2.0 * late)
+        for _ in range(Serving.max_attempts):
             began = self._clock()
             found = self._find(model, latency)
             took = self._clock() - began
             if took <= latency or found.motion.duration == 0.0:  # at rest, it does not move on
                 break
-            latency = max(latency, min(2.0 * took, self._options.longest_stop_latency))
+            latency = max(latency, min(2.0 * took, Serving.longest_stop_latency))
         return found
 
     def _find(self, model: Model, latency: float) -> FoundStop:
@@ -179,7 +175,7 @@ class StopPlanner:
         if clearest is None:
             raise TooLateError("no stop from the command is within the limits")
         stop = clearest[0]
-        is_on_time = is_timed and abs(command.rate - 1.0) <= follower.options.full_rate
+        is_on_time = is_timed and abs(command.rate - 1.0) <= Tracking.full_rate
         motion = PublishedMotion.on_receipt(stop, now)
         if is_timed:
             motion = PublishedMotion(stop, now, stop, now, is_timed, is_on_time)
@@ -276,10 +272,10 @@ class StopPlanner:
         collision : str
             Text on its collision; empty if none is known.
         """
-        last = self._clock() + self._options.clearance_time
+        last = self._clock() + Serving.clearance_time
         best: Sequence[Trajectory] | None = None
         met: Collision | None = None
-        for stop in islice(stops, self._options.max_stops):
+        for stop in islice(stops, Serving.max_stops):
             found = self._surroundings.collision_of(stop, model)
             if found is None:
                 return stop, ""
@@ -291,9 +287,9 @@ class StopPlanner:
 
     def _reduced(self, limits: JointLimits) -> JointLimits:
         """Limits with a margin for errors of an estimated state."""
-        reduced, options = copy(limits), self._options
-        acceleration = options.acceleration_share * limits.acceleration
-        set_frozen(reduced, acceleration=acceleration, jerk=options.jerk_share * limits.jerk)
+        reduced = copy(limits)
+        acceleration = Serving.acceleration_share * limits.acceleration
+        set_frozen(reduced, acceleration=acceleration, jerk=Serving.jerk_share * limits.jerk)
         return reduced
 
 

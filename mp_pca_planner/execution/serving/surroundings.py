@@ -16,7 +16,7 @@ from ...motion.collision import Collision, CollisionModel
 from ...motion.trajectory import Trajectory
 from ...robot.model import Robot
 from ...robot.world import Obstacle, World
-from ..options import ServingOptions
+from ..options import Serving
 from ..parameters import REFUSE
 from ..threads import SAFETY_WAIT, IsCancelled, TimedLock
 from ..tracking.following import Following, How, MotionFollower
@@ -103,9 +103,10 @@ class Threat:
         link, obstacle = self.collision.links
         return f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
 
-    def last_time(self, options: ServingOptions) -> float:
+    @property
+    def last_time(self) -> float:
         """Time at which the search for another motion ends, and the robot is stopped [s]."""
-        return self.time - options.avoidance_reserve
+        return self.time - Serving.avoidance_reserve
 
 
 class Surroundings:

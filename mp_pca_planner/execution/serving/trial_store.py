@@ -32,7 +32,7 @@ from ...primitives.file import save_primitive
 from ...robot.model import Robot
 from .assembly import Model
 from .execution import Served
-from .goal_planner import AdaptedPlan
+from .motion_server import AdaptedPlan
 
 
 @dataclass(eq=False)

@@ -13,9 +13,9 @@ import numpy as np
 from ...arrays import FloatArray
 from ...exceptions import GoalError
 from ...motion.goal import JointState
-from ..options import FollowingOptions
+from ..options import Tracking
+from .measured import MeasuredSamples, Message, RobotClock
 from .published_motion import PublishedMotion
-from .state_sources import MeasuredSamples, Receipt, RobotClock
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +58,7 @@ class Progress:
         return self.motion.state(self.at(time) + lag * self.rate)
 
 
-def locate(
-    prior: Progress, samples: MeasuredSamples, now: float, options: FollowingOptions
-) -> Progress:
+def locate(prior: Progress, samples: MeasuredSamples, now: float) -> Progress:
     """Estimate where on a motion a robot is, from the measured positions of a short window.
 
     A robot under speed scaling, or one that is held, lags along its path. Then its commanded state
@@ -76,14 +74,12 @@ def locate(
         Measured positions without the offset of the load.
     now : float
         The time that the progress is stated for [s].
-    options : FollowingOptions
-        Parameters of the estimation.
     """
     motion, n = prior.motion, len(samples.times)
     known = Progress(motion, now, prior.at(now), prior.rate)
     if n == 0:
         return known
-    cost, found = _fit(samples, known, known, options)
+    cost, found = _fit(samples, known, known)
     if cost > n:
         # A poor fit: the prior may be wrong, so the nearest place of the whole motion is tried,
         # too.
@@ -91,24 +87,22 @@ def locate(
         away = motion.sample(places)[0] - samples.positions[-1]
         nearest = float(places[np.square(away).sum(axis=1).argmin()])
         start = Progress(motion, now, nearest, known.rate)
-        other_cost, other = _fit(samples, known, start, options)
+        other_cost, other = _fit(samples, known, start)
         found = other if other_cost < cost else found
-    if found.error <= options.good_error or n < 4 * options.n_newest:
+    if found.error <= Tracking.good_error or n < 4 * Tracking.n_newest:
         return found
     newer = MeasuredSamples(samples.times[-(n // 2) :], samples.positions[-(n // 2) :])
-    _, other = _fit(newer, known, found, options)
+    _, other = _fit(newer, known, found)
     # Half a window carries little information on the change of the rate.
     return replace(other, change=found.change) if other.error < found.error else found
 
 
-def _fit(
-    samples: MeasuredSamples, prior: Progress, start: Progress, options: FollowingOptions
-) -> tuple[float, Progress]:
+def _fit(samples: MeasuredSamples, prior: Progress, start: Progress) -> tuple[float, Progress]:
     """Gauss-Newton steps for the place, the rate and its changes; returns cost and progress."""
-    motion, noise = prior.motion, options.position_noise
+    motion, noise = prior.motion, Tracking.position_noise
     since = samples.times - prior.time
     powers = np.stack([np.ones_like(since), since, since**2 / 2.0, since**3 / 6.0])
-    precision = np.array(options.prior) ** -2.0
+    precision = np.array(Tracking.prior) ** -2.0
     known, x = (np.array([one.place, one.rate, 0.0, 0.0]) for one in (prior, start))
     best = float("inf"), start
     for _ in range(6):
@@ -117,7 +111,7 @@ def _fit(
         error = away / noise
         cost = float(np.square(error).sum() + precision @ (x - known) ** 2)
         if cost < best[0]:
-            distance = float(np.abs(away[-options.n_newest :].mean(axis=0)).max())
+            distance = float(np.abs(away[-Tracking.n_newest :].mean(axis=0)).max())
             place, rate, change = (float(value) for value in x[:3])
             best = cost, Progress(motion, prior.time, place, rate, change, distance)
         slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise
@@ -128,7 +122,7 @@ def _fit(
             break
         # A longer step than 0.2 s leaves the range in which the motion is nearly linear.
         x = x + step * min(1.0, 0.2 / max(abs(step[0]), 1e-9))
-        x[:2] = np.clip(x[:2], 0.0, [np.inf, options.max_rate])
+        x[:2] = np.clip(x[:2], 0.0, [np.inf, Tracking.max_rate])
     return best
 
 
@@ -139,8 +133,6 @@ class ServoModel:
     ----------
     n_joints : int
         Number of joints.
-    options : FollowingOptions, optional
-        Parameters of the model.
 
     Attributes
     ----------
@@ -150,13 +142,15 @@ class ServoModel:
         The current offset, with the effect of accelerations [rad or m].
     lag : float
         Delay with which commands are followed [s].
+    noise : float
+        Noise of positions at rest [rad or m].
     """
 
-    def __init__(self, n_joints: int, options: FollowingOptions | None = None) -> None:
-        self._options = options or FollowingOptions()
+    def __init__(self, n_joints: int) -> None:
+        self.noise = 0.0
         self.load: FloatArray = np.zeros(n_joints)
         self.offset = self.load
-        self.lag = self._options.initial_lag
+        self.lag = Tracking.initial_lag
         # Total duration of fast motions used for learning [s].
         self._experience = 0.0
         self._learned: deque[tuple[float, FloatArray, float]] = deque()
@@ -182,20 +176,19 @@ class ServoModel:
         lag : float
             Estimated lag behind the clock [s].
         """
-        options = self._options
         last = self._learned[-1][0] if self._learned else time - 0.01
-        since = min(max(time - last, 0.0), options.servo_time)
-        share = 1.0 - np.exp(-since / options.servo_time)
+        since = min(max(time - last, 0.0), Tracking.servo_time)
+        share = 1.0 - np.exp(-since / Tracking.servo_time)
         self._learned.append((time, self.offset, self.lag))
-        while self._learned[0][0] < time - options.servo_memory:
+        while self._learned[0][0] < time - Tracking.servo_memory:
             self._learned.popleft()
         q, v, _ = (x[0] for x in motion.sample(np.array([time - motion.began - self.lag])))
-        is_new = self._experience < options.servo_time
-        speed, slow = float(v @ v), options.slow**2
+        is_new = self._experience < Tracking.servo_time
+        speed, slow = float(v @ v), Tracking.slow**2
         fast = speed / (speed + slow)
         self._experience += fast * since
-        gain = fast * (1.0 if is_new else options.lag_share * share)
-        self.lag = float(np.clip(self.lag + gain * (lag - self.lag), 0.0, options.max_lag))
+        gain = fast * (1.0 if is_new else Tracking.lag_share * share)
+        self.lag = float(np.clip(self.lag + gain * (lag - self.lag), 0.0, Tracking.max_lag))
         if not is_new:
             error = positions - q - self.offset
             along = float(v @ error) / (speed + slow)
@@ -211,16 +204,15 @@ class ServoModel:
         lag : float
             Time by which it is behind the clock [s].
         """
-        if speed > 2.0 * self._options.slow and lag < self.lag - self._options.lag_noise:
+        if speed > 2.0 * Tracking.slow and lag < self.lag - Tracking.lag_noise:
             self.lag = max(lag, 0.0)
             self._learned.clear()
 
     @property
     def longest_lag(self) -> float:
         """Largest lag of a robot that counts as on time [s]."""
-        options = self._options
-        is_new = self._experience < 2.0 * options.servo_time
-        return options.max_lag if is_new else self.lag + options.lag_noise
+        is_new = self._experience < 2.0 * Tracking.servo_time
+        return Tracking.max_lag if is_new else self.lag + Tracking.lag_noise
 
     def unlearn(self) -> bool:
         """Discard the values learned last, because the robot was no longer on time."""
@@ -268,13 +260,13 @@ class StatedCommand:
             self.state.joint_names, q + v * since + 0.5 * a * since**2, v + a * since, a
         )
 
-    def on(self, motion: PublishedMotion, options: FollowingOptions) -> Progress | None:
+    def on(self, motion: PublishedMotion) -> Progress | None:
         """The place on the trajectory that was sent for a motion; None if it is not that one."""
         # What was sent begins after the last moments of the motion before, which the motion has.
         place = max(motion.time - motion.began, 0.0) + self.since
-        return self._there(motion, place, self.rate, options)
+        return self._there(motion, place, self.rate)
 
-    def near(self, guess: Progress, options: FollowingOptions) -> Progress | None:
+    def near(self, guess: Progress) -> Progress | None:
         """The place on a motion near a guess, whatever was sent; None if it is off the path."""
         motion, place = guess.motion, min(max(guess.at(self.time), 0.0), guess.motion.duration)
         for _ in range(5):
@@ -282,16 +274,14 @@ class StatedCommand:
             step = float(v @ (self.state.positions - q)) / max(float(v @ v), 1e-9)
             place = min(max(place + np.clip(step, -0.1, 0.1), 0.0), motion.duration)
         rate = 0.0 if self.at_rest else self.rate
-        found = self._there(motion, float(place), rate, options)
+        found = self._there(motion, float(place), rate)
         is_at_end = found is not None and place == motion.duration
         # At the end, time goes on.
         return replace(found, place=guess.at(self.time)) if found and is_at_end else found
 
-    def _there(
-        self, motion: PublishedMotion, place: float, rate: float, options: FollowingOptions
-    ) -> Progress | None:
+    def _there(self, motion: PublishedMotion, place: float, rate: float) -> Progress | None:
         away = np.abs(motion.state(place).positions - self.state.positions).max()
-        if away > options.same_distance:
+        if away > Tracking.same_distance:
             return None
         return Progress(motion, self.time, place, rate, self.change if rate else 0.0)
 
@@ -307,40 +297,34 @@ class ControllerStates:
     ----------
     clock : RobotClock
         The clock of motions.
-    options : FollowingOptions
-        With the age up to which a state counts.
     """
 
-    def __init__(self, clock: RobotClock, options: FollowingOptions) -> None:
-        self._clock, self._options = clock, options
+    def __init__(self, clock: RobotClock) -> None:
+        self._clock = clock
         # One value, because threads that read do not wait for the one that receives.
-        self._message: tuple[Read, Receipt] | None = None
+        self._message: Message | None = None
         self._last: StatedCommand | None = None
 
     def receive(self, read: Read, stamp: float, age: float = 0.0) -> None:
         """Keep a message that a controller sent at a time by the clock of the robot [s]."""
-        self._message = read, self._clock.receipt(age, stamp)
+        self._message = self._clock.message(read, age, stamp)
 
     @property
     def is_fresh(self) -> bool:
         """Whether a state was received lately."""
         message = self._message
-        return message is not None and self._is_fresh(self._clock.time(message[1]))
+        return message is not None and self._is_fresh(self._clock.time(message))
 
     def _is_fresh(self, time: float) -> bool:
-        return abs(self._clock.now() - time) <= self._options.max_age
+        return abs(self._clock.now() - time) <= Tracking.max_age
 
-    def newest(
-        self, joint_names: Sequence[str], measured: FloatArray, distance: float
-    ) -> StatedCommand | None:
+    def newest(self, measured: JointState, distance: float) -> StatedCommand | None:
         """The command that was stated last.
 
         Parameters
         ----------
-        joint_names : sequence of str
-            Joints whose command is needed.
-        measured : array, shape (n_joints,)
-            Their measured positions [rad or m].
+        measured : JointState
+            The measured state of the joints whose command is needed.
         distance : float
             Distance from these up to which it is believed [rad or m].
 
@@ -352,18 +336,23 @@ class ControllerStates:
         message, last = self._message, self._last
         if message is None:
             return None
-        read, time = message[0], self._clock.time(message[1])
+        time = self._clock.time(message)
         if not self._is_fresh(time):
             return None
-        if last is not None and last.time == time and last.state.joint_names == (*joint_names,):
+        if (
+            last is not None
+            and last.time == time
+            and last.state.joint_names == measured.joint_names
+        ):
             return last
         try:
-            found = replace(read(joint_names), time=time)
+            found: StatedCommand = message.read(measured.joint_names)
         except GoalError:
             return None
-        if np.abs(found.state.positions - measured).max() > distance:
+        found = replace(found, time=time)
+        if np.abs(found.state.positions - measured.positions).max() > distance:
             return None
-        if last is not None and 0.0 < time - last.time <= self._options.max_age:
+        if last is not None and 0.0 < time - last.time <= Tracking.max_age:
             found = replace(found, change=(found.rate - last.rate) / (time - last.time))
         self._last = found
         return found

@@ -13,13 +13,12 @@ import numpy as np
 
 from ...exceptions import TrajectoryError
 from ...motion.goal import JointState
-from ..options import FollowingOptions
+from ..options import Tracking
 from ..parameters import Settings
 from ..threads import TimedLock
 from .estimation import ControllerStates, Progress, ServoModel, StatedCommand, locate
-from .measured import MeasuredStates
+from .measured import MeasuredSamples, MeasuredStates
 from .published_motion import PublishedMotion, hold
-from .state_sources import MeasuredSamples
 
 if TYPE_CHECKING:
     from ..serving.execution import Execution
@@ -168,13 +167,8 @@ class Publication:
             self.is_arrived = self.is_lagging = False
 
     def take_late(
-        self,
-        seen: Observation,
-        command: StatedCommand | None,
-        servo: ServoModel,
-        noise: float,
-        options: FollowingOptions,
-    ) -> bool:
+        self, seen: Observation, command: StatedCommand | None, servo: ServoModel
+    ) -> None:
         """Record if the robot follows the newest motion after all, whose message was late.
 
         Parameters
@@ -183,35 +177,27 @@ class Publication:
             The measured positions.
         command : StatedCommand or None
             What the controller states of its command.
-        servo, noise, options :
-            As for :meth:`confirm`.
+        servo : ServoModel
+            Offset and lag of the servos.
         """
         if self.refused is None or not len(seen.samples.times):
-            return False
+            return
         new, old = self.refused
         when = float(seen.samples.times[-1])
-        if when > self.motion.time + options.late_start:
+        if when > self.motion.time + Tracking.late_start:
             self.refused = None
-            return False
+            return
         if command is not None:
-            found = command.on(self.motion, options)
-            is_taken = found is not None and command.near(self.current, options) is None
+            found = command.on(self.motion)
+            is_taken = found is not None and command.near(self.current) is None
         else:
             samples = seen.samples.since(self.motion.began, servo.offset)
-            found = locate(new, samples, when, options)
-            is_taken = self._conclude(found, old, seen, servo, noise, options) is Conclusion.TAKEN
+            found = locate(new, samples, when)
+            is_taken = self._conclude(found, old, seen, servo) is Conclusion.TAKEN
         if found is not None and is_taken:
             self.current, self.refused, self.is_arrived = found, None, False
-        return is_taken
 
-    def confirm(
-        self,
-        found: Progress,
-        seen: Observation,
-        servo: ServoModel,
-        noise: float,
-        options: FollowingOptions,
-    ) -> Conclusion:
+    def confirm(self, found: Progress, seen: Observation, servo: ServoModel) -> Conclusion:
         """Determine from measured positions which motion the controller accepted.
 
         Parameters
@@ -221,11 +207,7 @@ class Publication:
         seen : Observation
             The measured positions.
         servo : ServoModel
-            Offset and lag of the servos.
-        noise : float
-            Noise of measured positions [rad or m].
-        options : FollowingOptions
-            Thresholds.
+            Offset, lag and noise of the servos.
 
         Returns
         -------
@@ -236,11 +218,11 @@ class Publication:
         if previous is None or not len(times):
             return Conclusion.ALIKE
         when = float(times[-1])
-        if when < self.unconfirmed_since + options.visible_time:
+        if when < self.unconfirmed_since + Tracking.visible_time:
             return Conclusion.ALIKE
         if when == self.concluded[0]:  # without new states, only the error of the place grows
             return self.concluded[1]
-        conclusion = self._conclude(found, previous, seen, servo, noise, options)
+        conclusion = self._conclude(found, previous, seen, servo)
         if conclusion is Conclusion.TAKEN:
             self.previous = None
         elif conclusion is Conclusion.REFUSED:
@@ -250,13 +232,7 @@ class Publication:
         return conclusion
 
     def _conclude(
-        self,
-        found: Progress,
-        previous: Progress,
-        seen: Observation,
-        servo: ServoModel,
-        noise: float,
-        options: FollowingOptions,
+        self, found: Progress, previous: Progress, seen: Observation, servo: ServoModel
     ) -> Conclusion:
         """Which motion measured positions show: see :meth:`confirm`."""
         motion, when = found.motion, float(seen.samples.times[-1])
@@ -274,25 +250,23 @@ class Publication:
             float(np.abs(x).max(axis=-1).min())
             for x in (measured - new, measured - due, measured - old, due - old)
         )
-        margin = 4.0 * noise
-        if between >= options.taken_distance + margin and max(to_new, to_due) < 0.5 * to_old:
+        margin = 4.0 * servo.noise
+        if between >= Tracking.taken_distance + margin and max(to_new, to_due) < 0.5 * to_old:
             return Conclusion.TAKEN
-        at_rest = options.refused_rest_distance + margin
-        refused = at_rest if seen.at_rest else options.refused_distance
+        at_rest = Tracking.refused_rest_distance + margin
+        refused = at_rest if seen.at_rest else Tracking.refused_distance
         # A robot that rests after both motions where the old one ends is not on this one, however
         # near they are. At its start, it may only be slow to move.
         rests_on_old = is_over and to_new >= 0.5 * at_rest and to_old < 0.1 * to_new
         # A robot that waits for a late message rests where it was, as if it had been rejected.
         is_from_rest = previous.motion.duration == 0.0
-        may_be_late = is_from_rest and when < self.unconfirmed_since + options.late_start
+        may_be_late = is_from_rest and when < self.unconfirmed_since + Tracking.late_start
         is_on_old = rests_on_old or (to_new >= refused and to_old < 0.5 * to_new)
         if is_on_old and not may_be_late:
             return Conclusion.REFUSED
-        return Conclusion.DOUBTFUL if between > options.same_distance else Conclusion.ALIKE
+        return Conclusion.DOUBTFUL if between > Tracking.same_distance else Conclusion.ALIKE
 
-    def is_on_time(
-        self, on_time: Progress, found: Progress, servo: ServoModel, options: FollowingOptions
-    ) -> bool:
+    def is_on_time(self, on_time: Progress, found: Progress, servo: ServoModel) -> bool:
         """Whether the robot is at its place by the clock, except for the lag of its servos.
 
         Parameters
@@ -301,29 +275,25 @@ class Publication:
             The place by the clock, and that of the robot.
         servo : ServoModel
             Lag of the servos.
-        options : FollowingOptions
-            Thresholds.
         """
         motion = self.motion
         places = np.array([on_time.place, found.place + servo.lag * found.rate])
         clock, path = found.motion.sample(places)[0]
-        is_start = motion.is_on_time and on_time.time < motion.time + options.start_time
+        is_start = motion.is_on_time and on_time.time < motion.time + Tracking.start_time
         is_start = is_start and motion.began >= motion.time
-        near = options.start_distance if is_start else options.on_time_distance
+        near = Tracking.start_distance if is_start else Tracking.on_time_distance
         is_near = bool(np.abs(clock - path).max() <= near)
         lag = abs(on_time.place - found.place)
         has_no_lag = lag <= servo.longest_lag
-        has_its_rate = abs(found.rate - 1.0) <= options.on_time_rate
+        has_its_rate = abs(found.rate - 1.0) <= Tracking.on_time_rate
         if not self.is_lagging:
             return is_near or (has_no_lag and has_its_rate)
         # A robot that lagged before remains late at full rate, even near the end of its motion,
         # unless a load increased the apparent lag of its servos.
-        is_usual = abs(lag - servo.lag) <= options.load_lag and has_its_rate
+        is_usual = abs(lag - servo.lag) <= Tracking.load_lag and has_its_rate
         return has_no_lag and (is_near or is_usual)
 
-    def check_taken(
-        self, following: Following, then: float, lag: float, options: FollowingOptions
-    ) -> None:
+    def check_taken(self, following: Following, then: float, lag: float) -> None:
         """Check that a running motion may be continued at a later time.
 
         Parameters
@@ -334,8 +304,6 @@ class Publication:
             Time at which it is to be continued [s].
         lag : float
             Lag of the servos [s].
-        options : FollowingOptions
-            Thresholds.
 
         Raises
         ------
@@ -343,7 +311,7 @@ class Publication:
             If something else stops the robot, or it may follow another motion.
         """
         progress = following.progress
-        if following.how is How.LAGGING and progress.rate < options.min_rate:
+        if following.how is How.LAGGING and progress.rate < Tracking.min_rate:
             raise UnconfirmedError(
                 "the robot comes to rest short of the end of its motion; send the goal again when "
                 "it is at rest"
@@ -357,7 +325,7 @@ class Publication:
             return
         new = following.motion.state(progress.at(then)).positions
         old = self.previous.state(then, lag).positions
-        if np.abs(new - old).max() > options.same_distance:
+        if np.abs(new - old).max() > Tracking.same_distance:
             raise UnconfirmedError(
                 "joint_states do not show yet whether the controller has taken the motion before "
                 "this one; check that it is active, then send the goal again"
@@ -370,7 +338,7 @@ class MotionFollower:
     Parameters
     ----------
     measured : MeasuredStates
-        The measured states, with the clock of motions and the thresholds.
+        The measured states, with the clock of motions.
 
     Attributes
     ----------
@@ -381,27 +349,21 @@ class MotionFollower:
     published : Publication or None
         The motion that was published last; None if there is none.
     servo : ServoModel
-        Offset and lag of the servos.
-    noise : float
-        Noise of positions at rest [rad or m].
-    options : FollowingOptions
-        Thresholds.
+        Offset, lag and noise of the servos.
     lock : TimedLock
         Held while a motion is published, so that no thread sees half of the change.
     """
 
     def __init__(self, measured: MeasuredStates) -> None:
         self.measured = measured
-        self.options = measured.options
-        self.controller = ControllerStates(measured.clock, measured.options)
+        self.controller = ControllerStates(measured.clock)
         # Goals are served in one thread, stops and reports in another.
         self.lock = TimedLock()
         self._forget()
 
     def _forget(self) -> None:
         self.published: Publication | None = None
-        self.servo = ServoModel(len(self.measured.joint_names), self.options)
-        self.noise = 0.0
+        self.servo = ServoModel(len(self.measured.joint_names))
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Set the joints whose state is needed; states and motions of others are forgotten."""
@@ -443,8 +405,7 @@ class MotionFollower:
 
     def stated_command(self, measured: JointState, settings: Settings) -> StatedCommand | None:
         """The command that the controller states near a measured state; None if unknown."""
-        names, distance = measured.joint_names, settings.commanded_tolerance
-        return self.controller.newest(names, measured.positions, distance)
+        return self.controller.newest(measured, settings.commanded_tolerance)
 
     def follow(self, settings: Settings, measured: JointState | None = None) -> Following | None:
         """How the robot follows the motion that was published last; None if there is none.
@@ -475,7 +436,7 @@ class MotionFollower:
             command = self.stated_command(measured, settings)
             if not published.motion.is_path_known:
                 command = None
-            published.take_late(seen, command, self.servo, self.noise, self.options)
+            published.take_late(seen, command, self.servo)
             now, motion = self.motion_time, published.current.motion
             on_time = Progress(motion, now, now - motion.began)
             if command is None:
@@ -494,10 +455,10 @@ class MotionFollower:
         if published.is_arrived:
             return self._following(published, How.ON_TIME, on_time, seen)
         motion, samples = on_time.motion, seen.samples
-        servo, options = self.servo, self.options
+        servo = self.servo
         window = samples.since(motion.began, servo.offset)
-        found = locate(published.current, window, on_time.time, options)
-        conclusion = published.confirm(found, seen, servo, self.noise, options)
+        found = locate(published.current, window, on_time.time)
+        conclusion = published.confirm(found, seen, servo)
         if conclusion is Conclusion.REFUSED:
             return None
         published.current = found
@@ -505,22 +466,22 @@ class MotionFollower:
         lag = on_time.place - found.place
         is_timed = published.motion.is_on_time
         is_certain = is_timed and conclusion is not Conclusion.DOUBTFUL and not is_over
-        if is_certain and abs(found.rate - 1.0) <= options.on_time_rate:
+        if is_certain and abs(found.rate - 1.0) <= Tracking.on_time_rate:
             speed = float(np.linalg.norm(motion.state(found.place).velocities))
             servo.limit_lag(speed, lag)
-        is_late = not published.is_on_time(on_time, found, servo, options)
+        is_late = not published.is_on_time(on_time, found, servo)
         if is_late and seen.at_rest and is_over:
             left = np.abs(motion.state(found.place).positions - motion.end).max()
-            is_late = bool(found.error < options.beside_share * left)
+            is_late = bool(found.error < Tracking.beside_share * left)
         if is_late and servo.unlearn():
             return None
         if seen.at_rest and len(samples.positions) > 2:
             # Differences of neighbouring samples, so that the settling of the robot is not counted
             # as noise.
             steps = np.diff(samples.positions, axis=0)
-            self.noise = float(steps.std(axis=0).max()) / np.sqrt(2.0)
+            servo.noise = float(steps.std(axis=0).max()) / np.sqrt(2.0)
         published.is_lagging = is_late and not seen.at_rest
-        ahead = servo.lag * found.rate - options.cycle * (1.0 - found.rate)
+        ahead = servo.lag * found.rate - Tracking.cycle * (1.0 - found.rate)
         command = replace(found, place=found.place + ahead)
         if is_late:
             how = How.HELD if seen.at_rest else How.LAGGING
@@ -546,31 +507,31 @@ class MotionFollower:
 
         None if it has not accepted the newest motion.
         """
-        options, servo, motion, now = self.options, self.servo, on_time.motion, on_time.time
+        servo, motion, now = self.servo, on_time.motion, on_time.time
         previous, current = published.previous, published.current
-        found = command.on(motion, options)
+        found = command.on(motion)
         if found is not None:
             published.previous = None
-        elif previous is not None and command.near(previous, options) is not None:
+        elif previous is not None and command.near(previous) is not None:
             is_from_rest = previous.motion.duration == 0.0
-            late = options.late_start if is_from_rest else options.visible_time
+            late = Tracking.late_start if is_from_rest else Tracking.visible_time
             if command.time >= published.unconfirmed_since + late:
                 published.give_up(may_be_late=True)
                 return None
         guesses = on_time, replace(current, place=current.place + servo.lag * current.rate)
         for guess in guesses:
-            found = found or command.near(guess, options)
+            found = found or command.near(guess)
         if found is None:
             # Nothing of ours is commanded, unless the message is still on its way.
-            is_known = command.time >= published.unconfirmed_since + options.visible_time
+            is_known = command.time >= published.unconfirmed_since + Tracking.visible_time
             how = How.OFF if is_known or previous is None else How.ON_TIME
             return self._following(published, how, on_time, seen)
         found = replace(found, time=now, place=found.at(now), rate=found.rate)
         published.current = replace(found, place=found.place - servo.lag * found.rate)
-        is_full = abs(found.rate - 1.0) <= options.full_rate
+        is_full = abs(found.rate - 1.0) <= Tracking.full_rate
         is_over = found.place >= motion.duration
         lag = abs(on_time.place - found.place)
-        is_late = not (is_over or (is_full and lag <= options.max_lag))
+        is_late = not (is_over or (is_full and lag <= Tracking.max_lag))
         published.is_lagging = is_late and not seen.at_rest
         if is_late:
             how = How.HELD if seen.at_rest else How.LAGGING
@@ -584,10 +545,10 @@ class MotionFollower:
         self, published: Publication, following: Following, seen: Observation
     ) -> Following:
         """Record the arrival of a robot at rest after its motion, unless far from the end."""
-        motion, options = following.motion, self.options
+        motion = following.motion
         away = np.abs(seen.state.positions - motion.end - self.servo.offset).max()
         is_known = following.is_path_known
-        if away > (options.missed_distance if is_known else options.missed_stop_distance):
+        if away > (Tracking.missed_distance if is_known else Tracking.missed_stop_distance):
             return replace(following, how=How.OFF)
         published.is_arrived, published.previous = True, None
         return following

@@ -12,7 +12,7 @@ from ...arrays import FloatArray
 from ...exceptions import GoalError, TrajectoryError
 from ...motion.goal import JointState
 from ...motion.trajectory import Trajectory
-from ..options import FollowingOptions
+from ..options import Tracking
 from ..parameters import AUTO, MEASURED, Settings
 from .following import Following, How, MotionFollower, UnconfirmedError
 from .published_motion import TRANSPORT, USUAL_TRANSPORT, PublishedMotion
@@ -105,8 +105,7 @@ def choose_start(
                 raise GoalError(_motion_refusal(start_from, following, settings))
             then = now + latency + 2.0 * TRANSPORT
             if follower.published is not None:
-                lag, options = follower.servo.lag, follower.options
-                follower.published.check_taken(following, then, lag, options)
+                follower.published.check_taken(following, then, follower.servo.lag)
             if not at_once:
                 _check_place(follower, following, now)
             expected = following.progress.at(then)
@@ -125,13 +124,13 @@ def _choose_at_rest(
     start_from: str,
     settings: Settings,
 ) -> MotionStart:
-    last, options = follower.published, follower.options
+    last = follower.published
     holds = may_settle = False
     if following is not None and last is not None:
-        if following.how is How.HELD and now < last.motion.time + options.start_time:
+        if following.how is How.HELD and now < last.motion.time + Tracking.start_time:
             raise UnconfirmedError(
                 "the robot rests at the start of the motion before this one, which was "
-                f"published less than {options.start_time:g} s ago; send the goal again"
+                f"published less than {Tracking.start_time:g} s ago; send the goal again"
             )
         holds = following.is_over and following.is_path_known and start_from != MEASURED
         # A robot that has just arrived at the end of its motion may still settle.
@@ -198,17 +197,11 @@ def join(
             )
         if not start.at_once:
             _check_place(follower, following, now)
-        return _continued(rest, start, following, now, follower.options, stamp=may_stamp)
+        return _continued(rest, start, following, now, stamp=may_stamp)
 
 
 def _continued(
-    rest: Trajectory,
-    start: MotionStart,
-    following: Following,
-    now: float,
-    options: FollowingOptions,
-    *,
-    stamp: bool,
+    rest: Trajectory, start: MotionStart, following: Following, now: float, *, stamp: bool
 ) -> PublishedMotion:
     """The running motion up to a start on it, and the rest from there."""
     rate, here = following.progress.rate, following.progress.at(now)
@@ -227,7 +220,7 @@ def _continued(
         now += cut - here
         here = cut
     # The last moments before show the place of the robot and its rate.
-    lead = min(options.lead, here)
+    lead = min(Tracking.lead, here)
     motion = following.motion.followed_by(rest, start.place, here - lead)
     return PublishedMotion(
         motion,
@@ -236,7 +229,7 @@ def _continued(
         now,
         is_timed,
         # A robot at full rate is on time again once it takes a stamped motion.
-        is_timed and abs(rate - 1.0) <= options.full_rate,
+        is_timed and abs(rate - 1.0) <= Tracking.full_rate,
     )
 
 
@@ -250,12 +243,12 @@ def _held(follower: MotionFollower, measured: JointState, settings: Settings) ->
     if command is not None and command.at_rest:
         held = command.state.positions
         # No plausible load pulls a robot farther away from what it is commanded to hold.
-        if np.abs(q - held).max() <= follower.options.missed_distance:
+        if np.abs(q - held).max() <= Tracking.missed_distance:
             follower.servo.rest(q - held)
             return held
     for before in follower.alternatives:
         away = np.abs(q - before.positions).max()
-        if away <= follower.options.start_tolerance and not before.velocities.any():
+        if away <= Tracking.start_tolerance and not before.velocities.any():
             # The controller has not accepted the last motion, so its held positions are known.
             follower.servo.rest(q - before.positions)
             return before.positions
@@ -264,15 +257,15 @@ def _held(follower: MotionFollower, measured: JointState, settings: Settings) ->
 
 def _check_place(follower: MotionFollower, following: Following, now: float) -> None:
     """Raise an `UnconfirmedError` if the place of a moving robot is not known precisely."""
-    options, progress = follower.options, following.progress
+    progress = following.progress
     age = now - follower.measured.newest_time
-    if age > options.max_age:
+    if age > Tracking.max_age:
         raise UnconfirmedError(
-            f"the newest joint_states message is {age:.3g} s old, at most {options.max_age:g} "
+            f"the newest joint_states message is {age:.3g} s old, at most {Tracking.max_age:g} "
             "s is accepted while the robot moves; send the goal again"
         )
-    is_precise = progress.error <= options.precision + follower.noise
-    is_steady = abs(progress.change) <= options.max_change
+    is_precise = progress.error <= Tracking.precision + follower.servo.noise
+    is_steady = abs(progress.change) <= Tracking.max_change
     if following.how is How.LAGGING and not (is_precise and is_steady):
         raise UnconfirmedError(
             "the speed of the robot changes (speed scaling), so its place on the motion is not "
@@ -282,7 +275,7 @@ def _check_place(follower: MotionFollower, following: Following, now: float) -> 
 
 def _check_rest(follower: MotionFollower, planned: JointState, present: JointState) -> None:
     """Raise a `TooLateError` if the robot has left the rest that a motion starts from."""
-    moved, most = np.abs(present.positions - planned.positions), follower.options.start_tolerance
+    moved, most = np.abs(present.positions - planned.positions), Tracking.start_tolerance
     worst = int(moved.argmax())
     if not moved[worst] <= most or follower.measured.velocities(present).any():
         raise TooLateError(

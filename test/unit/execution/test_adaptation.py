@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import simpson
 
-from mp_pca_planner.execution.serving.goal_planner import AdaptedPlan, displaced
-from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
+from mp_pca_planner.execution.serving.motion_server import AdaptedPlan
+from mp_pca_planner.execution.tracking.published_motion import PublishedMotion, displaced
 from mp_pca_planner.motion.goal import JointState
 
 ROBOT = arm_robot()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion
 
-from mp_pca_planner.execution.options import ServingOptions
 from mp_pca_planner.execution.serving.execution import Execution
 from mp_pca_planner.execution.tracking.estimation import Progress
 from mp_pca_planner.execution.tracking.following import Following, How
@@ -20,8 +19,8 @@ DURATION, PERIOD = 2.0, 0.05
 class World:
     """A robot of which the tests say how it follows its motion."""
 
-    def __init__(self, options=None):
-        self.reports, self.options = [], options or ServingOptions()
+    def __init__(self):
+        self.reports = []
         self.execution, self.now = None, 100.0
 
     def motion(self):
@@ -49,12 +48,12 @@ class World:
             at_rest = how is How.HELD or there >= DURATION
             progress = Progress(motion, self.now, there)
             following = Following(how, progress, distance, "b", at_rest)
-            self.note(self.execution.update(following, self.now, self.options))
+            self.note(self.execution.update(following, self.now))
 
     def silence(self, duration):
         for _ in range(round(duration / PERIOD)):
             self.now += PERIOD
-            self.note(self.execution.update(None, self.now, self.options))
+            self.note(self.execution.update(None, self.now))
 
     def only_report(self):
         """The report, which stays the only one whatever comes after."""
@@ -153,16 +152,6 @@ def test_robot_that_is_held_on_its_path_for_long_does_not_follow(world):
     world.run(2.0, How.HELD, place=1.0)
     report = world.only_report()
     assert report.outcome == "not_followed" and "50%" in report.message
-
-
-def test_longest_hold_is_an_option():
-    world = World(ServingOptions(max_hold=2.0))
-    world.begin()
-    world.run(1.0)
-    world.run(1.9, How.HELD, place=1.0)
-    assert not world.reports
-    world.run(0.3, How.HELD, place=1.0)
-    assert world.only_report().outcome == "not_followed"
 
 
 def test_robot_that_is_released_in_time_arrives(world):

@@ -5,11 +5,10 @@
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.options import FollowingOptions
 from mp_pca_planner.execution.tracking.estimation import Progress, ServoModel
 from mp_pca_planner.execution.tracking.following import Conclusion, Observation, Publication
+from mp_pca_planner.execution.tracking.measured import MeasuredSamples
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion, hold
-from mp_pca_planner.execution.tracking.state_sources import MeasuredSamples
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 
@@ -43,7 +42,8 @@ def conclusion(
     found = Progress(held[1], NOW, NOW - 2.0)
     servo = ServoModel(2)
     servo.load, servo.offset = np.array([load, 0.0]), np.array([offset, 0.0])
-    return publication.confirm(found, seen, servo, noise, FollowingOptions())
+    servo.noise = noise
+    return publication.confirm(found, seen, servo)
 
 
 @pytest.mark.parametrize("distance", [3e-4, 4.3e-4, 1e-3, 1e-2])
@@ -88,7 +88,7 @@ def test_silent_robot_is_not_said_to_have_refused_a_motion() -> None:
     position = 0.5 * rates[1]
     samples = MeasuredSamples(np.array([NOW]), position[None])
     seen = Observation(JointState(NAMES, position), False, samples)
-    request = seen, ServoModel(2), 0.0, FollowingOptions()
+    request = seen, ServoModel(2)
     first = publication.confirm(Progress(new, NOW, 0.5), *request)
     assert first is not Conclusion.REFUSED
     # While it is silent, its place is extrapolated with an error.

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.execution.options import FollowingOptions
+from mp_pca_planner.execution.options import Tracking
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
 from mp_pca_planner.motion.goal import JointState
 
 JOINTS = ("a", "b")
-REST_VELOCITY = FollowingOptions.rest_velocity
+REST_VELOCITY = Tracking.rest_velocity
 
 
 def receive(states, stamp=0.0, age=0.0, number=0, **values):
@@ -93,7 +93,7 @@ def test_states_of_other_publishers_contradict_those_of_the_robot_for_the_window
     states(period, 0.0)
     with pytest.raises(GoalError, match="contradict each other"):
         world.states.newest(0.5)
-    states(FollowingOptions.window + 0.1, 0.0)
+    states(Tracking.window + 0.1, 0.0)
     assert not world.states.velocities(world.states.newest(0.5)).any()
 
 
@@ -109,7 +109,7 @@ def test_publishers_that_differ_slightly_are_distinguished_by_their_numbers(
         if k % 5 == 0:
             world.pass_time(0.3 * period)
             world.receive(a=world.motion + offset, b=0.0, number=k // 5)
-    assert not world.states.history().contradiction(JOINTS, FollowingOptions())
+    assert not world.states.history().contradiction(JOINTS)
     if is_refused:
         with pytest.raises(GoalError, match="joint 'a' .* only one node"):
             world.states.newest(0.5)

@@ -19,12 +19,16 @@ from referee import judge
 from virtual_node import VirtualNode
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.execution.options import ServingOptions
+from mp_pca_planner.execution.options import Serving
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.serving.assembly import assemble_model
-from mp_pca_planner.execution.serving.goal_planner import AdaptedPlan, GoalRequest
 from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
-from mp_pca_planner.execution.serving.motion_server import GoalStatistics, MotionServer
+from mp_pca_planner.execution.serving.motion_server import (
+    AdaptedPlan,
+    GoalRequest,
+    GoalStatistics,
+    MotionServer,
+)
 from mp_pca_planner.execution.threads import BusyError, CancelledError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -638,7 +642,7 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     monkeypatch.setattr(node.monitor._stops, "_find", interrupted)
     monkeypatch.setattr(node.monitor, "watch", lambda _: None)
     node.stop()
-    assert len(found) == min(n_interruptions + 1, ServingOptions().max_attempts)
+    assert len(found) == min(n_interruptions + 1, Serving.max_attempts)
     assert node.sent[-1][1] is found[-1].motion.sent
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.options import FollowingOptions
+from mp_pca_planner.execution.options import Tracking
 from mp_pca_planner.execution.tracking.estimation import ServoModel
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -50,7 +50,7 @@ def test_lag_is_not_learned_from_a_robot_that_hardly_moves():
     assert servo.lag < 0.003
 
 
-@pytest.mark.parametrize(("lag", "expected"), [(-0.5, 0.0), (0.5, FollowingOptions.max_lag)])
+@pytest.mark.parametrize(("lag", "expected"), [(-0.5, 0.0), (0.5, Tracking.max_lag)])
 def test_lag_stays_within_what_servos_do(lag, expected):
     servo = ServoModel(3)
     for time in 1.0 + PERIOD * np.arange(500):
@@ -78,7 +78,7 @@ def test_what_was_learned_of_the_last_moments_is_forgotten_at_once():
 
 def test_robot_may_be_little_later_than_it_was_learned_to_be():
     servo = ServoModel(3)
-    assert servo.longest_lag == FollowingOptions.max_lag
+    assert servo.longest_lag == Tracking.max_lag
     learned(servo, 2.0)
     assert LAG < servo.longest_lag < LAG + 0.02
 

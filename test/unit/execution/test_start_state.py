@@ -13,7 +13,7 @@ from dense import minimum_jerk_motion, spline
 from virtual_node import receive
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
-from mp_pca_planner.execution.options import FollowingOptions
+from mp_pca_planner.execution.options import Tracking
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.tracking.following import How, MotionFollower, UnconfirmedError
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
@@ -32,14 +32,14 @@ DURATION = 2.0
 class World:
     """A robot, and what is known of where its motions start."""
 
-    def __init__(self, options=None):
+    def __init__(self):
         self.now = 1000.0
         self.load = np.zeros(2)
         self.clock_ahead = 0.0
         self.here = np.zeros(2)
         self.set_back = 0.0  # time by which the clock of motions was set back
         self.follower = MotionFollower(
-            MeasuredStates(lambda: self.now + self.set_back, lambda: self.now, options=options)
+            MeasuredStates(lambda: self.now + self.set_back, lambda: self.now)
         )
         self.follower.expect(JOINTS)
 
@@ -175,23 +175,12 @@ def test_robot_that_rests_away_from_its_motion_starts_where_it_is(moving):
 @pytest.mark.parametrize(("moved", "accepted"), [(0.9, True), (1.1, False)])
 def test_measured_start_may_move_by_the_tolerance_while_planning(world, moved, accepted):
     start = world.choose("measured")
-    world.measure([0.0, moved * FollowingOptions.start_tolerance])
+    world.measure([0.0, moved * Tracking.start_tolerance])
     if accepted:
         world.join(standing(start), start)
     else:
         with pytest.raises(TrajectoryError, match="joint 'b'"):
             world.join(standing(start), start)
-
-
-def test_tolerance_of_a_start_is_an_option():
-    world = World(FollowingOptions(start_tolerance=0.001))
-    world.rest()
-    start = world.choose("measured")
-    world.measure([0.0, 0.0005])
-    world.join(standing(start), start)
-    world.measure([0.0, 0.002])
-    with pytest.raises(TooLateError, match="at most 0.001"):
-        world.join(standing(start), start)
 
 
 def test_start_is_refused_when_the_state_became_too_old(world):

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from dense import minimum_jerk_motion, spline
 
-from mp_pca_planner.execution.options import FollowingOptions
 from mp_pca_planner.execution.tracking.estimation import Progress, locate
+from mp_pca_planner.execution.tracking.measured import MeasuredSamples
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
-from mp_pca_planner.execution.tracking.state_sources import MeasuredSamples
 
 DURATION, NOW = 2.0, 11.0
 MOTION = PublishedMotion(
@@ -25,7 +24,7 @@ CHANGING = [(0.7, -1.0), (0.5, 0.8)]
 
 
 def located(times, positions, prior):
-    return locate(prior, MeasuredSamples(times, positions), NOW, FollowingOptions())
+    return locate(prior, MeasuredSamples(times, positions), NOW)
 
 
 def track(place, rate, change=0.0, noise=0.0, prior=None):
