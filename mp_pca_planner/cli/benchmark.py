@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,11 @@ from ..evaluation.problems import (
     demonstrations_of,
     held_out_problems,
     random_problems,
+    requested_ends,
     robot_file,
-    scene_problems,
-    scene_robot,
+    robot_of_scene,
+    scene_problem,
+    scenes_in,
 )
 from ..evaluation.run import (
     OWN,
@@ -30,10 +33,8 @@ from ..evaluation.run import (
     SCENE_PEERS,
     Results,
     compare,
-    compare_in_scenes,
     ratios,
     set_up,
-    set_up_in_scenes,
     summarise,
     summarise_scenes,
     unsolved,
@@ -183,18 +184,19 @@ def _in_scenes(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]
         raise PlannerError("--plot and --random-ends are not accepted with --scenes: remove them")
     peers = _named_peers(arguments.peers, list(SCENE_PEERS))
     max_time = arguments.time_limit or 1.0
-    problems = scene_problems(arguments.scenes, arguments.problems)
-    first = problems[0]
-    urdf = scene_robot(first) if arguments.robot is None else Path(arguments.robot)
-    joints = [name for name in first.start if name in first.goal]
+    files = scenes_in(arguments.scenes, arguments.problems)
+    urdf = Path(arguments.robot) if arguments.robot else robot_of_scene(files[0])
+    start, goal = requested_ends(files[0])
+    joints = [name for name in start if name in goal]
     limits = arguments.limits or _shipped_limits(urdf.stem)
     scene = _scene(arguments, urdf.stem, urdf, joints, limits)
     srdf = urdf.with_suffix(".srdf") if urdf.with_suffix(".srdf").is_file() else None
     folders = package_folders([urdf.parent], urdf)
-    collision = CollisionModel(scene.robot, srdf=srdf, package_dirs=folders)
-    methods, absent = set_up_in_scenes(scene, collision, peers, max_time)
+    scene = replace(scene, collision=CollisionModel(scene.robot, srdf=srdf, package_dirs=folders))
+    problems = [scene_problem(file, scene.robot.joint_names) for file in files]
+    methods, absent = set_up(scene, peers, max_time)
     with progress_bar("planning", "problem") as progress:
-        results = compare_in_scenes(scene, collision, methods, problems, srdf, progress)
+        results = compare(scene, methods, problems, srdf=srdf, progress=progress)
     summaries = summarise_scenes(problems, results)
     facts = _facts(scene, methods, absent, results) | {
         "time_limit_s": max_time,
@@ -207,8 +209,8 @@ def _in_scenes(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]
             for group, summary in summaries.items()
         },
     }
-    for problem, found in zip(problems, facts["problems"], strict=True):
-        found |= {"group": problem.group, "number": problem.number}
+    for file, found in zip(files, facts["problems"], strict=True):
+        found |= {"group": file.parent.name, "number": file.stem.removeprefix("scene")}
     return facts, [
         f"{_title(facts)}, within {max_time:g} s",
         "",

@@ -14,7 +14,6 @@ from scipy.interpolate import make_interp_spline
 
 from ..arrays import FloatArray
 from ..exceptions import require
-from ..motion.collision import CollisionModel
 from ..motion.goal import JointGoal, JointState
 from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
@@ -25,7 +24,7 @@ from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from .problems import Problem, Scene
-from .referee import REFEREE_POSITION_TOLERANCE, REFEREE_VELOCITY_TOLERANCE, SceneVerdict, Verdict
+from .referee import Verdict
 
 SOLVED = "solved"
 BSPLINE = "bspline"
@@ -49,8 +48,6 @@ class PeerResult:
         The status that the method reports: 'solved', or the reason of its failure.
     verdict : Verdict or None
         The referee's verdict on the motion, once there is one.
-    among_obstacles : SceneVerdict or None
-        The verdict on its collisions, if there are obstacles.
     path_time : float
         The part of the time in which a path was searched [s]; NaN without such a part.
     """
@@ -60,7 +57,6 @@ class PeerResult:
     iterations: int = 0
     status: str = SOLVED
     verdict: Verdict | None = None
-    among_obstacles: SceneVerdict | None = None
     path_time: float = float("nan")
 
     @property
@@ -74,27 +70,25 @@ class PeerResult:
         return self.verdict is not None and self.status == SOLVED
 
     @property
-    def avoids_obstacles(self) -> bool:
+    def arrived(self) -> bool:
         """Whether the motion reaches the goal without a collision; peers may exceed limits."""
-        if not self.solved or self.among_obstacles is None or self.verdict is None:
-            return False
         return (
-            not self.among_obstacles.collision
-            and self.verdict.end_error <= REFEREE_POSITION_TOLERANCE
-            and self.verdict.end_velocity <= REFEREE_VELOCITY_TOLERANCE
+            self.status == SOLVED
+            and self.verdict is not None
+            and self.verdict.reaches
+            and not self.verdict.collision
         )
 
     def facts(self) -> dict[str, Any]:
         """The result by the names of the package's public interface."""
-        obstacles = self.among_obstacles
         return {
             "effort_cost": None,
             "solve_time_s": self.solve_time,
             "iterations": self.iterations,
             "feasible": False,
             "status": self.status,
+            "solved": self.arrived,
             **({} if self.verdict is None else asdict(self.verdict)),
-            **({} if obstacles is None else {**asdict(obstacles), "solved": self.avoids_obstacles}),
             "path_time_s": self.path_time,
         }
 
@@ -126,7 +120,6 @@ def planner_method(
     scene: Scene,
     primitive: MovementPrimitive,
     options: PlannerOptions,
-    collision: CollisionModel | None = None,
 ) -> Method:
     """The planner with one basis and naturalness.
 
@@ -135,7 +128,7 @@ def planner_method(
     the whole call; the world was set before.
     """
     names = scene.robot.joint_names
-    planner = Planner(scene.robot, [primitive], scene.limits, options, collision)
+    planner = Planner(scene.robot, [primitive], scene.limits, options, scene.collision)
 
     def solve(problem: Problem) -> PeerResult:
         """Plan one motion."""
@@ -143,23 +136,18 @@ def planner_method(
         duration = None if np.isnan(problem.duration) else problem.duration
         goal = JointGoal(JointState(names, problem.goal), duration)
         plan = planner.plan(goal, JointState(names, problem.start))
-        took = plan.solve_time if collision is None else time.perf_counter() - began
+        took = plan.solve_time if scene.collision is None else time.perf_counter() - began
         status = SOLVED if plan.is_executable else plan.message
         return PeerResult(plan.trajectory, took, plan.iterations, status)
 
-    return Method(name, _about_planner(scene, primitive, options, collision), solve)
+    return Method(name, _about_planner(scene, primitive, options), solve)
 
 
-def _about_planner(
-    scene: Scene,
-    primitive: MovementPrimitive,
-    options: PlannerOptions,
-    collision: CollisionModel | None,
-) -> str:
+def _about_planner(scene: Scene, primitive: MovementPrimitive, options: PlannerOptions) -> str:
     """The basis and the options of the planner, one sentence."""
     if options.basis == BSPLINE:
         return "B-splines, 6 free control points per joint beside 6 that the ends fix; least effort"
-    is_chosen = scene.primitive is None and collision is None
+    is_chosen = scene.primitive is None and scene.collision is None
     chosen = " (chosen to come as near to least effort as the paper's)" if is_chosen else ""
     rho = options.naturalness
     natural = "ρ = 1, less for in-span scores above 3 (default)" if rho is None else f"ρ = {rho:g}"
@@ -167,7 +155,7 @@ def _about_planner(
         f"principal components, coupling {primitive.coupling}, {primitive.n_components} "
         f"weights{chosen}, naturalness {natural}"
     )
-    if collision is not None:
+    if scene.collision is not None:
         is_default = " (default)" if options.timing == PlannerOptions.timing else ""
         about += f", timing '{options.timing}'{is_default}, within {options.max_solve_time:g} s"
     return about

@@ -19,7 +19,6 @@ import yaml
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, require
 from ..files import read_text
-from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
 from ..planning.search.sampling import sampled_path
 from ..robot.collision import package_folders
@@ -198,10 +197,11 @@ class _Shooting:
 _SAME_PLACE = 1e-3  # Distance of the hand in two models of a robot [m]; VAMP has 32 bits.
 
 
-def ompl_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
+def ompl_method(scene: Scene, max_time: float) -> Method:
     """RRT-Connect of OMPL with shortcuts and smoothing, then TOPP-RA."""
     require("ompl", "ompl", "the peer 'ompl_toppra'")
-    limits = scene.limits
+    collision, limits = scene.collision, scene.limits
+    assert collision is not None
 
     def search(problem: Problem) -> tuple[FloatArray | None, float]:
         """Search a path with the planner's own distances."""
@@ -223,7 +223,7 @@ def ompl_method(scene: Scene, max_time: float, collision: CollisionModel) -> Met
     return _along_paths("ompl_toppra", about, scene, search)
 
 
-def vamp_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
+def vamp_method(scene: Scene, max_time: float) -> Method:
     """RRT-Connect of VAMP with its simplification, then TOPP-RA.
 
     Raises
@@ -237,6 +237,8 @@ def vamp_method(scene: Scene, max_time: float, collision: CollisionModel) -> Met
     require("vamp.constants", "vamp", "the peer 'vamp_toppra'")
     vamp = import_module("vamp")
     name = vamp_robot(vamp, scene.robot)
+    collision = scene.collision
+    assert collision is not None
     robot, plan, options, shortening = vamp.configure_robot_and_planner_with_kwargs(name, "rrtc")
 
     def search(problem: Problem) -> tuple[FloatArray | None, float]:
@@ -383,7 +385,7 @@ def _vamp_shape(obstacle: Obstacle, shape: Shape, boxes: bool) -> tuple[str, tup
     raise PlannerError(f"VAMP has no meshes, as of obstacle '{obstacle.name}'")
 
 
-def roboplan_method(scene: Scene, max_time: float, collision: CollisionModel) -> Method:
+def roboplan_method(scene: Scene, max_time: float) -> Method:
     """RRT-Connect, shortcuts and TOPP-RA of RoboPlan, within velocities and accelerations.
 
     Raises
@@ -394,6 +396,8 @@ def roboplan_method(scene: Scene, max_time: float, collision: CollisionModel) ->
     core = require("roboplan.core", "roboplan", "the peer 'roboplan'")
     rrt, toppra = import_module("roboplan.rrt"), import_module("roboplan.toppra")
     names, group = list(scene.robot.joint_names), "arm"
+    collision = scene.collision
+    assert collision is not None
     folders = [str(path) for path in package_folders([scene.urdf.parent], scene.urdf)]
     description = core.loadUrdfSceneDescription(str(scene.urdf), folders)
     srdf, rates = scene.urdf.with_suffix(".srdf"), _rates(scene.limits)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError, quote_names, require
 from ..files import load_yaml, read_text, reading
+from ..motion.collision import CollisionModel
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.reaches import random_ends, random_reaches
@@ -47,12 +48,15 @@ class Problem:
         Duration [s]; NaN: the method chooses it.
     demonstration : Demonstration or None
         The held-out motion with these ends, if there is one; it is not used to build primitives.
+    scene : Path or None
+        The file of the obstacles, if there are any.
     """
 
     start: FloatArray
     goal: FloatArray
     duration: float
     demonstration: Demonstration | None = None
+    scene: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +77,8 @@ class Scene:
         Motions to learn from.
     primitive : MovementPrimitive or None
         A primitive that is used instead of one learned from the demonstrations.
+    collision : CollisionModel or None
+        The model that keeps motions clear of obstacles, which are set for each problem.
     """
 
     name: str
@@ -81,6 +87,7 @@ class Scene:
     limits: JointLimits
     demonstrations: tuple[Demonstration, ...]
     primitive: MovementPrimitive | None = None
+    collision: CollisionModel | None = None
 
 
 def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
@@ -168,60 +175,20 @@ def _between(
     return Problem(ends[0], ends[1], expected.duration)
 
 
-@dataclass(frozen=True, eq=False)
-class SceneProblem:
-    """A motion from rest to rest among obstacles.
-
-    Attributes
-    ----------
-    group : str
-        Name of the folder that holds it.
-    number : str
-        Its number in the names of the files.
-    scene : Path
-        The file of its obstacles.
-    start, goal : dict
-        Positions by joint name [rad or m].
-    """
-
-    group: str
-    number: str
-    scene: Path
-    start: Mapping[str, float]
-    goal: Mapping[str, float]
-
-    def ends(self, joint_names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """Positions at the start and at the goal, both of shape (n_joints,).
-
-        Raises
-        ------
-        PlannerError
-            If the request leaves a joint out.
-        """
-        for what, state in (("start", self.start), ("goal", self.goal)):
-            for name in joint_names:
-                if name not in state:
-                    raise PlannerError(
-                        f"the request of '{self.scene}' has no {what} position of joint '{name}'"
-                    )
-        start, goal = ([x[name] for name in joint_names] for x in (self.start, self.goal))
-        return np.array(start), np.array(goal)
-
-
-def scene_problems(folder: Path, n_problems: int) -> list[SceneProblem]:
-    """The problems in a folder and those below it.
+def scenes_in(folder: Path, n_scenes: int) -> list[Path]:
+    """The scenes of problems among obstacles, in a folder and those below it.
 
     Parameters
     ----------
     folder : Path
         The folder.
-    n_problems : int
-        Largest number of problems of each group, evenly spread.
+    n_scenes : int
+        Largest number of scenes of each subfolder, evenly spread.
 
     Raises
     ------
     PlannerError
-        If there are none, or a request can't be read.
+        If there are none.
     """
     groups: dict[Path, list[Path]] = {}
     for scene in sorted(folder.rglob("scene*.yaml")):
@@ -233,19 +200,19 @@ def scene_problems(folder: Path, n_problems: int) -> list[SceneProblem]:
             "MotionBenchMaker"
         )
     return [
-        _problem(scenes[i])
+        scenes[i]
         for scenes in groups.values()
-        for i in np.linspace(0, len(scenes) - 1, min(n_problems, len(scenes))).round().astype(int)
+        for i in np.linspace(0, len(scenes) - 1, min(n_scenes, len(scenes))).round().astype(int)
     ]
 
 
-def scene_robot(problem: SceneProblem, levels: int = 4) -> Path:
+def robot_of_scene(scene: Path, levels: int = 4) -> Path:
     """The URDF file of the robot that a scene names, in a folder above or of that name.
 
     Parameters
     ----------
-    problem :
-        A problem in the scene.
+    scene :
+        The file.
     levels :
         Number of folders above it that are searched.
 
@@ -254,35 +221,58 @@ def scene_robot(problem: SceneProblem, levels: int = 4) -> Path:
     PlannerError
         If there is none.
     """
-    with reading(f"the scene '{problem.scene}'", PlannerError):
-        content = load_yaml(read_text(problem.scene))
-        name = Path(str(content["robot_model_name"])).name
-    for folder in list(problem.scene.resolve().parents)[:levels]:
+    with reading(f"the scene '{scene}'", PlannerError):
+        name = Path(str(load_yaml(read_text(scene))["robot_model_name"])).name
+    for folder in list(scene.resolve().parents)[:levels]:
         for path in (folder / f"{name}.urdf", folder / name / f"{name}.urdf"):
             if path.is_file():
                 return path
-    raise PlannerError(
-        f"no '{name}.urdf' in a folder '{name}' above '{problem.scene}'; give it by --robot"
-    )
+    raise PlannerError(f"no '{name}.urdf' in a folder '{name}' above '{scene}'; give it by --robot")
 
 
-def _request_of(scene: Path) -> Path:
-    return scene.with_name(scene.name.replace("scene", "request", 1))
+def requested_ends(scene: Path) -> tuple[dict[str, float], dict[str, float]]:
+    """Start and goal of the problem in a scene, by joint name [rad or m].
 
-
-def _problem(scene: Path) -> SceneProblem:
+    Raises
+    ------
+    PlannerError
+        If its request can't be read.
+    """
     path = _request_of(scene)
     with reading(f"the request '{path}'", PlannerError):
         content = load_yaml(read_text(path))
         state = content["start_state"]["joint_state"]
-        start = _positions(zip(state["name"], state["position"], strict=True))
         goals = [
             (one["joint_name"], one["position"])
             for constraint in content["goal_constraints"]
             for one in constraint["joint_constraints"]
         ]
-        number = scene.stem.removeprefix("scene")
-        return SceneProblem(scene.parent.name, number, scene, start, _positions(goals))
+        start = _positions(zip(state["name"], state["position"], strict=True))
+        return start, _positions(goals)
+
+
+def scene_problem(scene: Path, joint_names: Sequence[str]) -> Problem:
+    """The problem in a scene, of any duration.
+
+    Raises
+    ------
+    PlannerError
+        If its request can't be read, or leaves a joint out.
+    """
+    ends = []
+    for what, state in zip(("start", "goal"), requested_ends(scene), strict=True):
+        for name in joint_names:
+            if name not in state:
+                raise PlannerError(
+                    f"the request of '{scene}' has no {what} position of joint '{name}'"
+                )
+        ends.append(np.array([state[name] for name in joint_names]))
+    start, goal = ends
+    return Problem(start, goal, float("nan"), scene=scene)
+
+
+def _request_of(scene: Path) -> Path:
+    return scene.with_name(scene.name.replace("scene", "request", 1))
 
 
 def _positions(pairs: Any) -> dict[str, float]:

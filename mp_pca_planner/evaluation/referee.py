@@ -16,14 +16,12 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import yaml
 from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
-from ..files import read_text, reading
-from ..input_limits import INPUT_LIMITS
+from ..files import load_yaml, read_text, reading
 from ..motion.trajectory import Trajectory
 from ..robot.limits import JointLimits
 from .problems import Problem
@@ -75,9 +73,19 @@ class Verdict:
     demo_distance_deg : float
         RMS difference from the held-out demonstration with these ends over joints and 101
         phases [deg]; NaN if the problem has none.
+    reaches : bool
+        Whether it starts and ends at rest at the start and goal, within the tolerances.
     feasible : bool
-        Whether it keeps the limits, and starts and ends at rest at the start and goal, within the
-        tolerances.
+        Whether it reaches the goal and keeps the limits, within the tolerance.
+    path_length : float
+        Length of the path of the joints [rad or m].
+    rms_jerk : float
+        Root mean square over time of the norm of the jerk [rad/s³ or m/s³].
+    collision : str
+        The first pair in collision and its time, '' if there is none.
+    clearance : float
+        Least distance of the obstacles from the convex hulls of moving links on a 10 ms grid [m],
+        infinite without obstacles.
     """
 
     duration: float
@@ -88,7 +96,12 @@ class Verdict:
     end_error: float
     end_velocity: float
     demo_distance_deg: float
+    reaches: bool
     feasible: bool
+    path_length: float
+    rms_jerk: float
+    collision: str = ""
+    clearance: float = np.inf
 
 
 class RigidArm:
@@ -147,7 +160,13 @@ class RigidArm:
         return np.array(tau)[:, self.velocity_index]
 
 
-def judge(trajectory: Trajectory, problem: Problem, arm: RigidArm, limits: JointLimits) -> Verdict:
+def judge(
+    trajectory: Trajectory,
+    problem: Problem,
+    arm: RigidArm,
+    limits: JointLimits,
+    surroundings: SceneReferee | None = None,
+) -> Verdict:
     """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
     curve = executed(trajectory)
     n_steps = int(np.ceil(trajectory.duration / REFEREE_PERIOD))
@@ -155,8 +174,10 @@ def judge(trajectory: Trajectory, problem: Problem, arm: RigidArm, limits: Joint
     q, v, a, jerk = (curve(times) if k == 0 else curve.derivative(k)(times) for k in range(4))
     tau = arm.efforts(q, v, a)
     excess, worst, active = _against_limits(times, (q, v, a, jerk, tau), limits)
+    collision, clearance = surroundings.contacts(trajectory) if surroundings else ("", np.inf)
     end_error = float(np.abs(q[[0, -1]] - [problem.start, problem.goal]).max())
     end_velocity = float(np.abs(v[[0, -1]]).max())
+    reaches = end_error <= REFEREE_POSITION_TOLERANCE and end_velocity <= REFEREE_VELOCITY_TOLERANCE
     return Verdict(
         duration=trajectory.duration,
         effort_cost=float(trapezoid(0.5 * np.sum(tau**2, axis=1), times)),
@@ -166,9 +187,12 @@ def judge(trajectory: Trajectory, problem: Problem, arm: RigidArm, limits: Joint
         end_error=end_error,
         end_velocity=end_velocity,
         demo_distance_deg=_distance(curve, trajectory.duration, problem),
-        feasible=excess <= REFEREE_LIMIT_TOLERANCE
-        and end_error <= REFEREE_POSITION_TOLERANCE
-        and end_velocity <= REFEREE_VELOCITY_TOLERANCE,
+        reaches=reaches,
+        feasible=reaches and excess <= REFEREE_LIMIT_TOLERANCE,
+        path_length=float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum()),
+        rms_jerk=float(np.sqrt(np.mean(np.sum(jerk**2, axis=1)))),
+        collision=collision,
+        clearance=clearance,
     )
 
 
@@ -213,33 +237,8 @@ def _distance(curve: BPoly, duration: float, problem: Problem) -> float:
     return float(np.rad2deg(np.sqrt(np.mean((found - shown) ** 2))))
 
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-@dataclass(frozen=True)
-class SceneVerdict:
-    """The referee's findings on a motion among obstacles.
-
-    Attributes
-    ----------
-    collision : str
-        The first pair in collision and its time, '' if there is none.
-    clearance : float
-        Least distance of the obstacles from the convex hulls of moving links on a 10 ms grid [m].
-    path_length : float
-        Length of the path of the joints [rad or m].
-    rms_jerk : float
-        Root mean square over time of the norm of the jerk [rad/s³ or m/s³].
-    """
-
-    collision: str
-    clearance: float
-    path_length: float
-    rms_jerk: float
-
-
 class SceneReferee:
-    """Judges motions of a robot in one scene.
+    """Finds collisions of a robot's motions in one scene.
 
     Parameters
     ----------
@@ -283,22 +282,17 @@ class SceneReferee:
         self._data, self._poses = arm.model.createData(), self._geometry.createData()
         self._hull_poses = self._hulls.createData()
 
-    def judge(self, trajectory: Trajectory) -> SceneVerdict:
-        """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
+    def contacts(self, trajectory: Trajectory) -> tuple[str, float]:
+        """The first collision of a motion and its clearance, see :class:`Verdict`."""
         curve = executed(trajectory)
         n_fine, n_coarse = (
-            1 + _count(trajectory.duration, period)
+            1 + max(int(np.ceil(trajectory.duration / period - 1e-9)), 1)
             for period in (REFEREE_COLLISION_PERIOD, REFEREE_CLEARANCE_PERIOD)
         )
         times = np.linspace(0.0, trajectory.duration, n_fine)
-        coarse = np.linspace(0, n_fine - 1, n_coarse)
-        q, jerk = curve(times), curve.derivative(3)(times)
-        return SceneVerdict(
-            collision=self._collision(times, q),
-            clearance=min(map(self._clearance, q[coarse.astype(int)])),
-            path_length=float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum()),
-            rms_jerk=float(np.sqrt(np.mean(np.sum(jerk**2, axis=1)))),
-        )
+        coarse = np.linspace(0, n_fine - 1, n_coarse).astype(int)
+        q = curve(times)
+        return self._collision(times, q), min(map(self._clearance, q[coarse]))
 
     def _collision(self, times: FloatArray, q: FloatArray) -> str:
         model, data = self._arm.model, self._data
@@ -350,7 +344,7 @@ def _hulls(geometry: Any) -> Any:
 def _obstacles(scene: Path) -> Iterator[tuple[str, Any, Any]]:
     """Name, shape and pose of each obstacle of a planning scene."""
     with reading(f"the scene '{scene}'", PlannerError):
-        content = yaml.load(read_text(scene, INPUT_LIMITS.yaml_bytes), Loader=_LOADER)
+        content = load_yaml(read_text(scene))
         for one in content["world"]["collision_objects"]:
             for shape, pose in zip(one["primitives"], one["primitive_poses"], strict=True):
                 turn = pin.Quaternion(np.array(pose["orientation"], dtype=float)).normalized()
@@ -367,7 +361,3 @@ def _shape(kind: str, sizes: Sequence[float]) -> Any:
         height, radius = sizes
         return coal.Cylinder(radius, height)
     raise ValueError(f"the referee knows boxes, spheres and cylinders, but not '{kind}'")
-
-
-def _count(duration: float, period: float) -> int:
-    return max(int(np.ceil(duration / period - 1e-9)), 1)

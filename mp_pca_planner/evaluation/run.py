@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import PlannerError
-from ..motion.collision import CollisionModel
 from ..planning.plan import FREE, SHORTEST, PlannerOptions
 from ..primitives.build import PrimitiveOptions, build_primitive
 from ..robot.world import World
@@ -28,24 +27,26 @@ from .methods import (
     promp_method,
 )
 from .peers import crocoddyl_method, ompl_method, roboplan_method, vamp_method
-from .problems import Problem, Scene, SceneProblem
+from .problems import Problem, Scene
 from .referee import RigidArm, SceneReferee, judge
 
-PEERS: dict[str, Callable[[Scene, float], Method]] = {
+Peer = Callable[[Scene, float], Method]
+"""Sets a method of others up, with a time limit [s]."""
+OWN, REFERENCE = "pca", "ompl_toppra"
+"""Names of the planner of this package among obstacles, and of the peer it is compared with."""
+PEERS: dict[str, Peer] = {
     "promp": promp_method,
     "dmp": dmp_method,
     "fddp": partial(crocoddyl_method, box=False),
     "box_fddp": partial(crocoddyl_method, box=True),
 }
-"""Methods to compare the planner with: set up with the scene and a time limit [s]."""
-OWN, REFERENCE = "pca", "ompl_toppra"
-"""Names of the planner of this package among obstacles, and of the peer it is compared with."""
-SCENE_PEERS: dict[str, Callable[[Scene, float, CollisionModel], Method]] = {
+"""Methods to compare the planner with."""
+SCENE_PEERS: dict[str, Peer] = {
     REFERENCE: ompl_method,
     "vamp_toppra": vamp_method,
     "roboplan": roboplan_method,
 }
-"""Those among obstacles: set up with the collision model, too."""
+"""Those among obstacles."""
 _FACTS = (
     "solve_time_s",
     "path_time_s",
@@ -77,57 +78,42 @@ def set_up(
     Returns
     -------
     methods : list of Method
-        The planner's, the minimum-jerk motion, and the peers that can be set up.
+        The planner's, without obstacles the minimum-jerk motion, and the peers that can be set up.
     absent : dict
         Reasons why the other peers can't, by name.
     """
-    own = [*planner_methods(scene, max_time), minimum_jerk_method(scene)]
-    return _with_peers(own, {name: partial(PEERS[name], scene, max_time) for name in peers})
+    if scene.collision is None:
+        known, methods = PEERS, [*planner_methods(scene, max_time), minimum_jerk_method(scene)]
+    else:
+        known, methods = SCENE_PEERS, _planner_in_scenes(scene, max_time)
+    absent = {}
+    for name in peers:
+        try:
+            methods.append(known[name](scene, max_time))
+        except PlannerError as error:
+            absent[name] = str(error)
+    return methods, absent
 
 
-def set_up_in_scenes(
-    scene: Scene, collision: CollisionModel, peers: Iterable[str], max_time: float
-) -> tuple[list[Method], dict[str, str]]:
-    """Set up the planner with several options, and the peers.
+def _planner_in_scenes(scene: Scene, max_time: float) -> list[Method]:
+    """The planner with the options of the benchmark, a user's defaults and the shortest duration.
 
-    Its options are those of the benchmark, the defaults of a user, and the shortest duration; with
-    a `max_time` above 100 ms, those of the benchmark within 100 ms, too.
-
-    Returns
-    -------
-    methods, absent :
-        As :func:`set_up`.
+    With a `max_time` above 100 ms, also with the options of the benchmark within 100 ms.
     """
     size, rho, quick = _SCENE_N_COMPONENTS, _SCENE_NATURALNESS, _SCENE_QUICK
     chosen, usual = (
         scene.primitive or build_primitive(scene.demonstrations, scene.name, options)
         for options in (PrimitiveOptions("arm", size), PrimitiveOptions())
     )
-    runs = {OWN: (chosen, PlannerOptions(naturalness=rho, timing=FREE, max_solve_time=max_time))}
+    own = PlannerOptions(naturalness=rho, timing=FREE, max_solve_time=max_time)
+    methods = [planner_method(OWN, scene, chosen, own)]
     if max_time > quick:
-        options = replace(runs[OWN][1], max_solve_time=quick)
-        runs[f"{OWN}_{1e3 * quick:.0f}ms"] = chosen, options
-    runs[f"{OWN}_default"] = usual, PlannerOptions(max_solve_time=max_time)
-    runs[f"{OWN}_shortest"] = usual, PlannerOptions(timing=SHORTEST, max_solve_time=max_time)
-    own = [
-        planner_method(name, scene, primitive, options, collision)
-        for name, (primitive, options) in runs.items()
-    ]
-    setting = scene, max_time, collision
-    return _with_peers(own, {name: partial(SCENE_PEERS[name], *setting) for name in peers})
-
-
-def _with_peers(
-    methods: list[Method], peers: Mapping[str, Callable[[], Method]]
-) -> tuple[list[Method], dict[str, str]]:
-    """Add the peers that can be set up; reasons why the others can't, by name."""
-    absent = {}
-    for name, make in peers.items():
-        try:
-            methods.append(make())
-        except PlannerError as error:
-            absent[name] = str(error)
-    return methods, absent
+        name, own = f"{OWN}_{1e3 * quick:.0f}ms", replace(own, max_solve_time=quick)
+        methods.append(planner_method(name, scene, chosen, own))
+    for name, timing in (("default", PlannerOptions.timing), (SHORTEST, SHORTEST)):
+        options = PlannerOptions(timing=timing, max_solve_time=max_time)
+        methods.append(planner_method(f"{OWN}_{name}", scene, usual, options))
+    return methods
 
 
 def compare(
@@ -135,8 +121,9 @@ def compare(
     methods: Sequence[Method],
     problems: Sequence[Problem],
     *,
-    repeats: int,
-    n_slow: int,
+    repeats: int = 1,
+    n_slow: int = 0,
+    srdf: Path | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[dict[str, PeerResult]]:
     """Run methods on problems, in an order that alternates from repeat to repeat.
@@ -153,6 +140,8 @@ def compare(
         Number of times that each is solved.
     n_slow : int
         Number of problems for slow methods, evenly spread.
+    srdf : Path, optional
+        File of the pairs of links that are not checked, for the referee.
     progress : callable
         Called with the problems done and their number.
 
@@ -161,10 +150,13 @@ def compare(
     results : list of dict
         For each problem, the result of each method that was run on it, by name.
     """
-    arm = RigidArm(scene.urdf, scene.robot.joint_names)
+    arm, surroundings = RigidArm(scene.urdf, scene.robot.joint_names), None
     for_slow = np.linspace(0, len(problems) - 1, min(n_slow, len(problems))).round().astype(int)
     results = []
     for i, problem in enumerate(problems):
+        if scene.collision is not None and problem.scene is not None:
+            scene.collision.set_world(World.from_file(problem.scene))
+            surroundings = SceneReferee(arm, scene.urdf, problem.scene, srdf)
         chosen = [method for method in methods if not method.slow or i in for_slow]
         found: dict[str, list[PeerResult]] = {method.name: [] for method in chosen}
         for repeat in range(repeats):
@@ -172,52 +164,17 @@ def compare(
                 # A method that has taken 2 s on a problem is not repeated on it.
                 if sum(one.solve_time for one in found[method.name]) < 2.0:
                     found[method.name].append(_solve(method, problem))
-        results.append({name: _judged(x, problem, arm, scene) for name, x in found.items()})
-        progress(i + 1, len(problems))
-    return results
-
-
-def compare_in_scenes(
-    scene: Scene,
-    collision: CollisionModel,
-    methods: Sequence[Method],
-    problems: Sequence[SceneProblem],
-    srdf: Path | None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> list[dict[str, PeerResult]]:
-    """Run methods on problems among obstacles, in an order that alternates between problems.
-
-    Parameters
-    ----------
-    scene : Scene
-        The robot and its limits.
-    collision : CollisionModel
-        The model that the methods were set up with.
-    methods : sequence of Method
-        The methods.
-    problems : sequence of SceneProblem
-        The problems.
-    srdf : Path or None
-        File of the pairs of links that are not checked, for the referee.
-    progress : callable
-        Called with the problems done and their number.
-
-    Returns
-    -------
-    results : list of dict
-        For each problem, the result of each method, by name.
-    """
-    arm, results = RigidArm(scene.urdf, scene.robot.joint_names), []
-    for i, one in enumerate(problems):
-        problem = Problem(*one.ends(scene.robot.joint_names), float("nan"))
-        collision.set_world(World.from_file(one.scene))
-        referee = SceneReferee(arm, scene.urdf, one.scene, srdf)
-        found = {}
-        for method in methods if i % 2 == 0 else methods[::-1]:
-            result = _judged([_solve(method, problem)], problem, arm, scene)
-            verdict = referee.judge(result.trajectory) if result.trajectory else None
-            found[method.name] = replace(result, among_obstacles=verdict)
-        results.append({method.name: found[method.name] for method in methods})
+        judged: dict[str, PeerResult] = {}
+        for name, repeated in found.items():
+            motion = repeated[-1].trajectory
+            judged[name] = replace(
+                repeated[-1],
+                solve_time=float(np.median([one.solve_time for one in repeated])),
+                verdict=None
+                if motion is None
+                else judge(motion, problem, arm, scene.limits, surroundings),
+            )
+        results.append(judged)
         progress(i + 1, len(problems))
     return results
 
@@ -227,18 +184,6 @@ def _solve(method: Method, problem: Problem) -> PeerResult:
         return method.solve(problem)
     except PlannerError as error:
         return PeerResult(None, float("nan"), status=str(error))
-
-
-def _judged(
-    found: Sequence[PeerResult], problem: Problem, arm: RigidArm, scene: Scene
-) -> PeerResult:
-    """The repeated solutions of a problem as one result, with the referee's verdict."""
-    motion = found[-1].trajectory
-    return replace(
-        found[-1],
-        solve_time=float(np.median([one.solve_time for one in found])),
-        verdict=None if motion is None else judge(motion, problem, arm, scene.limits),
-    )
 
 
 def summarise(results: Results, names: Sequence[str]) -> dict[str, Any]:
@@ -270,68 +215,53 @@ def _quantile(values: Sequence[float], share: float = 0.5) -> float | None:
     return float(np.quantile(known, share)) if known else None
 
 
-def summarise_scenes(
-    problems: Sequence[SceneProblem], results: Results
-) -> dict[str, dict[str, Any]]:
-    """By group and method: shares of solved problems, and medians over those.
+def summarise_scenes(problems: Sequence[Problem], results: Results) -> dict[str, dict[str, Any]]:
+    """By folder and method: shares of solved problems, and medians over those.
 
     The ratios of effort and jerk are those of the planner to a method on problems that both solve;
     the ratios to the reference are those of a method to it.
     """
     groups: dict[str, list[Mapping[str, PeerResult]]] = {}
     for problem, found in zip(problems, results, strict=True):
-        groups.setdefault(problem.group, []).append(found)
-    return {name: _group_summary(group) for name, group in groups.items()}
-
-
-def _group_summary(results: Results) -> dict[str, dict[str, Any]]:
-    summary = {}
-    for name in results[0]:
-        of_method = [found[name] for found in results]
-        solved = [one for one in of_method if one.avoids_obstacles]
-        facts = [one.facts() for one in solved]
-        n_quick = sum(x["solve_time_s"] <= _SCENE_QUICK for x in facts)
-        collided = [one.among_obstacles for one in of_method if one.solved]
-        summary[name] = {
-            "n_problems": len(of_method),
-            "solved_share": len(solved) / len(of_method),
-            "solved_in_100_ms_share": n_quick / len(of_method),
-            "n_collisions": sum(
-                verdict is not None and verdict.collision != "" for verdict in collided
-            ),
-            "limits_kept_share": _share([one.feasible for one in solved]),
-            "time_of_all_s": _quantile([one.solve_time for one in of_method]),
-            **{fact: _quantile([x[fact] for x in facts]) for fact in _FACTS},
-            **_against(results, name),
-            **_over_reference(results, name),
-        }
-    return summary
-
-
-def _against(results: Results, name: str) -> dict[str, Any]:
-    """Share of the problems in which the planner needs less effort and less jerk."""
-    both = [
-        found for found in results if found[OWN].avoids_obstacles and found[name].avoids_obstacles
-    ]
-    compared: dict[str, Any] = {}
-    for fact in ("effort_cost", "rms_jerk"):
-        ratios = [found[OWN].facts()[fact] / found[name].facts()[fact] for found in both]
-        compared[f"{fact}_ratio"] = _quantile(ratios)
-        compared[f"{fact}_lower_share"] = _share([ratio < 1.0 for ratio in ratios])
-    return compared
-
-
-def _over_reference(results: Results, name: str) -> dict[str, Any]:
-    """Median effort and duration of a method relative to the reference."""
-    both = [
-        (found[name].facts(), found[REFERENCE].facts())
-        for found in results
-        if REFERENCE in found and found[REFERENCE].avoids_obstacles and found[name].avoids_obstacles
-    ]
+        assert problem.scene is not None
+        groups.setdefault(problem.scene.parent.name, []).append(found)
     return {
-        f"{fact}_over_{REFERENCE}": _quantile([one[fact] / other[fact] for one, other in both])
-        for fact in ("effort_cost", "duration")
+        group: {name: _summary_in_scenes(found, name) for name in found[0]}
+        for group, found in groups.items()
     }
+
+
+def _summary_in_scenes(results: Results, name: str) -> dict[str, Any]:
+    of_method = [found[name] for found in results]
+    facts = [one.facts() for one in of_method]
+    solved = [one for one in facts if one["solved"]]
+    found = {
+        "n_problems": len(facts),
+        "solved_share": len(solved) / len(facts),
+        "solved_in_100_ms_share": sum(x["solve_time_s"] <= _SCENE_QUICK for x in solved)
+        / len(facts),
+        "n_collisions": sum(one.solved and one.facts()["collision"] != "" for one in of_method),
+        "limits_kept_share": _share([one["feasible"] for one in solved]),
+        "time_of_all_s": _quantile([one["solve_time_s"] for one in facts]),
+        **{fact: _quantile([x[fact] for x in solved]) for fact in _FACTS},
+    }
+    for fact in ("effort_cost", "rms_jerk"):
+        ratios = _ratios_in_scenes(results, OWN, name, fact)
+        found[f"{fact}_ratio"] = _quantile(ratios)
+        found[f"{fact}_lower_share"] = _share([ratio < 1.0 for ratio in ratios])
+    for fact in ("effort_cost", "duration"):
+        ratios = _ratios_in_scenes(results, name, REFERENCE, fact)
+        found[f"{fact}_over_{REFERENCE}"] = _quantile(ratios)
+    return found
+
+
+def _ratios_in_scenes(results: Results, one: str, other: str, fact: str) -> list[float]:
+    """Ratios of a quantity of two methods, on the problems that both solve."""
+    return [
+        found[one].facts()[fact] / found[other].facts()[fact]
+        for found in results
+        if other in found and found[one].arrived and found[other].arrived
+    ]
 
 
 def _share(truths: Sequence[bool]) -> float | None:

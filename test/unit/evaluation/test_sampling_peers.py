@@ -126,6 +126,6 @@ def test_robots_are_known_by_their_joints_and_the_place_of_the_hand():
 def test_missing_library_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "vamp.constants", None)
     robot = arm_robot()
-    scene = SimpleNamespace(robot=robot)
+    scene = SimpleNamespace(robot=robot, collision=CollisionModel(robot))
     with pytest.raises(MissingDependencyError, match=r"'vamp_toppra' needs .* 'vamp'.*\[vamp\]"):
-        vamp_method(scene, 1.0, CollisionModel(robot))
+        vamp_method(scene, 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from obstacle_scenes import write_request, write_scene
 
-from mp_pca_planner.evaluation.problems import scene_problems, scene_robot
+from mp_pca_planner.evaluation.problems import robot_of_scene, scene_problem, scenes_in
 from mp_pca_planner.exceptions import PlannerError
 
 JOINTS = ("one", "two")
@@ -24,38 +24,38 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_problems_are_spread_over_each_group(folder):
-    found = scene_problems(folder, 3)
-    assert [(one.group, one.number) for one in found] == [
-        (group, number) for group in ("easy", "hard") for number in ("0001", "0003", "0005")
+def test_scenes_are_spread_over_each_group(folder):
+    found = scenes_in(folder, 3)
+    assert [(one.parent.name, one.stem) for one in found] == [
+        (group, f"scene000{n}") for group in ("easy", "hard") for n in (1, 3, 5)
     ]
 
 
 def test_ends_are_in_the_order_of_the_joints(folder):
-    start, goal = scene_problems(folder / "problems" / "easy", 5)[1].ends(["two", "one"])
-    np.testing.assert_allclose(start, [0.2, 0.2])
-    np.testing.assert_allclose(goal, [-0.2, 0.3])
+    scene = scenes_in(folder / "problems" / "easy", 5)[1]
+    problem = scene_problem(scene, ["two", "one"])
+    np.testing.assert_allclose(problem.start, [0.2, 0.2])
+    np.testing.assert_allclose(problem.goal, [-0.2, 0.3])
 
 
 def test_missing_joint_is_named(folder):
-    problem = scene_problems(folder, 1)[0]
     with pytest.raises(PlannerError, match="has no start position of joint 'three'"):
-        problem.ends(["one", "three"])
+        scene_problem(scenes_in(folder, 1)[0], ["one", "three"])
 
 
 def test_robot_is_found_above_the_problems(folder):
-    problem = scene_problems(folder, 1)[0]
+    scene = scenes_in(folder, 1)[0]
     with pytest.raises(PlannerError, match=re.escape("no 'crane.urdf'")):
-        scene_robot(problem)
+        robot_of_scene(scene)
     urdf = folder / "crane" / "crane.urdf"
     urdf.parent.mkdir()
     urdf.touch()
-    assert scene_robot(problem) == urdf.resolve()
+    assert robot_of_scene(scene) == urdf.resolve()
 
 
 def test_folder_without_problems_is_rejected(tmp_path):
     with pytest.raises(PlannerError, match="no problems in"):
-        scene_problems(tmp_path, 3)
+        scenes_in(tmp_path, 3)
 
 
 @pytest.mark.parametrize(
@@ -65,4 +65,4 @@ def test_malformed_request_is_rejected_by_name(folder, text):
     path = folder / "problems" / "easy" / "request0001.yaml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(PlannerError, match="request0001.yaml' can't be read"):
-        scene_problems(folder, 1)
+        scene_problem(scenes_in(folder, 1)[0], ["one"])

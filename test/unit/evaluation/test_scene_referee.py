@@ -7,8 +7,10 @@ import pytest
 from dense import minimum_jerk_motion
 from obstacle_scenes import write_scene
 
-from mp_pca_planner.evaluation.referee import RigidArm, SceneReferee
+from mp_pca_planner.evaluation.problems import Problem
+from mp_pca_planner.evaluation.referee import RigidArm, SceneReferee, judge
 from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.robot.limits import JointLimits
 
 LENGTH, RADIUS, TURN, DURATION = 0.8, 0.05, 1.2, 1.5
 
@@ -40,7 +42,10 @@ def urdf(tmp_path):
 def verdict(urdf, obstacle):
     scene = write_scene(urdf.with_name("scene0001.yaml"), [obstacle])
     motion = minimum_jerk_motion(["turn"], [0.0], [TURN], DURATION)
-    return SceneReferee(RigidArm(urdf, ["turn"]), urdf, scene).judge(motion)
+    arm = RigidArm(urdf, ["turn"])
+    problem = Problem(np.zeros(1), np.array([TURN]), DURATION, scene=scene)
+    surroundings = SceneReferee(arm, urdf, scene)
+    return judge(motion, problem, arm, JointLimits(["turn"], {}), surroundings)
 
 
 def test_clearance_is_that_of_two_balls(urdf):

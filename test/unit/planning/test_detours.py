@@ -113,8 +113,9 @@ def test_detour_avoids_what_descent_does_not(post):
     assert "'post'" in plan.message
     assert plan.correction > 0.0
     urdf = config_file("human_arm.urdf")
-    found = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene).judge(plan.trajectory)
-    assert found.collision == ""
+    referee = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene)
+    collision, _ = referee.contacts(plan.trajectory)
+    assert collision == ""
     assert_keeps(spline(plan.trajectory), planner.limits)
     np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, goal], atol=1e-12)
 
@@ -136,8 +137,9 @@ def test_without_the_library_descent_goes_on_where_a_path_would_be_searched(post
     scene, planner, start, goal = post
     plan = planner.plan(goal, start)
     urdf = config_file("human_arm.urdf")
-    found = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene).judge(plan.trajectory)
-    assert plan.is_executable == (found.collision == "")
+    referee = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene)
+    collision, _ = referee.contacts(plan.trajectory)
+    assert plan.is_executable == (collision == "")
     assert plan.is_executable or "needs the Python module 'ompl'" in plan.message
 
 
@@ -244,8 +246,9 @@ def test_legs_between_targets_lead_around_the_wall(tmp_path):
     plan = planner.plan([goal, start], start, "real_time")
     assert plan.is_executable
     urdf = config_file("human_arm.urdf")
-    found = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene).judge(plan.trajectory)
-    assert found.collision == ""
+    referee = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene)
+    collision, _ = referee.contacts(plan.trajectory)
+    assert collision == ""
     passed = np.abs(plan.trajectory.positions - goal).max(axis=1).min()
     assert passed < 0.01
     assert "around obstacles with" in plan.message
