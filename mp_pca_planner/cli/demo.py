@@ -46,8 +46,7 @@ from ..ros.live_node import LiveNode
 from ..ros.messages import to_trajectory
 from . import build_primitives
 from .common import make_folder
-from .main import load_command
-from .options import parse
+from .main import load_command, parse
 from .terminal import DONE, FAILED, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..exceptions import GoalError, unknown_name
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from .options import Stop, seconds
+from .main import Stop, seconds
 
 if TYPE_CHECKING:
     from ..robot.model import Robot
@@ -134,18 +134,19 @@ def _names_at_start(arguments: argparse.Namespace, robot: Robot) -> Sequence[str
 
 
 def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
-    """The start of a motion, with its velocities and accelerations.
+    """The start of a motion, at rest.
 
     Raises
     ------
     GoalError
         If the text can't be read, or positions of joints are missing.
     """
-    start = _state(arguments, "start", robot)
-    missing = [name for name in robot.joint_names if name not in start.joint_names]
+    names, angles = _names_at_start(arguments, robot), angles_in_degrees(arguments, robot)
+    q = joint_values(arguments.start, names, "--start", angles=angles)
+    missing = [name for name in robot.joint_names if name not in q]
     if missing:
         raise GoalError(f"--start lacks a position for {', '.join(missing)}")
-    return start
+    return JointState(robot.joint_names, [q[name] for name in robot.joint_names])
 
 
 def planned_goal(
@@ -156,23 +157,12 @@ def planned_goal(
     Raises
     ------
     GoalError
-        If the text can't be read, or a pose or the last target of a sequence has a velocity.
+        If the text can't be read, or the duration of a sequence is none that it can have.
     """
-    read, primitive = (
-        partial(target, robot, angles_in_degrees(arguments, robot)),
-        arguments.primitive,
-    )
+    read = partial(target, robot, angles_in_degrees(arguments, robot))
     duration = arguments.duration if isinstance(arguments.duration, float) else None
-    what = "a sequence ends at rest" if arguments.via else "a pose is reached at rest"
-    for option in ("goal_velocity", "goal_acceleration"):
-        is_given = getattr(arguments, option, None) is not None
-        if is_given and (arguments.via or arguments.goal is None):
-            option = "--" + option.replace("_", "-")
-            needed = "can't be given with --via" if arguments.via else "needs --goal"
-            raise GoalError(f"{option} {needed}: {what}")
-    end: JointState | Pose
     if arguments.goal is not None:
-        end = _state(arguments, "goal", robot)
+        end = read(arguments.goal, "--goal")
     else:
         end = _pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose")
     if arguments.via and isinstance(arguments.duration, str):
@@ -183,10 +173,10 @@ def planned_goal(
     if arguments.via:
         vias = [_via(text, read) for text in arguments.via]
         times = (*(None for _ in vias), duration)
-        return SequenceGoal((*vias, end), times, primitive)
+        return SequenceGoal((*vias, end), times, arguments.primitive)
     if isinstance(end, Pose):
-        return PoseGoal(end, duration, primitive)
-    return JointGoal(end, duration, primitive)
+        return PoseGoal(end, duration, arguments.primitive)
+    return JointGoal(end, duration, arguments.primitive)
 
 
 def _via(text: str, read: Callable[[str, str], JointState | Pose]) -> JointState | Pose:
@@ -252,22 +242,6 @@ def asked_texts(arguments: argparse.Namespace, robot: Robot) -> list[str]:
 
 def _frame(arguments: argparse.Namespace, robot: Robot) -> str:
     return str(arguments.frame or robot.end_effector)
-
-
-def _state(arguments: argparse.Namespace, end: str, robot: Robot) -> JointState:
-    names, angles = robot.described_joints, angles_in_degrees(arguments, robot)
-    every = _names_at_start(arguments, robot) if end == "start" else names
-    stated = joint_values(getattr(arguments, end), every, f"--{end}", angles=angles)
-    q = {name: value for name, value in stated.items() if name in names}
-    rates = []
-    for rate in ("velocity", "acceleration"):
-        text, option = getattr(arguments, f"{end}_{rate}", None), f"--{end}-{rate}"
-        values = joint_values(text, names, option, angles=angles) if text else {}
-        for name in values:
-            if name not in q:
-                raise GoalError(f"{option} names joint '{name}', but --{end} does not")
-        rates.append([values.get(name, 0.0) for name in q])
-    return JointState(list(q), list(q.values()), *rates)
 
 
 def stated_pose(frame: str, text: str) -> Pose:

@@ -18,8 +18,8 @@ from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
 from ..recordings.efforts import measure_execution
 from .common import check_motion_file, check_output, report, write_motion
-from .options import parse
-from .requests import PlannedRequest, collision_line, plan_request, status_line
+from .main import parse
+from .plan import PlannedRequest, collision_line, plan_request, status_line
 from .terminal import DONE, FAILED, PROGRAM, complain, flush, written_lines
 
 # Options of `plan` that sequences don't have.

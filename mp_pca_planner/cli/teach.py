@@ -20,7 +20,7 @@ from ..teaching.dialogue import KEYS, PlayedBag, Record, SessionWords, hold_dial
 from ..teaching.session import SessionFiles, TeachingSession
 from . import build_primitives
 from .common import check_frame, check_output, report_lines
-from .options import parse
+from .main import parse
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
 
 

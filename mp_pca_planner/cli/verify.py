@@ -32,7 +32,7 @@ from ..recordings.efforts import MeasuredMotion, measured_motions
 from ..robot.model import Robot
 from .common import check_output, progress_bar, report
 from .goal_arguments import joint_values
-from .requests import PlannedRequest, plan_request
+from .plan import PlannedRequest, plan_request
 from .terminal import DONE, FAILED, written_lines
 
 

@@ -20,11 +20,10 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 
 from .. import __version__
-from ..arrays import FloatArray, frozen_array
+from ..arrays import BLOCK, FloatArray, frozen_array, row_blocks
 from ..exceptions import PlannerError, PrimitiveFileError
 from ..files import check_form, load_json, open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
-from ..rows import BLOCK, row_blocks
 from .in_span import request_precision
 from .motion_statistics import MotionSource, MotionSources, MotionStatistics, source_rows, thinned
 from .prediction import ConditionalModel

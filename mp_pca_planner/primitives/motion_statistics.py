@@ -19,10 +19,9 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, empty_rows, release, row_blocks
 from ..exceptions import PrimitiveError, quote_names, unknown_name
 from ..motion.interpolation import boundary_values, hermite_functions
-from ..rows import empty_rows, release, row_blocks
 from .basis import end_vanishing_coefficients, legendre_values
 from .options import PrimitiveOptions
 from .timing import align, aligned_positions, fit_paces, largest_jerk

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..rows import empty_rows, row_blocks, row_mean
+from ..arrays import FloatArray, empty_rows, row_blocks, row_mean
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 from .options import PrimitiveOptions
 

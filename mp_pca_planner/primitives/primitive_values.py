@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import check_choice, check_type, frozen_array, unique_names
+from ..arrays import check_choice, check_type, frozen_array, row_blocks, unique_names
 from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names, shown
 from ..input_limits import INPUT_LIMITS
-from ..rows import row_blocks
 from .prediction import INVERSE_LENGTHS, ConditionalModel
 from .timing import PACE_DEGREE
 

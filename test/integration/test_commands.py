@@ -21,7 +21,7 @@ from conftest import EPOCH, S, reaching, stamped, write_bag
 from rosbags.highlevel import AnyReader
 
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.cli.requests import status_line
+from mp_pca_planner.cli.plan import status_line
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -403,12 +403,6 @@ def test_plan_takes_duration_basis_and_sample_period(primitive):
     assert len(facts["weights"]) == 24
 
 
-def test_plan_starts_from_a_moving_state_and_ends_in_one(primitive):
-    facts = plan(primitive, "--start-velocity", "0.1,0,0,0.2", "--goal-velocity", "elbow=-0.3")
-    assert facts["velocities"][0] == [0.1, 0.0, 0.0, 0.2]
-    assert facts["velocities"][-1] == [0.0, 0.0, 0.0, -0.3]
-
-
 def test_plan_keeps_limits_from_a_file(primitive, tmp_path):
     limits = tmp_path / "joint_limits.yaml"
     limits.write_text("joint_limits: {shoulder1: {max_velocity: 0.9, max_effort: 60}}")
@@ -602,7 +596,6 @@ def test_plan_draws_the_motion(primitive, tmp_path):
         (["--start", START, "--goal-pose", "0.3 0 0 1 1 1 1"], "quaternion"),
         (["--start", START, "--goal-pose", "9 0 0"], "the nearest one found is"),
         (["--start", START, "--goal-pose", "0.3 0 0", "--frame", "hand"], "called 'hand'"),
-        (["--start", START, "--goal-pose", "0.3 0 0", "--goal-velocity", "elbow=1"], "at rest"),
         (["--start", START, "--goal", GOAL, "--via", "elbow=-1@0.5"], "passes one at T s"),
         (
             ["--start", START, "--goal", GOAL, "--via", "elbow=-1", "--duration", "free"],

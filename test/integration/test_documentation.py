@@ -19,8 +19,7 @@ import yaml
 from patience import HANG
 
 import mp_pca_planner
-from mp_pca_planner.cli.main import COMMANDS
-from mp_pca_planner.cli.options import add_options, parse
+from mp_pca_planner.cli.main import COMMANDS, add_options, parse
 from mp_pca_planner.execution.parameters import DECLARATIONS
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import _METADATA

@@ -36,9 +36,8 @@ from scipy.cluster.hierarchy import ClusterNode, linkage, to_tree
 from scipy.special import multigammaln
 from scipy.stats import multivariate_t
 
-from ...arrays import FloatArray, check_number
+from ...arrays import FloatArray, check_number, empty_rows, release, row_blocks
 from ...exceptions import PrimitiveError
-from ...rows import empty_rows, release, row_blocks
 from ..in_span import RequestIndex, left_out_scores, request_precision
 from ..motion_statistics import MotionStatistics, thinned
 from ..pca import components_for_share, fit_components

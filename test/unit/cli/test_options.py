@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mp_pca_planner.cli.main import COMMANDS
-from mp_pca_planner.cli.options import parse
+from mp_pca_planner.cli.main import COMMANDS, parse
 from mp_pca_planner.control.closed_loop import ErrorModel
 from mp_pca_planner.control.law import KINDS
 from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS

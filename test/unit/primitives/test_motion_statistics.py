@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import legendre
 
+from mp_pca_planner.arrays import BLOCK, file_of
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import build_from_statistics, build_primitive
@@ -27,7 +28,6 @@ from mp_pca_planner.primitives.motion_statistics import (
 from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.timing import align, aligned_positions
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.rows import BLOCK, file_of
 
 PHASES = np.linspace(0.0, 1.0, 101)
 

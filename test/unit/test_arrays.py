@@ -8,9 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mp_pca_planner.arrays import frozen_array
+from mp_pca_planner.arrays import (
+    BLOCK,
+    empty_rows,
+    file_of,
+    frozen_array,
+    release,
+    row_blocks,
+    row_mean,
+)
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.rows import BLOCK, empty_rows, file_of, release, row_blocks, row_mean
 
 KINDS = {"a": (float, (3, 2)), "b": (float, ()), "c": (float, (0,)), "d": ("S3", ())}
 
