@@ -71,11 +71,7 @@ class UnusableRecordingError(RecordingError):
 
 
 class PrimitiveError(PlannerError):
-    """Demonstrations that give no primitive, or a primitive that does not fit its use."""
-
-
-class PrimitiveFileError(PrimitiveError):
-    """A primitive file that can't be read or written."""
+    """Demonstrations that give no primitive, or a primitive that can't be read or used."""
 
 
 class GoalError(PlannerError):
@@ -96,10 +92,6 @@ class LearningError(PlannerError):
 
 class ControlError(PlannerError):
     """A control law, or an assumption on its errors, that can't be used."""
-
-
-class SimulationError(PlannerError):
-    """An invalid option of a simulated robot or of its faults."""
 
 
 class MissingDependencyError(PlannerError):

@@ -104,7 +104,6 @@ def _facts(folder: Path, content: LibraryContent) -> dict[str, Any]:
                 "n_components": primitive.n_components,
                 "left_out_error": alone,
                 "left_out_error_pooled": pooled,
-                "left_out_error_in_one_pot": pooled,  # its name in earlier releases
             }
             for primitive, alone, pooled in zip(
                 content.primitives, content.errors_alone, content.errors_pooled, strict=True

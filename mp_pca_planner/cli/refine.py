@@ -18,12 +18,16 @@ from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
 from ..recordings.efforts import measure_execution
 from .common import check_motion_file, check_output, report, write_motion
-from .main import parse
 from .plan import PlannedRequest, collision_line, plan_request, status_line
 from .terminal import DONE, FAILED, PROGRAM, complain, flush, written_lines
 
-# Options of `plan` that sequences don't have.
-_ONLY_OF_SINGLE_MOTIONS = ("goal_pose", "frame", "duration", "objective")
+# Options that sequences don't have, with their defaults.
+_ONLY_OF_SINGLE_MOTIONS = {
+    "goal_pose": None,
+    "frame": None,
+    "duration": None,
+    "objective": "effort=1",
+}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -61,9 +65,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
         raise LearningError("--constraint is not accepted: a refined motion would not keep it")
     if not arguments.via:
         return
-    usual = vars(parse("refine", ["FILE", "--robot", "URDF", "--start", "0", "--goal", "0"]))
-    for name in _ONLY_OF_SINGLE_MOTIONS:
-        if getattr(arguments, name) != usual[name]:
+    for name, usual in _ONLY_OF_SINGLE_MOTIONS.items():
+        if getattr(arguments, name) != usual:
             option = f"--{name.replace('_', '-')}"
             raise LearningError(f"{option} can't be given with --via, which makes a sequence")
     if any("@" in text for text in (*arguments.via, arguments.goal)):

@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 from ..exceptions import GoalError, quote_names
 from ..execution.options import Serving
 from ..execution.serving.execution import MotionOutcome
-from ..motion.goal import JointState, Pose, SequenceGoal
+from ..motion.goal import JointState
 from ..ros.client import (
     READY,
     GoalClient,
@@ -43,53 +42,16 @@ _RESUMPTION_MARGIN = _MARGIN + Serving.resumption_timeout  # where it may go on 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     command = arguments.command
-    message, is_list = None, False
-    if command == "send_goal":
-        is_list = not arguments.pose and _is_list(arguments.goal)
-        if not is_list:
-            message = (_pose_message if arguments.pose else _joint_message)(arguments)
     check_node_name(arguments.namespace, arguments.node)
     try:
         with GoalClient(command, arguments.namespace, arguments.node) as client:
-            if is_list:
-                message = _joint_message(arguments, _joints_of_node(arguments, client))
-            if message is not None:
-                return _send(arguments, client, message)
-            return _call(arguments, client, _SERVICES.get(command, command))
+            if command != "send_goal":
+                return _call(arguments, client, _SERVICES.get(command, command))
+            make = _pose_message if arguments.pose else _joint_message
+            return _send(arguments, client, make(arguments, client))
     except NoAnswerError as error:
         complain(f"{PROGRAM} {command}: {error}")
         return FAILED
-
-
-def _is_list(goal: str) -> bool:
-    """Whether a goal is a list of numbers; names of joints are not checked.
-
-    Raises
-    ------
-    GoalError
-        If it is neither a list of numbers nor has names.
-    """
-    text = goal.partition("@")[0]
-    if "=" in text:
-        return False
-    try:
-        number_list(text, "the goal")
-    except GoalError as error:
-        raise GoalError(
-            f"{error}; a goal is name=value,… or a list of numbers in the joint order of the robot "
-            "description"
-        ) from None
-    return True
-
-
-def _joints_of_node(arguments: argparse.Namespace, client: GoalClient) -> list[str]:
-    """The joints that the node moves, in the order of the robot description."""
-    longest = arguments.wait or arguments.timeout
-    client.wait_for_node(longest, with_trajectory=False)
-    values = client.wait_for_diagnostics(
-        lambda found: found.get("joints", "none") != "none", longest
-    )
-    return values["joints"].split(", ")
 
 
 def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> int:
@@ -140,7 +102,7 @@ def _call(arguments: argparse.Namespace, client: GoalClient, service: str) -> in
     return DONE if answer.success else FAILED
 
 
-def _pose_message(arguments: argparse.Namespace) -> PoseStamped:
+def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> PoseStamped:
     for option in ("via", "primitive", "degrees"):
         if getattr(arguments, option):
             raise GoalError(f"--{option} is for joint goals, and is not accepted with --pose")
@@ -148,21 +110,15 @@ def _pose_message(arguments: argparse.Namespace) -> PoseStamped:
 
 
 def _joint_message(
-    arguments: argparse.Namespace, names: Sequence[str] = ()
+    arguments: argparse.Namespace, client: GoalClient
 ) -> JointStateMessage | JointTrajectory:
-    """The message of a joint goal; one that is a list has values of these joints."""
+    """The message of a goal and its vias, all of them positions of the same joints."""
     if arguments.frame:
         raise GoalError("--frame is for --pose, and is not accepted with joint positions")
-    message = _message(_goal(arguments, names))
-    message.header.frame_id = arguments.primitive
-    return message
-
-
-def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
-    """The goal and its vias, all of them positions of the goal's joints."""
     unit = math.pi / 180.0 if arguments.degrees else 1.0
-    parts = arguments.goal.partition("@")[0].split(",")
-    names = names or [part.partition("=")[0].strip() for part in parts if "=" in part]
+    text = arguments.goal.partition("@")[0]
+    names = [part.partition("=")[0].strip() for part in text.split(",") if "=" in part]
+    names = names or _joints_of_list(arguments, client, text)
 
     def read(text: str, option: str) -> JointState:
         is_via = option == "--via"
@@ -175,11 +131,35 @@ def _goal(arguments: argparse.Namespace, names: Sequence[str]) -> SequenceGoal:
             )
         return JointState(names, [unit * values[name] for name in names])
 
-    return sequence_goal(arguments, read, "the goal")
+    goal = sequence_goal(arguments, read, "the goal")
+    message: JointStateMessage | JointTrajectory
+    if len(goal.targets) > 1 or goal.times[0] is not None:
+        message = to_sequence_message(goal)
+    else:
+        last = read(text, "the goal")
+        message = JointStateMessage(name=names, position=last.positions.tolist())
+    message.header.frame_id = arguments.primitive
+    return message
 
 
-def _message(goal: SequenceGoal) -> JointStateMessage | JointTrajectory:
-    last = goal.targets[-1]
-    if len(goal.targets) > 1 or goal.times[0] is not None or isinstance(last, Pose):
-        return to_sequence_message(goal)
-    return JointStateMessage(name=list(last.joint_names), position=last.positions.tolist())
+def _joints_of_list(arguments: argparse.Namespace, client: GoalClient, goal: str) -> list[str]:
+    """The joints of a goal without names: those of the node, as the robot description has them.
+
+    Raises
+    ------
+    GoalError
+        If it is no list of numbers.
+    """
+    try:
+        number_list(goal, "the goal")
+    except GoalError as error:
+        raise GoalError(
+            f"{error}; a goal is name=value,… or a list of numbers in the joint order of the robot "
+            "description"
+        ) from None
+    longest = arguments.wait or arguments.timeout
+    client.wait_for_node(longest, with_trajectory=False)
+    values = client.wait_for_diagnostics(
+        lambda found: found.get("joints", "none") != "none", longest
+    )
+    return values["joints"].split(", ")

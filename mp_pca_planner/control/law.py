@@ -28,7 +28,7 @@ from ..arrays import (
     set_frozen,
     unique_names,
 )
-from ..exceptions import ControlError, PrimitiveFileError, quote_names, unknown_name
+from ..exceptions import ControlError, PrimitiveError, quote_names, unknown_name
 from ..motion.trajectory import Trajectory
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
@@ -144,7 +144,7 @@ def paired_law(primitive: MovementPrimitive) -> ControlLaw | None:
 
     Raises
     ------
-    PrimitiveFileError
+    PrimitiveError
         If the metadata of the primitive hold no valid control law of its joints.
     """
     stored = primitive.metadata.get(_KEY)
@@ -158,7 +158,7 @@ def paired_law(primitive: MovementPrimitive) -> ControlLaw | None:
             stored["velocity_gains"],
         )
     except (ControlError, KeyError, TypeError) as error:
-        raise PrimitiveFileError(
+        raise PrimitiveError(
             f"the control law of primitive '{primitive.name}' can't be used: {error}"
         ) from None
 
@@ -281,7 +281,7 @@ def control_statement(primitive: MovementPrimitive) -> str:
         if "holds_for" not in known:
             return f"{law.kind}; the error bound is void: it names no motion, run verify again"
         return f"{law.kind}; {_bound(primitive, known)}"
-    except (PrimitiveFileError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (PrimitiveError, KeyError, TypeError, ValueError, AttributeError) as error:
         return f"unusable: {error!r:.200}; run verify again"
 
 

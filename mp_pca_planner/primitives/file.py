@@ -21,7 +21,7 @@ from numpy.lib.npyio import NpzFile
 
 from .. import __version__
 from ..arrays import BLOCK, FloatArray, frozen_array, row_blocks
-from ..exceptions import PlannerError, PrimitiveFileError
+from ..exceptions import PlannerError, PrimitiveError
 from ..files import check_form, load_json, open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 from .in_span import request_precision
@@ -140,36 +140,36 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
 
     Raises
     ------
-    PrimitiveFileError
+    PrimitiveError
         If it is no primitive file, of another version, incomplete, or damaged. The message
         names the file and the reason.
     """
     try:
-        with reading("it", PrimitiveFileError):
+        with reading("it", PrimitiveError):
             arrays, text = _read(path)
-        with reading("its metadata", PrimitiveFileError):
+        with reading("its metadata", PrimitiveError):
             return _primitive(arrays, load_json(text))
-    except PrimitiveFileError as error:
-        raise PrimitiveFileError(f"primitive file '{path}' is rejected: {error}") from None
+    except PrimitiveError as error:
+        raise PrimitiveError(f"primitive file '{path}' is rejected: {error}") from None
 
 
 def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> MovementPrimitive:
     check_form(metadata, {"format_version?": int}, "it")
     if metadata.get("format") != FORMAT_NAME:
-        raise PrimitiveFileError("it was not made by this package (no 'format' in its metadata)")
+        raise PrimitiveError("it was not made by this package (no 'format' in its metadata)")
     version = metadata.get("format_version")
     if version not in (1, FORMAT_VERSION):
-        raise PrimitiveFileError(
+        raise PrimitiveError(
             f"its format version is {version}, this release reads versions 1 and {FORMAT_VERSION}: "
             "build it again"
         )
     fitted_anew = {"error_variance"} if version == 1 else set()
     missing = [name for name in ARRAY_SHAPES if name not in arrays.keys() | fitted_anew]
     if missing:
-        raise PrimitiveFileError(f"it lacks the arrays {', '.join(missing)}")
+        raise PrimitiveError(f"it lacks the arrays {', '.join(missing)}")
     stated = metadata.pop("checksum", None)
     if stated != checksum(arrays, metadata):
-        raise PrimitiveFileError("its content does not match its checksum: it was damaged")
+        raise PrimitiveError("its content does not match its checksum: it was damaged")
     check_form(metadata, _METADATA, "it")
     of_model = {field.name for field in fields(ConditionalModel)}
     if version == 1:
@@ -177,7 +177,7 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
             with np.errstate(all="ignore"):
                 model = _model_of_version_1(arrays, metadata)
         except (ValueError, IndexError, np.linalg.LinAlgError):
-            raise PrimitiveFileError("its model can't be fitted anew: build it again") from None
+            raise PrimitiveError("its model can't be fitted anew: build it again") from None
     else:
         model = ConditionalModel(**{key: arrays[key] for key in of_model})
     own: dict[str, Any] = {key: arrays[key] for key in ARRAY_SHAPES if key not in of_model}
@@ -190,7 +190,7 @@ def _primitive(arrays: dict[str, FloatArray], metadata: dict[str, Any]) -> Movem
         model=model,
     )
     if len(metadata["demonstrations"]) != len(primitive.durations):
-        raise PrimitiveFileError("its metadata must name each of its demonstrations")
+        raise PrimitiveError("its metadata must name each of its demonstrations")
     if not set(_STATISTICS) <= set(arrays):
         return primitive
     return replace(primitive, statistics=_statistics(arrays, primitive))
@@ -204,7 +204,7 @@ def _model_of_version_1(
     sizes: dict[str | int, int] = {}
     for name in _REFITTED:
         expected = tuple(x if isinstance(x, int) else sizes.get(x) for x in ARRAY_SHAPES[name])
-        frozen_array(own[name], expected, f"array '{name}'", PrimitiveFileError)
+        frozen_array(own[name], expected, f"array '{name}'", PrimitiveError)
         sizes |= dict(zip(ARRAY_SHAPES[name], own[name].shape, strict=True))
     states, components = own["boundary_states"], own["component_coefficients"]
     paces = arrays["paces"] = fit_paces(own["warps"])
@@ -243,7 +243,7 @@ def _statistics(arrays: dict[str, FloatArray], primitive: MovementPrimitive) -> 
         warps=primitive.warps,
         sources=source_rows(map(MotionSource.of_facts, primitive.metadata["demonstrations"])),
         **{
-            name: frozen_array(arrays[name], shape, f"array '{name}'", PrimitiveFileError)
+            name: frozen_array(arrays[name], shape, f"array '{name}'", PrimitiveError)
             for name, shape in expected.items()
         },
     )
@@ -258,14 +258,14 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
             entries = content.zip.infolist() if content.zip else []
             most = INPUT_LIMITS.primitive_bytes
             if sum(int(entry.file_size) for entry in entries) > most:
-                raise PrimitiveFileError(f"it claims to hold over {most >> 20} MiB")
+                raise PrimitiveError(f"it claims to hold over {most >> 20} MiB")
             raw = {name: content[name] for name in content.files}
     text = raw.pop("metadata", None)
     if text is None or text.dtype.kind != "U" or text.ndim != 0:
-        raise PrimitiveFileError("it lacks the string 'metadata'")
+        raise PrimitiveError("it lacks the string 'metadata'")
     wrong = [name for name, array in raw.items() if array.dtype != np.float64]
     if wrong:
-        raise PrimitiveFileError(f"array '{wrong[0]}' holds {raw[wrong[0]].dtype}, not float64")
+        raise PrimitiveError(f"array '{wrong[0]}' holds {raw[wrong[0]].dtype}, not float64")
     return raw, str(text)
 
 
@@ -275,7 +275,7 @@ def _archive(file: BinaryIO) -> NpzFile:
     except (zipfile.BadZipFile, EOFError, ValueError):
         content = None
     if not isinstance(content, NpzFile):
-        raise PrimitiveFileError(
+        raise PrimitiveError(
             "it is not a complete .npz file: expected a file that build_primitives made"
         )
     return content

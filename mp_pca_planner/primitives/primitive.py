@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, check_number, frozen_array
-from ..exceptions import GoalError, PrimitiveError, PrimitiveFileError, names_options
+from ..exceptions import GoalError, PrimitiveError, names_options
 from ..files import as_path
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import StateLike, joint_positions
@@ -91,7 +91,7 @@ class MovementPrimitive:
 
     Raises
     ------
-    PrimitiveFileError
+    PrimitiveError
         If arrays are not finite, or their shapes disagree.
 
     Examples
@@ -447,7 +447,7 @@ class MovementPrimitive:
         """Read a primitive from a file, see :func:`.load_primitive`."""
         from .file import load_primitive
 
-        return load_primitive(as_path(path, PrimitiveFileError))
+        return load_primitive(as_path(path, PrimitiveError))
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the mean shape and the components on Matplotlib Axes; return an array of these.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import check_choice, check_type, frozen_array, row_blocks, unique_names
-from ..exceptions import PrimitiveError, PrimitiveFileError, quote_names, shown
+from ..exceptions import PrimitiveError, quote_names, shown
 from ..input_limits import INPUT_LIMITS
 from .prediction import INVERSE_LENGTHS, ConditionalModel
 from .timing import PACE_DEGREE
@@ -61,24 +61,22 @@ def freeze_values(primitive: MovementPrimitive) -> None:
 
     Raises
     ------
-    PrimitiveFileError
+    PrimitiveError
         If a value has a wrong type, shape or range.
     """
     name = primitive.name
     if not isinstance(name, str) or not name:
-        raise PrimitiveFileError(
-            f"the name of a primitive must be a non-empty string: {shown(name)}"
-        )
-    names = unique_names(primitive.joint_names, f"joints of '{name}'", PrimitiveFileError)
+        raise PrimitiveError(f"the name of a primitive must be a non-empty string: {shown(name)}")
+    names = unique_names(primitive.joint_names, f"joints of '{name}'", PrimitiveError)
     try:
         "".join([name, *names]).encode()
     except UnicodeEncodeError:
-        raise PrimitiveFileError(f"the names of primitive '{name}' must be valid Unicode") from None
-    check_type(primitive.model, f"the model of '{name}'", PrimitiveFileError, ConditionalModel)
+        raise PrimitiveError(f"the names of primitive '{name}' must be valid Unicode") from None
+    check_type(primitive.model, f"the model of '{name}'", PrimitiveError, ConditionalModel)
     check_choice(
-        primitive.coupling, f"the coupling of primitive '{name}'", PrimitiveFileError, COUPLINGS
+        primitive.coupling, f"the coupling of primitive '{name}'", PrimitiveError, COUPLINGS
     )
-    check_type(primitive.metadata, f"the metadata of '{name}'", PrimitiveFileError, Mapping)
+    check_type(primitive.metadata, f"the metadata of '{name}'", PrimitiveError, Mapping)
     object.__setattr__(primitive, "joint_names", names)
     object.__setattr__(primitive, "metadata", dict(primitive.metadata))
     n, limits = len(names), INPUT_LIMITS
@@ -87,12 +85,12 @@ def freeze_values(primitive: MovementPrimitive) -> None:
     for array, shape in ARRAY_SHAPES.items():
         owner = primitive if hasattr(primitive, array) else primitive.model
         what, expected = f"array '{array}' of '{name}'", tuple(map(sizes.get, shape))
-        frozen = frozen_array(getattr(owner, array), expected, what, PrimitiveFileError)
+        frozen = frozen_array(getattr(owner, array), expected, what, PrimitiveError)
         is_precision = array.endswith("_precision")
         largest = limits.primitive_precision if is_precision else limits.primitive_value
         for (block,) in row_blocks(frozen):
             if np.abs(block).max(initial=0.0) > largest:
-                raise PrimitiveFileError(f"{what} holds numbers that are too large for motions")
+                raise PrimitiveError(f"{what} holds numbers that are too large for motions")
         sizes |= dict(zip(shape, frozen.shape, strict=True))
         object.__setattr__(owner, array, frozen)
     model, total = primitive.model, primitive.total_variance.sum()
@@ -118,4 +116,4 @@ def freeze_values(primitive: MovementPrimitive) -> None:
             problems["a covariance is not positive definite"] = True
     for problem, is_present in problems.items():
         if is_present:
-            raise PrimitiveFileError(f"primitive '{name}': {problem}")
+            raise PrimitiveError(f"primitive '{name}': {problem}")

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ..exceptions import SimulationError
+from ..exceptions import PlannerError
 from ..recordings.joint_states import NS_PER_S
 from ..simulation.controller import (
     CANCELED,
@@ -210,6 +210,6 @@ class SimulatedRobotNode(Node):
         changes = {p.name: p.value for p in parameters if p.name in known}
         try:
             self._robot.faults = replace(self._robot.faults, **changes)
-        except SimulationError as error:
+        except PlannerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

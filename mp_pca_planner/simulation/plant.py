@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ..arrays import FloatArray
-from ..exceptions import SimulationError, require
+from ..exceptions import PlannerError, require
 from ..robot.model import Robot
 
 PERIOD = 1e-3
@@ -126,7 +126,7 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solve with a symmetric positive definite matrix of which the upper triangle is given."""
     _, solution, info = lapack.dposv(matrix, right)
     if info != 0:
-        raise SimulationError(
+        raise PlannerError(
             "the mass matrix of the robot is not positive definite: give every moving link of "
             "the robot description a valid inertial"
         )

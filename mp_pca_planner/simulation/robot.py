@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array
-from ..exceptions import SimulationError, shown, unknown_name
+from ..exceptions import PlannerError, shown, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
@@ -51,7 +51,7 @@ class Faults:
 
     Raises
     ------
-    SimulationError
+    PlannerError
         If a name is unknown or a value out of range.
     """
 
@@ -67,14 +67,14 @@ class Faults:
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in self.__dataclass_fields__:
-            raise SimulationError(unknown_name("fault", name, self.__dataclass_fields__))
+            raise PlannerError(unknown_name("fault", name, self.__dataclass_fields__))
         if name in ("held", "silent", "active"):
             if not isinstance(value, bool):
-                raise SimulationError(f"{name} is {shown(value)}, expected true or false")
+                raise PlannerError(f"{name} is {shown(value)}, expected true or false")
         else:
             high = {"payload": 1000.0, "noise": 0.1}.get(name, 1.0)
             if isinstance(value, str) or not 0.0 <= value <= high:
-                raise SimulationError(f"{name} is {value}, expected a number from 0 to {high:g}")
+                raise PlannerError(f"{name} is {value}, expected a number from 0 to {high:g}")
         object.__setattr__(self, name, value)
 
 
@@ -176,7 +176,7 @@ class SimulatedRobot:
 
     Raises
     ------
-    SimulationError
+    PlannerError
         If there is no such physics engine, the rate is not over 0, or the start can't be used.
     """
 
@@ -191,11 +191,11 @@ class SimulatedRobot:
         state_rate: float = 500.0,
     ) -> None:
         if plant not in _PLANTS:
-            raise SimulationError(unknown_name("physics engine", plant, _PLANTS))
+            raise PlannerError(unknown_name("physics engine", plant, _PLANTS))
         if not 0.0 < state_rate <= 1000.0:
             reason = f"the rate of joint states is {state_rate} Hz, expected over 0, up to 1000"
-            raise SimulationError(reason)
-        q = frozen_array(start, (robot.n_joints,), "the start of the robot", SimulationError)
+            raise PlannerError(reason)
+        q = frozen_array(start, (robot.n_joints,), "the start of the robot", PlannerError)
         self.joint_names = robot.joint_names
         self.faults, self.record = Faults(), Record(robot.n_joints)
         self.rejections: list[tuple[float, str]] = []

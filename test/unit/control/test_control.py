@@ -22,7 +22,7 @@ from mp_pca_planner.control.law import (
     paired_law,
 )
 from mp_pca_planner.control.stability import analyse
-from mp_pca_planner.exceptions import ControlError, PrimitiveFileError
+from mp_pca_planner.exceptions import ControlError, PrimitiveError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
@@ -156,7 +156,7 @@ def test_law_survives_the_primitive_file(tmp_path: Path) -> None:
     assert np.array_equal(read.position_gains, law.position_gains)
     assert found.metadata["control_law"]["known"] == {"sampled_radius": 0.9}
     found.metadata["control_law"]["velocity_gains"][0] = -1.0
-    with pytest.raises(PrimitiveFileError, match="must be positive"):
+    with pytest.raises(PrimitiveError, match="must be positive"):
         paired_law(found)
 
 

@@ -15,7 +15,7 @@ from arm import arm_demonstrations, arm_primitive
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mp_pca_planner.exceptions import PlannerError, PrimitiveError, PrimitiveFileError
+from mp_pca_planner.exceptions import PlannerError, PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import checksum, load_primitive, save_primitive
 from mp_pca_planner.primitives.library.library import load_primitives
@@ -159,7 +159,7 @@ def test_an_existing_file_is_not_overwritten(path):
 )
 def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, message):
     rewrite(path, change)
-    with pytest.raises(PrimitiveFileError, match=rf"primitive\.npz' is rejected: .*{message}"):
+    with pytest.raises(PrimitiveError, match=rf"primitive\.npz' is rejected: .*{message}"):
         load_primitive(path)
 
 
@@ -182,7 +182,7 @@ def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, me
 )
 def test_content_that_fits_its_checksum_but_makes_no_sense_is_refused(path, name, change, message):
     forge(path, lambda a, m: a.update({name: change(a[name])}))
-    with pytest.raises(PrimitiveFileError, match=message):
+    with pytest.raises(PrimitiveError, match=message):
         load_primitive(path)
 
 
@@ -209,7 +209,7 @@ def test_content_that_fits_its_checksum_but_makes_no_sense_is_refused(path, name
 )
 def test_metadata_of_another_form_is_refused(path, change, message):
     forge(path, lambda a, m: m.update(change))
-    with pytest.raises(PrimitiveFileError, match=message):
+    with pytest.raises(PrimitiveError, match=message):
         load_primitive(path)
 
 
@@ -218,13 +218,13 @@ def test_metadata_that_nests_deeply_is_refused(path):
         arrays = {name: content[name] for name in content.files}
     arrays["metadata"] = np.array('{"a": ' + "[" * 100_000 + "]" * 100_000 + "}")
     np.savez(path, **arrays)
-    with pytest.raises(PrimitiveFileError, match="nested too deeply"):
+    with pytest.raises(PrimitiveError, match="nested too deeply"):
         load_primitive(path)
 
 
 def test_pipe_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe.npz")
-    with pytest.raises(PrimitiveFileError, match="not a regular file"):
+    with pytest.raises(PrimitiveError, match="not a regular file"):
         load_primitive(tmp_path / "pipe.npz")
 
 
@@ -238,7 +238,7 @@ def test_motions_that_are_all_the_same_are_refused_or_learned():
 def test_pickled_content_is_not_executed(tmp_path):
     path = tmp_path / "pickle.npz"
     np.savez(path, metadata=np.array("{}"), weights=np.array([{}, None], dtype=object))
-    with pytest.raises(PrimitiveFileError, match="allow_pickle"):
+    with pytest.raises(PrimitiveError, match="allow_pickle"):
         load_primitive(path)
 
 
@@ -247,15 +247,15 @@ def test_what_is_no_npz_is_refused(tmp_path, content):
     path = tmp_path / "file.npz"
     path.write_bytes(content)
     with pytest.raises(
-        PrimitiveFileError, match=r"not a complete \.npz file.*that build_primitives made"
+        PrimitiveError, match=r"not a complete \.npz file.*that build_primitives made"
     ):
         load_primitive(path)
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    with pytest.raises(PrimitiveFileError, match="No such file"):
+    with pytest.raises(PrimitiveError, match="No such file"):
         load_primitive(tmp_path / "nowhere.npz")
-    with pytest.raises(PrimitiveFileError, match="can't be read|Is a directory"):
+    with pytest.raises(PrimitiveError, match="can't be read|Is a directory"):
         load_primitive(tmp_path)
 
 
@@ -267,7 +267,7 @@ def test_a_file_that_claims_to_be_huge_is_refused_before_it_is_read(tmp_path):
     )
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("weights.npy", header.getvalue())
-    with pytest.raises(PrimitiveFileError, match="can't be read"):
+    with pytest.raises(PrimitiveError, match="can't be read"):
         load_primitive(path)
 
 
@@ -287,7 +287,7 @@ def test_damage_anywhere_is_refused_or_harmless(path, tmp_path, data):
     damaged.write_bytes(content)
     try:
         loaded = load_primitive(damaged)
-    except PrimitiveFileError:
+    except PrimitiveError:
         return
     # Nothing that matters was hit: padding of the archive, or a date in it.
     for name, array in arm_primitive().arrays().items():

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from arm import JOINTS, arm_robot
 
-from mp_pca_planner.exceptions import MissingDependencyError, SimulationError
+from mp_pca_planner.exceptions import MissingDependencyError, PlannerError
 from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.simulation.plant import PERIOD, MujocoPlant, Plant
@@ -166,5 +166,5 @@ def test_mass_matrix_that_is_not_positive_definite_is_refused():
     robot = arm_robot()
     robot = robot.with_link_inertias(np.zeros((len(robot.link_inertias.links), 4)))
     plant = Plant(robot, START)
-    with pytest.raises(SimulationError, match="valid inertial"):
+    with pytest.raises(PlannerError, match="valid inertial"):
         plant.step(START)

@@ -9,7 +9,7 @@ import pytest
 from arm import JOINTS, arm_robot
 from referee import judge
 
-from mp_pca_planner.exceptions import SimulationError
+from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.simulation.robot import Faults, SimulatedRobot
 
@@ -256,7 +256,7 @@ def test_commands_that_are_no_numbers_are_recorded_and_not_followed():
 )
 def test_fault_that_can_not_be_is_refused_and_changes_nothing(name, value, reason):
     faults = Faults()
-    with pytest.raises(SimulationError, match=reason):
+    with pytest.raises(PlannerError, match=reason):
         setattr(faults, name, value)
     assert faults == Faults()
 
@@ -269,7 +269,7 @@ def test_fault_that_can_not_be_is_refused_and_changes_nothing(name, value, reaso
     ],
 )
 def test_robot_that_can_not_be_is_refused(options, reason):
-    with pytest.raises(SimulationError, match=reason):
+    with pytest.raises(PlannerError, match=reason):
         robot(**options)
 
 
