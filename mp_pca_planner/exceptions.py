@@ -95,15 +95,27 @@ class ControlError(PlannerError):
 
 
 class MissingDependencyError(PlannerError):
-    """An optional dependency that is not installed."""
+    """An optional dependency that is not installed.
+
+    Attributes
+    ----------
+    module : str
+        The Python module that is missing.
+    extra : str
+        The extra of this package that installs it.
+    """
 
     def __init__(self, module: str, extra: str, purpose: str) -> None:
-        super().__init__(
+        # The arguments, from which an error that leaves a worker process is made again.
+        super().__init__(module, extra, purpose)
+        self.module, self.extra = module, extra
+
+    def __str__(self) -> str:
+        module, extra, purpose = self.args
+        return (
             f"{purpose} needs the Python module '{module}', which is not installed: "
             f"{_how_to_install(extra)}"
         )
-        self.module = module
-        self.extra = extra
 
 
 def require(module: str, extra: str, purpose: str) -> Any:
