@@ -28,7 +28,7 @@ from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
 from ..plotting.arm import arm_figure, at_frames, write_animation
-from ..plotting.motion import MotionContext, motion_figure, nearest_curves
+from ..plotting.motion import motion_figure, nearest_curves
 from ..plotting.page import picture
 from ..plotting.primitive import primitive_figure
 from ..plotting.style import require_matplotlib
@@ -276,9 +276,8 @@ def _draw(
     ends = first.positions[[0, -1]]
     behind = nearest_curves(primitive, first.joint_names, ends, 0.0, first.duration)
     with picture(pictures[1], force=True) as figure:
-        context = MotionContext(behind)
         title = "Motion to the first goal"
-        motion_figure(figure, {"planned": first}, title, robot.limits(), context=context)
+        motion_figure(figure, {"planned": first}, title, robot.limits(), curves=behind)
     chain = robot.frame_positions(planned[0].positions, _ARM)
     with picture(pictures[2], force=True) as figure:
         arm_figure(figure, {"planned": chain}, "The arm on its path to the goal", _ARM[-1])

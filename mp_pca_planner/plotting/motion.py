@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,36 +48,9 @@ if TYPE_CHECKING:
 QUANTITIES = ("positions", "velocities", "accelerations", "efforts")
 """Plotted quantities of a motion, from top to bottom."""
 
-Curve = tuple[FloatArray, FloatArray]
-"""Times [s] and positions [rad or m], shapes (n_times,) and (n_times, n_joints)."""
-
-
-@dataclass(frozen=True)
-class MotionContext:
-    """What a figure shows beside motions.
-
-    Attributes
-    ----------
-    behind : sequence of Curve
-        Curves behind the positions, such as demonstrations.
-    references : mapping of str to Curve
-        Curves to compare the positions with, by their name in `LINES`.
-    vias : array, shape (n_vias,)
-        Times at which the first motion passes its vias [s].
-    warnings : sequence of str
-        Warnings above the panels.
-    """
-
-    behind: Sequence[Curve] = ()
-    references: Mapping[str, Curve] = field(default_factory=dict)
-    vias: FloatArray = field(default_factory=lambda: np.zeros(0))
-    warnings: Sequence[str] = ()
-
-    def entries(self) -> list[Line]:
-        """Entries of the legend."""
-        entries = [LINES["behind"]] * bool(self.behind) + [LINES[x] for x in self.references]
-        entries += [LINES["via"]] * bool(self.vias.size)
-        return entries + [LINES["warning"] | {"label": warning} for warning in self.warnings]
+Curve = tuple[str, FloatArray, FloatArray]
+"""A name in `LINES`, times [s] and positions [rad or m], of shapes (n_times,) and
+(n_times, n_joints)."""
 
 
 def plot_motion(
@@ -124,7 +97,9 @@ def motion_figure(
     title: str,
     limits: JointLimits | None = None,
     prismatic: Collection[str] = (),
-    context: MotionContext | None = None,
+    curves: Sequence[Curve] = (),
+    vias: Collection[float] = (),
+    warnings: Sequence[str] = (),
 ) -> list[list[Axes]]:
     """Plot motions of the same joints, with a column of panels per joint.
 
@@ -141,8 +116,12 @@ def motion_figure(
         one of their limits is reached.
     prismatic : collection of str
         Joints that are measured in metres; the others are shown in degrees.
-    context : MotionContext, optional
-        What is shown beside the motions.
+    curves : sequence of Curve
+        Curves behind the positions, such as demonstrations.
+    vias : collection of float
+        Times at which the first motion passes its vias [s].
+    warnings : sequence of str
+        Warnings above the panels.
 
     Returns
     -------
@@ -155,12 +134,12 @@ def motion_figure(
     PlannerError
         If the motions have one point each.
     """
-    names = next(iter(motions.values())).joint_names
+    first = next(iter(motions.values()))
+    names = first.joint_names
     duration = max(motion.duration for motion in motions.values())
     if duration == 0.0:
         raise PlannerError("a motion of one point can't be drawn: at least two are needed")
     quantities = [q for q in QUANTITIES if _is_shown(q, motions.values(), limits)]
-    context = MotionContext() if context is None else context
     n = len(COLOURS)
     entries = [line(x, COLOURS[i % n], STYLES[i % len(STYLES)]) for i, x in enumerate(motions)]
     panels, drawn_limits = joint_panels(figure, names, len(quantities)), 0
@@ -173,12 +152,18 @@ def motion_figure(
             axes.set_label(quantity)  # for motions that are drawn over these, see _draw_over
             if not prismatic:
                 label_left(axes)
-        _show_context(column[0], context, next(iter(motions.values())), name, prismatic)
+        factor, _ = _scale("positions", [name], prismatic)
+        _show_behind(column[0], curves, factor, names.index(name))
+        for via in vias:
+            passed = np.interp(via, first.times, first.positions[:, names.index(name)])
+            column[0].plot(via, factor * passed, **LINES["via"] | {"label": None})
         for axes in column[:-1]:
             axes.set_xlabel("")
             axes.tick_params(labelbottom=False)
-    header = [*entries, *([LINES["limit"]] if drawn_limits else []), *context.entries()]
-    add_header(figure, title, header)
+    beside = [*(["limit"] if drawn_limits else []), *dict.fromkeys(curve[0] for curve in curves)]
+    beside += ["via"] if vias else []
+    header = [*entries, *(LINES[kind] for kind in beside)]
+    add_header(figure, title, [*header, *(LINES["warning"] | {"label": x} for x in warnings)])
     return panels
 
 
@@ -192,27 +177,15 @@ def _is_shown(quantity: str, motions: Iterable[Trajectory], limits: JointLimits 
     return bool(largest > REACHED_LIMIT)
 
 
-def _show_context(
-    axes: Axes,
-    context: MotionContext,
-    motion: Trajectory,
-    name: str,
-    prismatic: Collection[str],
-) -> None:
-    """Draw curves behind the positions of a joint, and the vias of a motion on them."""
-    factor, _ = _scale("positions", [name], prismatic)
-    joint = motion.joint_names.index(name)
+def _show_behind(axes: Axes, curves: Sequence[Curve], factor: float, joint: int) -> None:
+    """Draw curves behind the positions of a joint, in an extended range of values."""
     low, high = axes.get_ylim()
-    curves = [("behind", curve) for curve in context.behind]
-    for style, (times, positions) in [*curves, *context.references.items()]:
+    for kind, times, positions in curves:
         values = factor * positions[:, joint]
-        axes.plot(times, values, **LINES[style] | {"label": None})
+        axes.plot(times, values, **LINES[kind] | {"label": None})
         margin = 0.05 * (high - low)
         low, high = min(low, values.min() - margin), max(high, values.max() + margin)
     axes.set_ylim(low, high)
-    for via in context.vias:
-        passed = np.interp(via, motion.times, motion.positions[:, joint])
-        axes.plot(via, factor * passed, **LINES["via"] | {"label": None})
 
 
 def _lines(names: Sequence[str]) -> list[Line]:
@@ -292,40 +265,37 @@ def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
         By joint, the Axes of positions, velocities, accelerations if a limit of them is reached,
         and efforts if they are known.
     """
-    n = len(plan.motions)
+    curves: list[Curve] = []
+    begin, joints, planner = 0.0, plan.trajectory.joint_names, plan.planner
+    for motion, name in zip(plan.motions, plan.primitives, strict=True):
+        if planner is None:
+            break
+        primitive = planner.primitives.named(name)
+        states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
+        ends = np.array([[state[joint] for joint in joints] for state in states])
+        curves += nearest_curves(primitive, joints, ends, begin, motion.duration)
+        if not plan.mode:  # segments have no prediction of their own
+            times, straight = motion.duration * PHASES, quintics(PHASES, motion.boundary, 0)[0]
+            curves.append(("predicted", times, _predicted(planner.robot, primitive, motion)))
+            curves.append(("minimum jerk", times, straight))
+        begin += motion.duration
+    n, score = len(plan.motions), plan.in_span_score
     drawn = f"{n} {'segment' if n == 1 else 'segments'}" if plan.mode else f"'{plan.primitive}'"
-    title = f"{drawn}: {plan.message}"
-    limits = None if plan.planner is None else plan.planner.limits
-    motions, context = {"planned": plan.trajectory}, plan_context(plan)
-    return motion_figure(figure, motions, title, limits, _prismatic(plan), context)
+    unlike = f"unlike the demonstrations (in-span score {score:.1f}, usual: about 1)"
+    return motion_figure(
+        figure,
+        {"planned": plan.trajectory},
+        f"{drawn}: {plan.message}",
+        None if planner is None else planner.limits,
+        _prismatic(plan),
+        curves,
+        [plan.duration * phase for phase in plan.via_phases],
+        [unlike] if score > UNUSUAL_IN_SPAN_SCORE else [],
+    )
 
 
 def _prismatic(plan: Plan) -> tuple[str, ...]:
     return () if plan.planner is None else plan.planner.robot.prismatic_joints
-
-
-def plan_context(plan: Plan) -> MotionContext:
-    """What the figure of a plan shows beside its trajectory."""
-    joints = list(plan.trajectory.joint_names)
-    behind: list[Curve] = []
-    references: dict[str, Curve] = {}
-    begin = 0.0
-    for motion, name in zip(plan.motions, plan.primitives, strict=True):
-        if plan.planner is not None:
-            primitive = plan.planner.primitives.named(name)
-            states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
-            ends = np.array([[state[joint] for joint in joints] for state in states])
-            behind += nearest_curves(primitive, joints, ends, begin, motion.duration)
-        if plan.planner is not None and not plan.mode:  # segments have no prediction of their own
-            times = begin + motion.duration * PHASES
-            predicted = _predicted(plan.planner.robot, primitive, motion)
-            straight = quintics(PHASES, motion.boundary, 0)[0]
-            references = {"predicted": (times, predicted), "minimum jerk": (times, straight)}
-        begin += motion.duration
-    score = plan.in_span_score
-    unlike = f"unlike the demonstrations (in-span score {score:.1f}, usual: about 1)"
-    warnings = [unlike] if score > UNUSUAL_IN_SPAN_SCORE else []
-    return MotionContext(behind, references, plan.duration * np.array(plan.via_phases), warnings)
 
 
 def _predicted(robot: Robot, primitive: MovementPrimitive, motion: Motion) -> FloatArray:
@@ -364,7 +334,7 @@ def nearest_curves(
     own_ends[:, order] = ends
     times = begin + duration * PHASES
     return [
-        (times, primitive.reproduction(int(i), primitive.durations[i] * PHASES)[:, order])
+        ("behind", times, primitive.reproduction(int(i), primitive.durations[i] * PHASES)[:, order])
         for i in primitive.nearest_demonstrations(own_ends)[:MAX_BEHIND]
     ]
 

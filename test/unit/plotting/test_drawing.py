@@ -21,7 +21,6 @@ from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.arm import arm_figure
 from mp_pca_planner.plotting.motion import (
-    MotionContext,
     motion_figure,
     plan_figure,
     plot_plan,
@@ -251,12 +250,13 @@ def test_accelerations_have_panels_where_a_limit_is_reached(share: float, is_rea
 
 def test_curves_behind_a_motion_are_not_cut() -> None:
     motion = trajectory()
-    behind = [(motion.times, 3.0 * motion.positions), (motion.times, motion.positions - 2.0)]
+    wide, low = 3.0 * motion.positions, motion.positions - 2.0
+    behind = [("behind", motion.times, wide), ("behind", motion.times, low)]
     with styled_figure() as figure:
-        panels = motion_figure(figure, {"a": motion}, "M", context=MotionContext(behind))
+        panels = motion_figure(figure, {"a": motion}, "M", curves=behind)
     for joint, (axes, *_) in enumerate(panels):
         low, high = axes.get_ylim()
-        values = np.rad2deg([positions[:, joint] for _, positions in behind])
+        values = np.rad2deg([positions[:, joint] for *_, positions in behind])
         assert low < values.min() and values.max() < high
 
 
