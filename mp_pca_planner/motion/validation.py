@@ -72,22 +72,20 @@ class LimitCheck:
 
     Attributes
     ----------
+    violations : tuple of Violation
+        Every limit violated by more than rounding, the worst first.
     touched : tuple of Violation
-        Every limit that is violated, or nearer than `LIMIT_NEAR`, the worst first.
+        These, and every limit that is nearer than `LIMIT_NEAR`, the worst first.
     efforts : array, shape (n_points, n_joints), or None
         Efforts at the points of the trajectory [N·m or N]; None if they are not known.
     remark : str
         Which joint starts outside its limits of position, within `START_TOLERANCE`; empty if none.
     """
 
-    touched: tuple[Violation, ...]
+    violations: tuple[Violation, ...] = ()
+    touched: tuple[Violation, ...] = ()
     efforts: FloatArray | None = None
     remark: str = ""
-
-    @property
-    def violations(self) -> tuple[Violation, ...]:
-        """Every limit violated by more than rounding, the worst first."""
-        return tuple(v for v in self.touched if not v.excess <= LIMIT_TOLERANCE)
 
     @property
     def worst_excess(self) -> float:
@@ -144,16 +142,17 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
         compared.append(_magnitude("effort", tau, limits.effort))
         times.append(dense.times)
-    found = []
+    found, n_violated = list[Violation](), 0
     for moments, (quantity, values, bound, excess) in zip(times, compared, strict=True):
         for j, (name, k) in enumerate(zip(limits.joint_names, excess.argmax(axis=0), strict=True)):
             if not excess[k, j] <= -LIMIT_NEAR:  # a NaN is a violation
                 at = (moments[k], values[k, j], bound[j], excess[k, j])
                 found.append(Violation(quantity, name, *map(float, at)))
+                n_violated += not found[-1].excess <= LIMIT_TOLERANCE
     found.sort(key=lambda violation: -violation.excess)
     efforts = None if np.isnan(at_points).any() else at_points
     remark = "" if np.array_equal(start, inside) else _start_remark(start, inside, limits)
-    return LimitCheck(tuple(found), efforts, remark)
+    return LimitCheck(tuple(found[:n_violated]), tuple(found), efforts, remark)
 
 
 def nearest_start(positions: FloatArray, limits: JointLimits) -> FloatArray:
@@ -235,7 +234,7 @@ def _extremes(ends: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArr
     """
     columns = ends.transpose(1, 0, 2).reshape(6, -1)
     points, shape = BEZIER_POINTS @ columns, (4, *ends[:, 0].shape)
-    lowest, highest = (x.reshape(shape) for x in (points.min(axis=1), points.max(axis=1)))
+    lowest, highest = points.min(axis=1).reshape(shape), points.max(axis=1).reshape(shape)
     rates = np.maximum(highest[1:], -lowest[1:], out=highest[1:])
     rates /= steps[:, None] ** np.arange(1.0, 4.0)[:, None, None]
     return lowest[0], highest

@@ -15,6 +15,7 @@ can be reached; forward, the largest next x. Limits of jerk are ignored there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -23,7 +24,7 @@ from ..arrays import FloatArray
 from ..exceptions import TrajectoryError
 from ..motion.interpolation import interpolate_at, quintics, segment_ends
 from ..motion.trajectory import Trajectory
-from ..motion.validation import LimitCheck
+from ..motion.validation import Violation
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
@@ -39,12 +40,10 @@ _NO_LENGTH, _NO_SPEED = 1e-9, 1e-9
 _UNLIMITED = 1e3
 
 
-def slowdown(check: LimitCheck) -> float:
+def slowdown(violations: Sequence[Violation]) -> float:
     """Factor of the duration that may restore the limits; 1 if none can."""
     # A longer duration does not change the path, so it can't restore position limits.
-    factors = [
-        (1.0 + v.excess) ** _POWERS[v.quantity] for v in check.violations if v.quantity in _POWERS
-    ]
+    factors = [(1.0 + v.excess) ** _POWERS[v.quantity] for v in violations if v.quantity in _POWERS]
     # Time scaling alone does not determine efforts, because they have a static part.
     return float(np.clip(1.02 * max(factors), 1.05, 2.0)) if factors else 1.0
 

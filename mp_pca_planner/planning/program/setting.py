@@ -219,7 +219,7 @@ def stretched(
         group, is_fixed = next(one for one in request.groups if segment in one[0])
         if is_fixed or durations[segment] > most * request.segments[segment].duration:
             continue
-        factor = slowdown(LimitCheck((violation,)))
+        factor = slowdown([violation])
         for i in group:
             longer[i] = max(longer[i], durations[i] * factor)
     return longer

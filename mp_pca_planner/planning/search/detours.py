@@ -61,7 +61,7 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
         duration = min(max(at_least, least), context.longest)
         motion = _motion(request, basis, duration)
         _, check = sampled(context, [motion])
-        duration = min(duration * slowdown(check), context.longest)
+        duration = min(duration * slowdown(check.violations), context.longest)
     if budget.is_over():
         return _along(context, request, basis, duration)
     setting = _setting(context, request, basis, duration)
@@ -110,7 +110,7 @@ def _optimised(context: Context, request: Request, setting: Setting, budget: Bud
     if not (found.check.violations and request.duration_is_free):
         return found
     # A little slower, the same path keeps the limits.
-    duration = min(found.duration * slowdown(found.check), context.longest)
+    duration = min(found.duration * slowdown(found.check.violations), context.longest)
     motion = replace(found.motions[0], duration=duration)
     return checked(context, request, setting.bases, (motion,))
 

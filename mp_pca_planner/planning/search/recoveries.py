@@ -76,7 +76,7 @@ def slower(failure: Failure) -> Setting | None:
     n_worse = len(violations) - 1 - violations.index(min(violations))
     if n_worse >= search.max_worse or not failure.is_recoverable:
         return None
-    longer = min(duration * slowdown(failure.expected_check), longest)
+    longer = min(duration * slowdown(failure.expected_check.violations), longest)
     return lasting(failure.setting, longer) if longer > duration else None
 
 

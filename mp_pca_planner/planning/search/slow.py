@@ -173,7 +173,7 @@ def _slow(
         _, check = sampled(context, motions)
         if not check.violations:
             break
-        route = route.slowed(slowdown(check))
+        route = route.slowed(slowdown(check.violations))
     else:
         raise TrajectoryError(str(check.violations[0]))
     n_nodes = context.options.n_nodes

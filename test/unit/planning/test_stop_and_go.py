@@ -14,7 +14,7 @@ from scipy.interpolate import BPoly
 from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.motion.validation import LimitCheck, Violation, check_limits
+from mp_pca_planner.motion.validation import Violation, check_limits
 from mp_pca_planner.planning.program.limits import limit_shares
 from mp_pca_planner.planning.search.stop_and_go import FixedShape, StopAndGo, stop_and_go
 from mp_pca_planner.planning.time_scaling import (
@@ -268,8 +268,8 @@ def test_shape_is_that_of_the_quintics_through_the_knots():
     [("velocity", 1.2), ("acceleration", 1.2**0.5), ("jerk", 1.2 ** (1 / 3)), ("position", None)],
 )
 def test_slowdown_follows_the_law_of_time_scaling(quantity, factor):
-    check = LimitCheck((Violation(quantity, "elbow", 0.0, 1.2, 1.0, 0.2),))
-    assert slowdown(check) == pytest.approx(1.0 if factor is None else 1.02 * factor)
+    violated = [Violation(quantity, "elbow", 0.0, 1.2, 1.0, 0.2)]
+    assert slowdown(violated) == pytest.approx(1.0 if factor is None else 1.02 * factor)
 
 
 def test_motion_that_breaks_a_limit_is_slowed_until_it_does_not():
@@ -283,6 +283,6 @@ def test_motion_that_breaks_a_limit_is_slowed_until_it_does_not():
         lasted.append(motion.duration)
         if not check.violations:
             break
-        hasty = hasty.slowed(slowdown(check))
+        hasty = hasty.slowed(slowdown(check.violations))
     assert not check.violations
     assert len(lasted) > 1 and np.all(np.diff(lasted) > 0.0)
