@@ -240,8 +240,9 @@ def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> 
     result = tuple(as_list(names, f"{what}: a list of names is needed", error))
     if not result:
         raise error(f"{what}: at least one is needed, none was given")
-    if any(not isinstance(name, str) or not name for name in result):
-        raise error(f"{what}: names must be non-empty strings, got {shown(result)}")
+    for name in result:
+        if not (isinstance(name, str) and name):
+            raise error(f"{what}: names must be non-empty strings, got {shown(result)}")
     if len(set(result)) < len(result):
         raise error(f"{what}: {quote_names(repeated_names(result))} given more than once")
     return result

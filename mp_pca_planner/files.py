@@ -143,19 +143,25 @@ def load_yaml(text: str | bytes) -> Any:
         raise ValueError(
             f"it is larger than {limits.yaml_bytes:,} bytes, the largest size accepted"
         )
-    depth = 0
-    for event in yaml.parse(text, Loader=_Loader):
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > limits.yaml_depth:
-            raise ValueError(f"it is nested more than {limits.yaml_depth} levels deep")
-        if isinstance(event, yaml.AliasEvent):
-            raise ValueError(f"aliases of YAML (*{event.anchor:.40}) are not accepted")
-        if (
-            isinstance(event, yaml.ScalarEvent)
-            and len(event.value.encode()) > limits.yaml_value_bytes
-        ):
-            raise ValueError(f"a value has more than {limits.yaml_value_bytes:,} bytes")
+    depth, deep = 0, f"it is nested more than {limits.yaml_depth} levels deep"
+    try:
+        for event in yaml.parse(text, Loader=_Loader):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > limits.yaml_depth:
+                raise ValueError(deep)
+            if isinstance(event, yaml.AliasEvent):
+                raise ValueError(f"aliases of YAML (*{event.anchor:.40}) are not accepted")
+            if (
+                isinstance(event, yaml.ScalarEvent)
+                and len(event.value.encode()) > limits.yaml_value_bytes
+            ):
+                raise ValueError(f"a value has more than {limits.yaml_value_bytes:,} bytes")
+    except yaml.MarkedYAMLError as error:
+        # LibYAML reads ahead, and has a bound of its own.
+        if "nesting depth" in str(error.problem):
+            raise ValueError(deep) from None
+        raise
     return yaml.load(text, Loader=_Loader)
 
 

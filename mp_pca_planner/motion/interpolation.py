@@ -145,8 +145,8 @@ def segment_ends(
         q, dq/ds and d²q/ds² at the start of each segment, then at its end, s from 0 to 1.
     """
     steps = np.diff(times)[:, None]
-    v = [velocities[part] * steps for part in (slice(None, -1), slice(1, None))]
-    a = [accelerations[part] * steps**2 for part in (slice(None, -1), slice(1, None))]
+    v = [velocities[:-1] * steps, velocities[1:] * steps]
+    a = [accelerations[:-1] * steps**2, accelerations[1:] * steps**2]
     if not (np.isfinite(velocities).all() and np.isfinite(accelerations).all()):
         straight = ~np.isfinite(v).all(axis=0)
         lower = straight | ~np.isfinite(a).all(axis=0)

@@ -195,7 +195,7 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     solve_time = max(map(attrgetter("solved_at"), (best, *outcome.found))) - began
     score, (correction, deviation, n_components) = _novelty(context, best), _of_weights(best)
     status, message = _status(context, outcome, solve_time, score, correction, n_components)
-    ends = np.cumsum([motion.duration for motion in motions])
+    ends = np.cumsum(list(map(attrgetter("duration"), motions)))
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
     outside, error = _outside_and_error(context, best, score)
     return Plan(
@@ -203,9 +203,9 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         message=message,
         trajectory=trajectory,
         motions=motions,
-        primitives=tuple([segment.primitive.name for segment in request.segments]),
+        primitives=tuple(map(attrgetter("primitive.name"), request.segments)),
         solution=best.solution,
-        considered=max([len(segment.selection.considered) for segment in request.segments]),
+        considered=max(map(len, map(attrgetter("selection.considered"), request.segments))),
         selection=_selection(context, goal, outcome),
         in_span_score=score,
         outside=outside,
