@@ -193,11 +193,11 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
     best, request, motions = outcome.best, outcome.best.request, outcome.best.motions
     trajectory = best.trajectory
     solve_time = max(map(attrgetter("solved_at"), (best, *outcome.found))) - began
-    score, (correction, deviation, n_components) = _novelty(context, best), _of_weights(best)
+    correction, deviation, n_components = _of_weights(best)
+    score, outside, error = _of_predictions(context, best)
     status, message = _status(context, outcome, solve_time, score, correction, n_components)
     ends = np.cumsum(list(map(attrgetter("duration"), motions)))
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
-    outside, error = _outside_and_error(context, best, score)
     return Plan(
         status=status,
         message=message,
@@ -234,7 +234,7 @@ def _status(
     correction: float,
     n_components: int,
 ) -> tuple[str, str]:
-    """Status and message of a plan, see :func:`_novelty` and :func:`_of_weights`."""
+    """Status and message of a plan, see :func:`_of_predictions` and :func:`_of_weights`."""
     best = outcome.best
     if why := _refusal(context, outcome, solve_time, score):
         return INFEASIBLE, why
@@ -571,46 +571,34 @@ def selection_reason(
     )
 
 
-def _novelty(context: Context, best: Candidate) -> float:
-    """The score of the request; for poses, of the configurations that were found."""
-    request = best.request
-    if not request.mode and request.pose is None:
-        return request.segments[0].expected.in_span_score
-    is_fixed = not (request.mode or request.duration_is_free)
-    scores = []
-    for segment, motion in zip(request.segments, best.motions, strict=True):
-        duration, model = motion.duration if is_fixed else None, segment.primitive.model
-        start, goal = motion.start.positions, motion.goal.positions
-        ends = model.turned(start, goal, context.robot.continuous)
-        scores.append(model.in_span_score(*ends, duration))
-    return max(scores)
-
-
-def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple[str, float]:
-    """What the primitives expect of their predictions for the motion that was found.
-
-    Parameters
-    ----------
-    context, best
-        Of the planner; the motion.
-    score : float
-        The in-span score of the request.
+def _of_predictions(context: Context, best: Candidate) -> tuple[float, str, float]:
+    """What the primitives say of the request and of the motion that was found.
 
     Returns
     -------
+    score : float
+        The in-span score of the request, the largest of its segments; for poses, of the
+        configurations that were found.
     outside : str
         Text on the ends that are far outside their demonstrated ranges; empty if none is. Requests
         unlike the demonstrations are outside with one end at least, if only slightly.
     error : float
         The largest error to expect of a prediction [rad or m].
     """
-    is_unusual = score > UNUSUAL_IN_SPAN_SCORE
-    found, errors = list[tuple[float, str]](), []
-    for segment, motion in zip(best.request.segments, best.motions, strict=True):
-        primitive, start, goal = segment.primitive, motion.start.positions, motion.goal.positions
-        ends = np.array(primitive.model.turned(start, goal, context.robot.continuous))
-        expected = primitive.model.predict(ends[0], ends[1], motion.duration)
-        errors.append(primitive.prediction_error(expected))
+    request = best.request
+    is_resolved = not request.mode and request.pose is None
+    is_fixed = not (request.mode or request.duration_is_free)
+    score, error, found = -np.inf, -np.inf, list[tuple[float, str]]()
+    for segment, motion in zip(request.segments, best.motions, strict=True):
+        primitive, model = segment.primitive, segment.primitive.model
+        start, goal = motion.start.positions, motion.goal.positions
+        ends = np.array(model.turned(start, goal, context.robot.continuous))
+        own = segment.expected.in_span_score
+        if not is_resolved:
+            own = model.in_span_score(ends[0], ends[1], motion.duration if is_fixed else None)
+        score = max(score, own)
+        expected = model.predict(ends[0], ends[1], motion.duration)
+        error = np.maximum(error, primitive.prediction_error(expected))
         demonstrated = primitive.boundary_states[:, [0, 3]]
         low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
         beyond = np.maximum(low - ends, ends - high)
@@ -628,11 +616,12 @@ def _outside_and_error(context: Context, best: Candidate, score: float) -> tuple
             )
             found.append((float(beyond[end, j]), text))
     if not found:
-        return "", max(errors)
+        return score, "", float(error)
     found.sort(reverse=True)
+    is_unusual = score > UNUSUAL_IN_SPAN_SCORE
     least = min(found[0][0], _OUTSIDE) if is_unusual else _FAR_OUTSIDE
     named = [text for distance, text in found if distance >= least]
-    return "; ".join(named[:_N_NAMED]), max(errors)
+    return score, "; ".join(named[:_N_NAMED]), float(error)
 
 
 def _of_weights(best: Candidate) -> tuple[float, float, int]:

@@ -17,7 +17,7 @@ from ...arrays import FloatArray
 from ...motion.collision import Collision, CollisionModel
 from ...primitives.basis import Basis
 from ..options import ClearanceOptions
-from .constraints import Ends, Findings, fixed_positions
+from .constraints import Ends, Findings
 from .segment import Course, StateMap, Unknowns, state_map
 
 
@@ -98,7 +98,7 @@ class Clearance:
         model, unknowns, _, ends, options = self._for
         phases = np.linspace(0.0, 1.0, options.n_phases + 1)
         phases = phases[ends[0] is not None : None if ends[1] is None else -1]
-        fixed = fixed_positions(ends).reshape(-1, unknowns.n_joints)
+        fixed = np.array([end.positions for end in ends if end]).reshape(-1, unknowns.n_joints)
         least = least_distances(fixed, model, options)
         return Clearance(*self._for, phases, least)
 

@@ -35,11 +35,6 @@ Ends = tuple[JointState | None, JointState | None]
 """States at the start and the goal of a segment; None where the position is free."""
 
 
-def fixed_positions(ends: Ends) -> FloatArray:
-    """Positions of the fixed ends, shape (n_ends, n_joints)."""
-    return np.array([end.positions for end in ends if end is not None])
-
-
 class Linear(Protocol):
     """Values of a constraint at one x, with their derivatives by the unknowns of its segment."""
 
@@ -171,7 +166,7 @@ class AlongPath:
         self._robot, self._constraint, self._phases = robot, constraint, phases
         free = phases[int(ends[0] is not None) : phases.size - int(ends[1] is not None)]
         self._states = state_map(unknowns, basis, free, 0)
-        known = fixed_positions(ends).reshape(-1, robot.n_joints)
+        known = np.array([end.positions for end in ends if end]).reshape(-1, robot.n_joints)
         at_ends, _ = constraint.values(robot, known)
         least = np.clip(0.5 * at_ends.min(axis=0, initial=2.0 * _MARGIN), 0.0, _MARGIN)
         self.lower = np.repeat(least, free.size)

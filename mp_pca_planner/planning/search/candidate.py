@@ -134,8 +134,7 @@ def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, Li
         states.append(values[:, min(i, 1) :])
     q, v, a = np.concatenate(states, axis=1)
     trajectory = Trajectory(context.robot.joint_names, np.concatenate(times), q, v, a)
-    check = check_limits(trajectory, context.robot, context.limits)
-    return trajectory.with_efforts(check.efforts), check
+    return trajectory, check_limits(trajectory, context.robot, context.limits)
 
 
 def collides(context: Context, trajectory: Trajectory) -> bool:
@@ -172,6 +171,7 @@ def checked(
         )
     except TrajectoryError as error:
         refusal = str(error)
+    trajectory = trajectory.with_efforts(check.efforts)
     collisions: tuple[Collision, ...] = ()
     if context.collision is not None and not check.violations:
         collisions = context.collision.collisions(trajectory, precisely=False)

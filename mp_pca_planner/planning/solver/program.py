@@ -18,12 +18,6 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 
-FEASIBLE = 1e-6
-"""Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
-
-ROUNDING = 1e-9
-"""Violation of an inequality that counts as rounding."""
-
 
 class Point(Protocol):
     """Everything about a program at one x of n unknowns."""
@@ -85,41 +79,3 @@ class Program(Protocol):
 
     def equalities_at(self, x: FloatArray) -> FloatArray:
         """Only e at x."""
-
-
-def infeasibility(program: Program, at: Point) -> float:
-    """Sum of the violations of all constraints."""
-    outside = outside_bounds(program, at.inequalities)
-    return sum_of_peaks(outside) + float(np.abs(at.equalities).sum())
-
-
-def outside_bounds(program: Program, values: FloatArray) -> FloatArray:
-    """Distances of inequalities beyond their nearer bounds, negative within them."""
-    outside: FloatArray = values - program.upper
-    return np.maximum(outside, program.lower - values, out=outside)
-
-
-def sum_of_peaks(outside: FloatArray) -> float:
-    """Sum of the largest violations of each arc of neighbours, of distances beyond bounds."""
-    where = np.flatnonzero(outside > 0.0)
-    if not where.size:
-        return 0.0
-    starts = np.append(0, np.flatnonzero(where[1:] - where[:-1] > 1) + 1)
-    return float(np.maximum.reduceat(outside[where], starts).sum())
-
-
-def violated_sides(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
-    """Sides of inequalities at peaks of violation, and of their neighbours.
-
-    The neighbours are included because a constrained peak often moves by one point. Side 2i is the
-    lower bound of inequality i, 2i + 1 the upper one.
-    """
-    broken = np.flatnonzero(outside > ROUNDING)
-    if not broken.size:
-        return broken
-    by, last = outside[broken], outside.size - 1
-    rises = (by > outside[broken - 1]) | (broken == 0)
-    peaks = broken[rises & (by >= outside[np.minimum(broken + 1, last)])]
-    near = np.concatenate([peaks, peaks - 1, peaks + 1])
-    near = near[(near >= 0) & (near <= last)]
-    return np.asarray(2 * near + (values[near] - program.upper[near] == outside[near]))

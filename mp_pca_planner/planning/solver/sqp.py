@@ -25,16 +25,7 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ..options import SolverOptions
-from .program import (
-    FEASIBLE,
-    ROUNDING,
-    Point,
-    Program,
-    infeasibility,
-    outside_bounds,
-    sum_of_peaks,
-    violated_sides,
-)
+from .program import Point, Program
 from .quadratic import (
     TINY,
     cholesky,
@@ -43,6 +34,12 @@ from .quadratic import (
     solve_quadratic,
     trust_region_step,
 )
+
+FEASIBLE = 1e-6
+"""Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
+
+ROUNDING = 1e-9
+"""Violation of an inequality that counts as rounding."""
 
 # Evaluations of curved equalities in the correction of a step.
 _MAX_CORRECTIONS = 4
@@ -515,10 +512,10 @@ class _Search:
         return step
 
     def _learned(self, step: Step, there: Point) -> FloatArray:
-        """The estimate of the curvature, updated along a step."""
+        """The estimate S of the curvature after the Dennis–Gay–Welsch update along a step."""
         if not np.isfinite(there.cost):
             return self.curvature
-        known_changes = (self.here.hessian + there.hessian) @ step.change
+        options, change, curvature = self._options, step.change, self.curvature
         # The Lagrangian's gradient there, with the multipliers of the step.
         pull = there.gradient
         if step.sides.size:
@@ -527,46 +524,61 @@ class _Search:
         if step.equality_multipliers.size:
             pull = pull + step.equality_multipliers @ there.equality_rows
         turned = pull - step.pull
-        return _updated(self.curvature, step.change, turned, known_changes, self._options)
+        # S must map the step to the change of the gradient that the known part does not explain.
+        known = 0.5 * ((self.here.hessian + there.hessian) @ change)
+        unknown = turned - known
+        curved = curvature @ change
+        size = abs(float(change @ curved))
+        if size > 0.0:
+            # Sizing: an S that was estimated at larger residuals is too large here.
+            factor = min(1.0, abs(float(change @ unknown)) / size)
+            curvature, curved = curvature * factor, curved * factor
+        share = options.expected_share
+        scale = (1.0 - share) * turned + share * (known + curved)
+        along = float(change @ scale)
+        lengths = float(change @ change) * float(scale @ scale)
+        if not along > options.min_cosine * math.sqrt(lengths):
+            return curvature
+        error = (unknown - curved) / along
+        # E cᵀ + c Eᵀ − (E·step/along) c cᵀ, c the scale; the last term shared out to the others.
+        half = error - (0.5 * float(error @ change) / along) * scale
+        cross = half[:, None] * scale
+        return np.asarray(curvature + cross + cross.T)
 
 
-def _updated(
-    curvature: FloatArray,
-    change: FloatArray,
-    gradient_change: FloatArray,
-    known_changes: FloatArray,
-    options: SolverOptions,
-) -> FloatArray:
-    """Dennis–Gay–Welsch update of S along a step.
+def infeasibility(program: Program, at: Point) -> float:
+    """Sum of the violations of all constraints."""
+    outside = outside_bounds(program, at.inequalities)
+    return sum_of_peaks(outside) + float(np.abs(at.equalities).sum())
 
-    Parameters
-    ----------
-    curvature : array, shape (n, n)
-        S.
-    change, gradient_change : array, shape (n,)
-        The step, and the change of the Lagrangian's gradient along it.
-    known_changes : array, shape (n,)
-        The sum of the known Hessians at both ends of the step, times the step.
-    options : SolverOptions
-        Options of the scaling.
+
+def outside_bounds(program: Program, values: FloatArray) -> FloatArray:
+    """Distances of inequalities beyond their nearer bounds, negative within them."""
+    outside: FloatArray = values - program.upper
+    return np.maximum(outside, program.lower - values, out=outside)
+
+
+def sum_of_peaks(outside: FloatArray) -> float:
+    """Sum of the largest violations of each arc of neighbours, of distances beyond bounds."""
+    where = np.flatnonzero(outside > 0.0)
+    if not where.size:
+        return 0.0
+    starts = np.append(0, np.flatnonzero(where[1:] - where[:-1] > 1) + 1)
+    return float(np.maximum.reduceat(outside[where], starts).sum())
+
+
+def violated_sides(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
+    """Sides of inequalities at peaks of violation, and of their neighbours.
+
+    The neighbours are included because a constrained peak often moves by one point. Side 2i is the
+    lower bound of inequality i, 2i + 1 the upper one.
     """
-    expected_share = options.expected_share
-    # S must map the step to the change of the gradient that the known part does not explain.
-    known = 0.5 * known_changes
-    unknown = gradient_change - known
-    curved = curvature @ change
-    size = abs(float(change @ curved))
-    if size > 0.0:
-        # Sizing: an S that was estimated at larger residuals is too large here.
-        factor = min(1.0, abs(float(change @ unknown)) / size)
-        curvature, curved = curvature * factor, curved * factor
-    scale = (1.0 - expected_share) * gradient_change + expected_share * (known + curved)
-    along = float(change @ scale)
-    lengths = float(change @ change) * float(scale @ scale)
-    if not along > options.min_cosine * math.sqrt(lengths):
-        return curvature
-    error = (unknown - curved) / along
-    # E cᵀ + c Eᵀ − (E·step/along) c cᵀ, c the scale; the last term shared out to the two others.
-    half = error - (0.5 * float(error @ change) / along) * scale
-    cross = half[:, None] * scale
-    return np.asarray(curvature + cross + cross.T)
+    broken = np.flatnonzero(outside > ROUNDING)
+    if not broken.size:
+        return broken
+    by, last = outside[broken], outside.size - 1
+    rises = (by > outside[broken - 1]) | (broken == 0)
+    peaks = broken[rises & (by >= outside[np.minimum(broken + 1, last)])]
+    near = np.concatenate([peaks, peaks - 1, peaks + 1])
+    near = near[(near >= 0) & (near <= last)]
+    return np.asarray(2 * near + (values[near] - program.upper[near] == outside[near]))
