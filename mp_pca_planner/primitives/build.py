@@ -187,8 +187,8 @@ def _moving_ends(motions: Sequence[Demonstration]) -> list[str]:
     first, share = next(iter(moving.items()))
     return [
         f"{len(moving)} of {len(motions)} motions begin or end while they move ('{first}' at "
-        f"{share:.0%} of its peak speed), or they are noisy: arrays are not cut at rests; give "
-        "motions from rest to rest"
+        f"{share:.0%} of its peak speed), or they are noisy: arrays are neither cut at rests nor "
+        "smoothed; give smooth motions from rest to rest"
     ]
 
 
