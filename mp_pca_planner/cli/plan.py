@@ -281,6 +281,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
         max_in_span_score=arguments.max_in_span_score,
         n_starts=arguments.starts,
         sample_period=arguments.sample_period,
+        max_solve_time=arguments.max_solve_time,
     )
 
 
