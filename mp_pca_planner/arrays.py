@@ -119,11 +119,11 @@ def float_array(
         is_numeric = False
     if not is_numeric:
         raise error(f"{what} must be numbers, got {shown(values)}")
-    if shape is not None and (
-        given.ndim != len(shape)
-        or any(n is not None and have != n for have, n in zip(given.shape, shape, strict=True))
-    ):
-        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+    is_fitting = shape is None or given.ndim == len(shape)
+    for n, have in zip(shape or (), given.shape, strict=False):
+        is_fitting = is_fitting and n in (None, have)
+    if not is_fitting:
+        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape or ()) + ")"
         raise error(f"{what} must have the shape {expected}, got {given.shape}")
     if prod(given.shape) > MAX_SIZE:
         raise error(
@@ -165,7 +165,7 @@ def check_number(
     value: Any,
     what: str,
     error: type[PlannerError],
-    low: float = -inf,
+    low: float,
     high: float = inf,
     *,
     is_whole: bool = False,
@@ -177,10 +177,15 @@ def check_number(
     PlannerError
         (as `error`) With the name, the value and what is accepted.
     """
-    is_kind = is_number(value) or (isinstance(value, float) and value == inf)
-    if is_whole:
-        is_kind = is_kind and isinstance(value, Integral)
-    if not (is_kind and low <= float(value) <= high):
+    try:
+        is_accepted = (
+            isinstance(value, Integral if is_whole else Real)
+            and not isinstance(value, bool | np.bool_)
+            and bool(low <= float(value) <= high)
+        )
+    except Exception:  # methods of others
+        is_accepted = False
+    if not is_accepted:
         word = "a whole number" if is_whole else "a number"
         bounds = f"from {low:g} to {high:g}" if high < inf else f"of at least {low:g}"
         raise error(f"{what} must be {word} {bounds}, got {shown(value)}")
@@ -270,19 +275,23 @@ def empty_rows(
     PlannerError
         If there is no space for them.
     """
-    n_bytes = n_rows * sum(np.dtype(x).itemsize * prod(shape) for x, shape in kinds.values())
+    n_bytes = 0
+    for x, shape in kinds.values():
+        n_bytes += n_rows * np.dtype(x).itemsize * prod(shape)
+    content: bytearray | mmap.mmap
     if n_bytes < _LEAST_IN_FILE:
-        return {name: np.empty((n_rows, *shape), x) for name, (x, shape) in kinds.items()}
-    with tempfile.TemporaryFile(prefix="mp_pca_planner-") as file:
-        try:
-            os.posix_fallocate(file.fileno(), 0, n_bytes)
-        except OSError as error:
-            raise PlannerError(
-                f"{n_bytes >> 20} MiB don't fit into '{tempfile.gettempdir()}' "
-                f"({error.strerror}): set TMPDIR to a folder with more space"
-            ) from None
-        content, offset = mmap.mmap(file.fileno(), n_bytes), 0
-    arrays = {}
+        content = bytearray(n_bytes)
+    else:
+        with tempfile.TemporaryFile(prefix="mp_pca_planner-") as file:
+            try:
+                os.posix_fallocate(file.fileno(), 0, n_bytes)
+            except OSError as error:
+                raise PlannerError(
+                    f"{n_bytes >> 20} MiB don't fit into '{tempfile.gettempdir()}' "
+                    f"({error.strerror}): set TMPDIR to a folder with more space"
+                ) from None
+            content = mmap.mmap(file.fileno(), n_bytes)
+    arrays, offset = {}, 0
     for name, (x, shape) in kinds.items():
         arrays[name] = np.ndarray((n_rows, *shape), x, content, offset)
         offset += arrays[name].nbytes
@@ -291,10 +300,11 @@ def empty_rows(
 
 def row_blocks(*arrays: NDArray[Any]) -> Iterator[tuple[NDArray[Any], ...]]:
     """Some rows of all arrays at a time; those in files take memory for these rows only."""
+    files = set(filter(None, map(file_of, arrays)))
     for first in range(0, len(arrays[0]), BLOCK):
         yield tuple(array[first : first + BLOCK] for array in arrays)
-        for array in arrays:
-            release(array)
+        for file in files:
+            file.madvise(mmap.MADV_DONTNEED)
 
 
 def row_mean(array: FloatArray) -> FloatArray:

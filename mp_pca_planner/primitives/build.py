@@ -35,6 +35,8 @@ from .timing import reversed_paces
 
 _DEFAULTS = PrimitiveOptions()
 
+# Options that are numbers of something, by their names in the metadata.
+_NUMBERS = ("components", "phases")
 # Arrays whose ends are faster than this share of their peak speed are cut while they move.
 _MAX_END_SPEED = 0.2
 # Motions of a smaller range [rad or m] are standstill with noise.
@@ -208,7 +210,7 @@ def options_to_update(primitive: MovementPrimitive) -> PrimitiveOptions:
         )
     stored = dict(primitive.metadata.get("options", {}))
     try:
-        for key in ("components", "phases"):
+        for key in _NUMBERS:
             stored[f"n_{key}"] = stored.pop(key)
         return PrimitiveOptions(**stored)
     except (KeyError, TypeError):
@@ -237,11 +239,14 @@ def build_from_statistics(
     """
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
+    stored = asdict(options)
+    for key in _NUMBERS:
+        stored[key] = stored.pop(f"n_{key}")
     facts: dict[str, Any] = {
-        "options": {key.removeprefix("n_"): value for key, value in asdict(options).items()},
+        "options": stored,
         "angle_variance_ratio": angle_shares(statistics),
+        "demonstrations": MotionSources(statistics.sources, as_facts=True),
     }
-    facts["demonstrations"] = MotionSources(statistics.sources, as_facts=True)
     found = fit_shapes(statistics, options)
     # The prediction is fitted to some of the motions, and knows the spread of all requests.
     some, rows = statistics.thinned(), found.directions.reshape(-1, found.mean.size)

@@ -24,7 +24,7 @@ from ..exceptions import PrimitiveError, quote_names, unknown_name
 from ..motion.interpolation import boundary_values, hermite_functions
 from .basis import end_vanishing_coefficients, legendre_values
 from .options import PrimitiveOptions
-from .timing import align, aligned_positions, fit_paces, largest_jerk
+from .timing import align, aligned_positions, fit_paces
 
 # The node loads primitives, but needs neither recordings nor the parts of SciPy that they need.
 if TYPE_CHECKING:
@@ -162,36 +162,42 @@ class MotionStatistics:
         PrimitiveError
             If they have different joints.
         """
-        _check_joints([(d.joint_names, d.recording) for d in demonstrations])
-        sources = [
-            MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time)
-            for d in demonstrations
-        ]
-        rows = source_rows(sources)
-        durations = np.array([d.duration for d in demonstrations])
-        # Joint angles over time: what [P] analyses.
-        over_time = np.array([d.time_normalised(options.n_phases) for d in demonstrations])
+        first, n, n_phases = demonstrations[0], len(demonstrations), options.n_phases
+        phases, n_joints = np.linspace(0.0, 1.0, n_phases), len(first.joint_names)
+        durations, jerks = np.empty((2, n))
+        ranges, states = np.empty((n, n_joints)), np.empty((n, 6, n_joints))
+        over_time, aligned, quintics = np.empty((3, n, n_phases, n_joints))
+        sources = []
+        for i, d in enumerate(demonstrations):
+            _check_joints((first.joint_names, first.recording), (d.joint_names, d.recording))
+            sources.append(MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time))
+            durations[i] = d.duration
+            # The largest jerk, in units of the path length per cubed duration.
+            path = np.linalg.norm(np.diff(d.positions, axis=0), axis=1).sum()
+            jerk = np.linalg.norm(np.gradient(d.accelerations, d.times, axis=0), axis=1).max()
+            jerks[i] = jerk * d.duration**3 / max(path, 1e-9)
+            ranges[i] = np.ptp(d.positions, axis=0)
+            # Joint angles over time: what [P] analyses.
+            over_time[i] = d.time_normalised(n_phases)
+            curves = np.array([d.positions, d.velocities, d.accelerations])
+            if options.align != "linear":
+                curves[1:] = 0.0  # a re-timed motion counts as one from rest to rest
+            states[i] = np.concatenate([curves[:, 0], curves[:, -1]])
+            ends = boundary_values(curves[:, 0], curves[:, -1], d.duration)
+            quintics[i] = hermite_functions(phases) @ ends
         # Step 1: the same timing for all.
-        phases = np.linspace(0.0, 1.0, options.n_phases)
         warps = align(demonstrations, options.align)
-        pairs = zip(demonstrations, warps, strict=True)
-        aligned = np.array([aligned_positions(d, warp, phases) for d, warp in pairs])
-        paces = fit_paces(warps, np.array([largest_jerk(d) for d in demonstrations]))
+        for i, d in enumerate(demonstrations):
+            aligned[i] = aligned_positions(d, warps[i], phases)
+        paces = fit_paces(warps, jerks)
         # Step 2: what is left of each motion without the quintic between its ends.
-        curves = [(d.positions, d.velocities, d.accelerations) for d in demonstrations]
-        states = np.array([[q[0], v[0], a[0], q[-1], v[-1], a[-1]] for q, v, a in curves])
-        if options.align != "linear":
-            states[:, [1, 2, 4, 5]] = 0.0  # a re-timed motion counts as one from rest to rest
-        timed = zip(states, durations.tolist(), strict=True)
-        boundaries = np.array([boundary_values(x[:3], x[3:], duration) for x, duration in timed])
-        sampled = aligned - hermite_functions(phases) @ boundaries
-        functions, _ = shape_functions(options.degree, options.n_phases)
-        shapes, shape_remainders = _projected(sampled, functions)
-        angles, angle_remainders = _projected(over_time, _angle_functions(options.n_phases))
+        functions, _ = shape_functions(options.degree, n_phases)
+        shapes, shape_remainders = _projected(aligned - quintics, functions)
+        angles, angle_remainders = _projected(over_time, _angle_functions(n_phases))
         return cls(
-            joint_names=demonstrations[0].joint_names,
+            joint_names=first.joint_names,
             durations=durations,
-            extents=np.linalg.norm([np.ptp(d.positions, axis=0) for d in demonstrations], axis=1),
+            extents=np.linalg.norm(ranges, axis=1),
             boundary_states=states,
             warps=warps,
             paces=paces,
@@ -199,7 +205,7 @@ class MotionStatistics:
             shape_remainders=shape_remainders,
             angles=angles,
             angle_remainders=angle_remainders,
-            sources=rows,
+            sources=source_rows(sources),
         )
 
     @classmethod
@@ -216,7 +222,8 @@ class MotionStatistics:
         first, n, widest = next(iter(parts)), 0, 0
         row_shapes = first.shapes.shape[1:] + first.angles.shape[1:]
         for part in parts:
-            _check_joints([(x.joint_names, x.motions[0].recording) for x in (first, part)])
+            found = part.joint_names, part.motions[0].recording
+            _check_joints((first.joint_names, first.motions[0].recording), found)
             if part.shapes.shape[1:] + part.angles.shape[1:] != row_shapes:
                 raise PrimitiveError(
                     "statistics of different degrees or numbers of phases can't be merged"
@@ -232,9 +239,11 @@ class MotionStatistics:
 
     def requests(self) -> FloatArray:
         """Requests (q0, qT, log T), as rows."""
-        blocks = row_blocks(self.boundary_states, self.durations)
-        rows = (np.column_stack([s[:, 0], s[:, 3], np.log(duration)]) for s, duration in blocks)
-        return np.concatenate(list(rows))
+        requests = np.empty((len(self.durations), 2 * len(self.joint_names) + 1))
+        blocks = row_blocks(requests, self.boundary_states, self.durations)
+        for rows, states, durations in blocks:
+            rows[:] = np.column_stack([states[:, 0], states[:, 3], np.log(durations)])
+        return requests
 
     def labels(self) -> list[str]:
         """Label of each demonstration."""
@@ -401,16 +410,13 @@ def _projected(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, F
     return coefficients, np.asarray(np.sum(rest**2, axis=1))
 
 
-def _check_joints(found: Sequence[tuple[tuple[str, ...], str]]) -> None:
-    """Reject recordings, given with their joints, whose joints differ from those of the first."""
-    first, first_recording = found[0]
-    for joint_names, recording in found:
-        if joint_names != first:
-            raise PrimitiveError(
-                f"the joints of '{recording}', {quote_names(joint_names)}, "
-                f"are not those of '{first_recording}', {quote_names(first)}: choose joints that "
-                "all have, or leave recordings out"
-            )
+def _check_joints(first: tuple[tuple[str, ...], str], other: tuple[tuple[str, ...], str]) -> None:
+    """Reject a recording, given by its joints and its name, with other joints than the first."""
+    if other[0] != first[0]:
+        raise PrimitiveError(
+            f"the joints of '{other[1]}', {quote_names(other[0])}, are not those of '{first[1]}', "
+            f"{quote_names(first[0])}: choose joints that all have, or leave recordings out"
+        )
 
 
 def source_rows(sources: Iterable[MotionSource]) -> NDArray[np.bytes_]:
@@ -418,8 +424,10 @@ def source_rows(sources: Iterable[MotionSource]) -> NDArray[np.bytes_]:
 
     Each row has the facts of a source, by their names in the metadata of a primitive.
     """
-    encode = json.JSONEncoder(sort_keys=True).encode
-    rows = [encode(dict(zip(_FACTS, source, strict=True))) for source in sources]
+    rows = []
+    for source in sources:
+        facts = dict(zip(_FACTS, source, strict=True))
+        rows.append(json.dumps(facts, sort_keys=True))
     return np.array(rows, dtype=np.bytes_)
 
 

@@ -35,13 +35,6 @@ class PrincipalComponents:
     explained_variance: FloatArray
     total_variance: float
 
-    @property
-    def explained_variance_ratio(self) -> FloatArray:
-        """Shares of the variance, [P] eq. (5), shape (n_components,)."""
-        if self.total_variance == 0.0:
-            return np.zeros(0)
-        return self.explained_variance / self.total_variance
-
     def transform(self, samples: FloatArray) -> FloatArray:
         """Weights of samples, [P] eq. (2) after centring, shape (n_samples, n_components)."""
         return np.asarray((samples - self.mean) @ self.components.T)
@@ -94,8 +87,8 @@ def largest_signs(components: FloatArray) -> FloatArray:
 
 
 def components_for_share(components: PrincipalComponents, share: float) -> int:
-    """The fewest components whose shares of the variance add up to `share`."""
-    reached = np.cumsum(components.explained_variance_ratio)
+    """The fewest components whose shares of the variance, [P] eq. (5), add up to `share`."""
+    reached = np.cumsum(components.explained_variance / components.total_variance)
     # A sum of shares may miss 1 by rounding.
     return min(int(np.searchsorted(reached, share - 1e-12)) + 1, len(reached))
 

@@ -416,7 +416,8 @@ def _fit(
     # Indices of demonstrations that are left out together, in arrays of groups of one size.
     activities, names = np.asarray(labels), np.unique(labels)
     partitions = [[np.arange(len(there))[:, None]]]
-    partitions += [[np.argwhere(activities == name).T for name in names]] * (len(names) > 1)
+    if len(names) > 1:
+        partitions.append([np.argwhere(activities == name).T for name in names])
     left, logs = np.empty((len(partitions), *solved.shape)), []
     for residuals, groups in zip(left, partitions, strict=True):
         variances = np.empty(solved.shape[:3])

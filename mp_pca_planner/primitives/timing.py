@@ -25,11 +25,9 @@ from numpy.polynomial import legendre, polynomial
 
 from ..arrays import FloatArray
 from ..motion.interpolation import hermite_functions
-from .basis import legendre_derivatives, legendre_values
+from .basis import legendre_derivatives
 
 if TYPE_CHECKING:
-    from scipy.interpolate import PchipInterpolator
-
     from ..recordings.demonstration import Demonstration
 
 ALIGNMENTS = ("linear", "arc_length")
@@ -75,9 +73,11 @@ def align(
     warps : array, shape (n_demonstrations, n_knots)
         Shares of the durations at the knots, strictly increasing from 0 to 1.
     """
+    warps = np.tile(KNOTS, (len(demonstrations), 1))
     if method == "arc_length":
-        return np.array([arc_length_warp(d.time_normalised(n_samples)) for d in demonstrations])
-    return np.tile(KNOTS, (len(demonstrations), 1))
+        for warp, demonstration in zip(warps, demonstrations, strict=True):
+            warp[:] = arc_length_warp(demonstration.time_normalised(n_samples))
+    return warps
 
 
 def arc_length_warp(
@@ -124,7 +124,11 @@ def own_phases(warp: FloatArray, phases: FloatArray) -> FloatArray:
     phases : array, shape (n_steps,)
         Aligned phases in [0, 1].
     """
-    return np.asarray(np.clip(_curve(warp)(phases), 0.0, 1.0))
+    # Late, so that the node starts fast.
+    from scipy.interpolate import PchipInterpolator
+
+    curve = PchipInterpolator(np.linspace(0.0, 1.0, len(warp)), warp)
+    return np.asarray(np.clip(curve(phases), 0.0, 1.0))
 
 
 def aligned_phases(warps: FloatArray, shares: FloatArray) -> FloatArray:
@@ -142,8 +146,10 @@ def aligned_phases(warps: FloatArray, shares: FloatArray) -> FloatArray:
     phases : array, shape (..., n_steps)
         Aligned phases in [0, 1].
     """
+    from scipy.interpolate import PchipInterpolator
+
     rows = warps.reshape(-1, warps.shape[-1])
-    curve = _curve(rows.T)
+    curve = PchipInterpolator(np.linspace(0.0, 1.0, rows.shape[1]), rows.T)
     piece = np.count_nonzero(rows[:, None, 1:-1] <= shares[:, None], axis=2)
     cubics = curve.c[:, piece, np.arange(len(rows))[:, None]]
     low, high = np.zeros(piece.shape), np.full(piece.shape, curve.x[1])
@@ -173,22 +179,6 @@ def aligned_positions(
     """
     times = demonstration.duration * own_phases(warp, phases)
     return np.asarray(demonstration.curve()(times))
-
-
-def _curve(values: FloatArray) -> PchipInterpolator:
-    """Monotone cubics through values at even steps from 0 to 1."""
-    # Late, so that the node starts fast.
-    from scipy.interpolate import PchipInterpolator
-
-    return PchipInterpolator(np.linspace(0.0, 1.0, len(values)), values)
-
-
-def largest_jerk(demonstration: Demonstration) -> float:
-    """Largest jerk, in units of the path length per cubed duration."""
-    jerks = np.gradient(demonstration.accelerations, demonstration.times, axis=0)
-    path = float(np.linalg.norm(np.diff(demonstration.positions, axis=0), axis=1).sum())
-    highest = float(np.linalg.norm(jerks, axis=1).max())
-    return highest * demonstration.duration**3 / max(path, 1e-9)
 
 
 def fit_paces(
@@ -224,7 +214,7 @@ def fit_paces(
     bounds = np.minimum(_GROWTH * jerks, max_jerk)
     even, step = _course_jerks(np.zeros((1, PACE_DEGREE)))[0], 1e-6
     slopes = (_course_jerks(step * np.eye(PACE_DEGREE)) - even) / step
-    values = legendre_values(_series(), _SHARES)
+    (values,) = legendre_derivatives(_series(), _SHARES, 0)
     paces = np.zeros((len(warps), PACE_DEGREE))
     # Even warps keep a pace of zero: such motions need no :class:`.PacedBasis`.
     left = np.any(warps != np.linspace(0.0, 1.0, warps.shape[1]), axis=1)
@@ -256,7 +246,8 @@ def time_scaling(paces: FloatArray) -> FloatArray:
         Lowest degree first.
     """
     changes = paces @ _series()
-    slowest = legendre_values(changes, _SHARES, 1).min(axis=0)
+    _, rates = legendre_derivatives(changes, _SHARES, 1)
+    slowest = rates.min(axis=0)
     changes *= np.minimum(1.0, (1.0 - _MIN_RATE) / np.maximum(-slowest, 1e-9))[..., None]
     changes[..., :2] += 0.5  # σ = p: an even time scaling
     return np.asarray(changes)
