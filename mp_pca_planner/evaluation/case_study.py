@@ -359,11 +359,12 @@ def study(
 
 
 def variance_shares(components: Sequence[PrincipalComponents]) -> FloatArray:
-    """Shares of the variance of the first four, shape (n_joints, 4); zero where there are fewer."""
+    """Shares of the variance of the first four components, shape (n_joints, 4), [P] eq. (5)."""
     shares = np.zeros((len(components), N_COMPONENTS))
     for row, found in zip(shares, components, strict=True):
-        ratio = found.explained_variance_ratio[:N_COMPONENTS]
-        row[: ratio.size] = ratio
+        if found.total_variance > 0.0:
+            own = found.explained_variance[:N_COMPONENTS]
+            row[: own.size] = own / found.total_variance
     return shares
 
 

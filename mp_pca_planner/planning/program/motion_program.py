@@ -180,7 +180,7 @@ class Chain:
 
 
 class MotionProgram:
-    """A compiled request (see :class:`.solver.program.Program`).
+    """A compiled request (see :class:`.solver.sqp.Program`).
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ class MotionProgram:
 
 @dataclass(frozen=True, eq=False)
 class MotionPoint:
-    """A program at one x (see :class:`.solver.program.Point`).
+    """A program at one x (see :class:`.solver.sqp.Point`).
 
     Attributes
     ----------

@@ -10,6 +10,11 @@ adaptive nonlinear least-squares algorithm", ACM TOMS 7(3), 1981), inside a trus
 Of each step, a normal part meets the equalities; the rest lies in their null space (Byrd and
 Omojokun; Nocedal and Wright, "Numerical Optimization", 2006, section 18.5). Only inequalities that
 the step would violate otherwise enter its quadratic program. An exact penalty judges the step.
+
+A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknowns x (weights, a goal
+configuration, a log duration, …) are to be scaled so that usual steps are of order 1, its
+inequalities to shares of their bounds, its equalities to SI units. Inequalities of one limit along
+a motion are neighbours: of several adjacent violations, only the largest is needed as a constraint.
 """
 
 from __future__ import annotations
@@ -18,14 +23,13 @@ import math
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ..options import SolverOptions
-from .program import Point, Program
 from .quadratic import (
     TINY,
     cholesky,
@@ -49,6 +53,68 @@ _MAX_ROUNDS, _MAX_DAMPINGS = 20, 8
 _NORMAL_SHARE = 0.8
 # Singular values of equalities, relative to the largest, that count as 0.
 _DEPENDENT = 1e-9
+
+
+class Point(Protocol):
+    """Everything about a program at one x of n unknowns."""
+
+    @property
+    def cost(self) -> float:
+        """Objective f."""
+
+    @property
+    def gradient(self) -> FloatArray:
+        """∇f, shape (n,)."""
+
+    @property
+    def hessian(self) -> FloatArray:
+        """The part of ∇²f that is known, shape (n, n), symmetric.
+
+        RᵀR of sums of squares, exact Hessians of quadratic terms. The solver estimates the rest,
+        the curvature of the constraints included, from the gradients.
+        """
+
+    @property
+    def inequalities(self) -> FloatArray:
+        """c, shape (n_inequalities,); there may be thousands."""
+
+    def inequality_rows(
+        self, chosen: NDArray[np.intp], values: FloatArray | None = None
+    ) -> FloatArray:
+        """∂c/∂x of the chosen ones, shape (n_chosen, n).
+
+        With other values of them, shape (n_chosen,), derivatives such that steps within these
+        values to first order are within them altogether, where the program can provide them.
+        """
+
+    def inequalities_after(self, step: FloatArray) -> FloatArray:
+        """Prediction of all of them, correct to first order, shape (n_inequalities,)."""
+
+    @property
+    def equalities(self) -> FloatArray:
+        """e, shape (n_equalities,), fewer than unknowns."""
+
+    @property
+    def equality_rows(self) -> FloatArray:
+        """∂e/∂x, shape (n_equalities, n)."""
+
+
+class Program(Protocol):
+    """A nonlinear program."""
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower bounds l of the inequalities, shape (n_inequalities,); may be −∞."""
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper bounds u of the inequalities, shape (n_inequalities,); may be ∞."""
+
+    def evaluate(self, x: FloatArray) -> Point:
+        """Value and derivatives at x, shape (n,)."""
+
+    def equalities_at(self, x: FloatArray) -> FloatArray:
+        """Only e at x."""
 
 
 @dataclass(frozen=True, eq=False)
