@@ -120,6 +120,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         environment = os.environ | {"MPLBACKEND": "Agg"}
+        # Pages that run at the same time, here or on other computers, do not hear each other.
+        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        environment.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 101))
         clone = checkout(folder, fresh=arguments.fresh)
         if arguments.fresh:
             # As the README's first command makes it. Its example in Python stands before that.
