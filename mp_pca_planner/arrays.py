@@ -149,13 +149,22 @@ def _check_size(values: object, most: int, depth: int = 0) -> None:
                 _check_size(value, most // max(len(values), 1), depth + 1)
 
 
-def is_number(value: object) -> bool:
-    """Whether a value is a finite real number that a float can represent, no truth value."""
+def is_number(
+    value: object,
+    low: float = -sys.float_info.max,
+    high: float = sys.float_info.max,
+    *,
+    is_whole: bool = False,
+) -> bool:
+    """Whether a value is a real number, or a whole one, from `low` to `high`; no truth value.
+
+    By default, any finite number that a float can represent.
+    """
     try:
         return (
-            isinstance(value, Real)
+            isinstance(value, Integral if is_whole else Real)
             and not isinstance(value, bool | np.bool_)
-            and bool(-sys.float_info.max <= float(value) <= sys.float_info.max)
+            and bool(low <= float(value) <= high)
         )
     except Exception:  # methods of others
         return False
@@ -177,15 +186,7 @@ def check_number(
     PlannerError
         (as `error`) With the name, the value and what is accepted.
     """
-    try:
-        is_accepted = (
-            isinstance(value, Integral if is_whole else Real)
-            and not isinstance(value, bool | np.bool_)
-            and bool(low <= float(value) <= high)
-        )
-    except Exception:  # methods of others
-        is_accepted = False
-    if not is_accepted:
+    if not is_number(value, low, high, is_whole=is_whole):
         word = "a whole number" if is_whole else "a number"
         bounds = f"from {low:g} to {high:g}" if high < inf else f"of at least {low:g}"
         raise error(f"{what} must be {word} {bounds}, got {shown(value)}")

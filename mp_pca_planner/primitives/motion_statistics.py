@@ -13,6 +13,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -247,7 +248,7 @@ class MotionStatistics:
 
     def labels(self) -> list[str]:
         """Label of each demonstration."""
-        return [json.loads(row)["label"] for row in self.sources]
+        return list(map(itemgetter("label"), map(json.loads, self.sources)))
 
     def both_shapes(self) -> FloatArray:
         """Shapes, and shapes of the reversed motions, as rows: (2, n_demonstrations, n_values)."""
