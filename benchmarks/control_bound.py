@@ -20,6 +20,7 @@ from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, verify
 from mp_pca_planner.control.law import KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
 from mp_pca_planner.evaluation.problems import DEMONSTRATIONS_SEED, robot_file
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.planner import Planner
@@ -27,7 +28,6 @@ from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.reaches import random_reaches
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 ARMATURES = (0.0, 0.05, 0.1)

@@ -24,9 +24,9 @@ import numpy as np
 from motion_kinds import generate_kinds
 from numpy.typing import NDArray
 
+from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.foreign import foreign_recordings
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.synthetic import (

@@ -52,7 +52,7 @@ from mp_pca_planner.planning.options import (
     SelectionOptions,
     SolverOptions,
 )
-from mp_pca_planner.primitives.library.library import PrimitiveLibrary
+from mp_pca_planner.primitives.library import PrimitiveLibrary
 
 CPU_SECONDS = 5.0
 MEGABYTES = 500

@@ -27,9 +27,9 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.cli.main import main as command
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import checksum
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
-from mp_pca_planner.resources import config_file
 
 Random = np.random.Generator
 Spoil = Callable[[Path, Random], None]

@@ -30,8 +30,8 @@ from mesh_inputs import FILES, FLOOR, SOUPS
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.resources import config_file
 
 CPU_SECONDS, MEMORY, WALL_SECONDS = 5.0, 500e6, 60.0
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")

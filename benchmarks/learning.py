@@ -20,6 +20,7 @@ import numpy as np
 from tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_around
 from mp_pca_planner.learning.refinement import RefinementOptions, refine
 from mp_pca_planner.learning.trials import TrialLearner
@@ -29,7 +30,6 @@ from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 MODEL_ERROR = 0.3

@@ -25,13 +25,12 @@ import numpy as np
 from tables import Table, benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.primitives.build import build_from_statistics
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics
+from mp_pca_planner.primitives.build_library import adjusted_rand_index
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences, expected_motion
 from mp_pca_planner.primitives.in_span import in_span_score
-from mp_pca_planner.primitives.kinds.find import OUTLIER, KindOptions, choose_kinds, find_kinds
-from mp_pca_planner.primitives.library.build import adjusted_rand_index
+from mp_pca_planner.primitives.kinds import OUTLIER, KindOptions, choose_kinds, find_kinds
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings

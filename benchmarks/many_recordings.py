@@ -35,11 +35,10 @@ import numpy as np
 from motion_kinds import generate_kinds
 from tables import Table, benchmark_parser, show
 
-from mp_pca_planner.primitives.build import build_from_statistics
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics
+from mp_pca_planner.primitives.build_library import adjusted_rand_index, library_content
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.primitives.library.build import adjusted_rand_index, library_content
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import BagFormat, write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions

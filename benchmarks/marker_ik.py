@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from mp_pca_planner.arrays import FloatArray, text_table
+from mp_pca_planner.files import config_file
 from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
     marker_source,
@@ -35,7 +36,6 @@ from mp_pca_planner.recordings.bags import (
     recording_names,
 )
 from mp_pca_planner.recordings.recording_set import MarkerResidual
-from mp_pca_planner.resources import config_file
 
 
 def main() -> None:

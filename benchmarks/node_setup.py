@@ -25,10 +25,10 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import GoalClient
 from mp_pca_planner.ros.nodes import LATCHED
 

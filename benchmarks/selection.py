@@ -36,6 +36,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from tables import Table, benchmark_parser, show
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.options import SelectionOptions
 from mp_pca_planner.planning.plan import Plan
@@ -43,10 +44,9 @@ from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.requests.selection import Selector, is_near
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
-from mp_pca_planner.primitives.library.library import PrimitiveLibrary, load_primitives
+from mp_pca_planner.primitives.library import PrimitiveLibrary, load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 N_BASE = 100

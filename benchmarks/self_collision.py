@@ -22,11 +22,10 @@ from mp_pca_planner.evaluation.problems import (
     random_problems,
     robot_file,
 )
-from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.robot.collision import package_folders
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
 

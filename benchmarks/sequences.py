@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 from tables import benchmark_parser, show
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.motion import cost_of
 from mp_pca_planner.planning.objectives import Effort
@@ -26,7 +27,6 @@ from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.tables import Tables
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 

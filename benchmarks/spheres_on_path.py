@@ -22,13 +22,12 @@ from tables import benchmark_parser, show
 import mp_pca_planner as mp
 from mp_pca_planner.evaluation.problems import Problem, held_out_problems, robot_file
 from mp_pca_planner.evaluation.referee import RigidArm, judge
-from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.planner import Planner, PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.robot.collision import package_folders
 
 HAND = "panda_hand"
 MAX_TIME = 2.0

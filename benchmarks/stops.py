@@ -25,8 +25,8 @@ from virtual_node import VirtualNode, scene_and_model
 
 import mp_pca_planner as mp
 from mp_pca_planner.evaluation.problems import Scene, robot_file
+from mp_pca_planner.motion.collision import package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.robot.collision import package_folders
 
 KINDS = ("on its motion", "new obstacle", "slowed", "held", "silent")
 MARGIN = 0.01

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .exceptions import RobotError as RobotError
     from .exceptions import TrajectoryError as TrajectoryError
     from .exceptions import WorldError as WorldError
+    from .files import config_file as config_file
     from .motion.goal import JointGoal as JointGoal
     from .motion.goal import JointState as JointState
     from .motion.goal import Pose as Pose
@@ -36,12 +37,11 @@ if TYPE_CHECKING:
     from .planning.plan import Plan as Plan
     from .planning.plan import PlannerOptions as PlannerOptions
     from .planning.planner import Planner as Planner
-    from .primitives.library.build import build_library as build_library
+    from .primitives.build_library import build_library as build_library
     from .primitives.primitive import MovementPrimitive as MovementPrimitive
     from .recordings.demonstration import Demonstration as Demonstration
     from .recordings.load import load_demonstrations as load_demonstrations
     from .recordings.synthetic import write_example_recording as write_example_recording
-    from .resources import config_file as config_file
     from .robot.limits import JointLimits as JointLimits
     from .robot.model import Robot as Robot
     from .robot.world import Box as Box
@@ -75,12 +75,12 @@ _NAMES = {
     "planning.path_constraints": ("Upright",),
     "planning.plan": ("Plan", "PlannerOptions"),
     "planning.planner": ("Planner",),
-    "primitives.library.build": ("build_library",),
+    "primitives.build_library": ("build_library",),
     "primitives.primitive": ("MovementPrimitive",),
     "recordings.demonstration": ("Demonstration",),
     "recordings.load": ("load_demonstrations",),
     "recordings.synthetic": ("write_example_recording",),
-    "resources": ("config_file",),
+    "files": ("config_file",),
     "robot.limits": ("JointLimits",),
     "robot.model": ("Robot",),
     "robot.world": ("Box", "Capsule", "Cylinder", "Mesh", "Obstacle", "Sphere", "World"),

@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 
 import mp_pca_planner as mp
-from mp_pca_planner.plotting.arm import arm_figure
+from mp_pca_planner.plotting.arm import PHASES, arm_figure, primitive_figure
 from mp_pca_planner.plotting.motion import plan_figure
-from mp_pca_planner.plotting.page import picture
-from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
+from mp_pca_planner.plotting.style import picture
 from mp_pca_planner.recordings.recording_set import RecordingSet
 
 ARM = ("upper_arm", "lower_arm", "wrist")

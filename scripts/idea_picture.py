@@ -15,8 +15,7 @@ import numpy as np
 from gallery import example
 
 from mp_pca_planner.motion.interpolation import hermite_functions
-from mp_pca_planner.plotting.page import picture
-from mp_pca_planner.plotting.style import LINES, palette_line
+from mp_pca_planner.plotting.style import LINES, palette_line, picture
 
 N_PHASES, N_SHOWN, N_COMPONENTS = 101, 16, 3
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -16,7 +17,6 @@ from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
 

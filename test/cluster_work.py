@@ -7,8 +7,8 @@ import signal
 from collections.abc import Sequence
 from pathlib import Path
 
+from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 
 
 def die_once(motions: Sequence, marker: Path) -> MotionStatistics:

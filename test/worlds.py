@@ -7,8 +7,8 @@ import pinocchio as pin
 from arm import arm_robot
 
 import mp_pca_planner as mp
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.interpolation import interpolate
-from mp_pca_planner.resources import config_file
 
 try:
     import coal

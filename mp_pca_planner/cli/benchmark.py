@@ -40,14 +40,13 @@ from ..evaluation.run import (
     unsolved,
 )
 from ..exceptions import PlannerError, quote_names, unknown_name
-from ..motion.collision import CollisionModel
+from ..files import config_file
+from ..motion.collision import CollisionModel, package_folders
 from ..plotting.comparison import comparison_figure
-from ..plotting.page import picture
+from ..plotting.style import picture
 from ..plotting.text import Table, cells
-from ..primitives.library.library import load_primitives
+from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
-from ..resources import config_file
-from ..robot.collision import package_folders
 from ..robot.model import Robot
 from .common import check_output, progress_bar, report
 from .terminal import DONE, written_lines

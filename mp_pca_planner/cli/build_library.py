@@ -16,9 +16,9 @@ from ..exceptions import PrimitiveError, RecordingError, listed
 from ..files import write_whole
 from ..plotting.report import library_page
 from ..plotting.text import kinds_words, unit_of
-from ..primitives.kinds.find import KindOptions
-from ..primitives.library.build import ExistingLibraries, LibraryContent, build_library
-from ..primitives.library.versioned import require_locks
+from ..primitives.build_library import ExistingLibraries, LibraryContent, build_library
+from ..primitives.kinds import KindOptions
+from ..primitives.library import require_locks
 from ..recordings.recording_set import RecordingSet
 from ..robot.model import Robot
 from .build_primitives import load, options_like, primitive_options, repairs_of

@@ -28,13 +28,12 @@ from ..plotting.text import (
     unit_of,
     variance_report,
 )
-from ..primitives.build import build_from_statistics, options_to_update
+from ..primitives.build import PrimitiveOptions, build_from_statistics, options_to_update
+from ..primitives.build_library import origin
 from ..primitives.file import load_primitive, save_primitive
 from ..primitives.foreign import Foreign, foreign_recordings
-from ..primitives.kinds.find import KindErrors, KindOptions, choose_kinds
-from ..primitives.library.build import origin
+from ..primitives.kinds import KindErrors, KindOptions, choose_kinds
 from ..primitives.motion_statistics import MotionStatistics
-from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.cache import ReadingCache, default_folder
 from ..recordings.cutting import segments_table

@@ -18,13 +18,12 @@ import numpy as np
 from ..evaluation.case_study import CaseStudy, study
 from ..evaluation.case_study_page import case_study_page, draw_pictures, facts, summary, tables
 from ..exceptions import RecordingError
-from ..files import exists_already, write_whole
+from ..files import config_file, exists_already, write_whole
 from ..mocap.marker_joint_states import marker_source
-from ..plotting.page import require_pages
+from ..plotting.style import require_pages
 from ..recordings.load import load_recordings
 from ..recordings.recording_set import RecordingSet
 from ..recordings.synthetic import write_example_recording
-from ..resources import config_file
 from ..robot.model import Robot
 from .common import Progress, make_folder, plain, progress_bar, report
 from .terminal import DONE

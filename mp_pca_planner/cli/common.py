@@ -101,7 +101,7 @@ def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
 
         require_matplotlib()
     if suffix == ".html":
-        from ..plotting.page import require_pages
+        from ..plotting.style import require_pages
 
         require_pages()
     if path.suffix != suffix:

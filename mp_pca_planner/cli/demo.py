@@ -23,22 +23,19 @@ from sensor_msgs.msg import JointState as JointStateMessage
 
 from ..arrays import FloatArray, text_table
 from ..exceptions import PlannerError
-from ..files import write_whole
+from ..files import config_file, write_whole
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from ..plotting.arm import arm_figure, at_frames, write_animation
+from ..plotting.arm import arm_figure, at_frames, primitive_figure, write_animation
 from ..plotting.motion import motion_figure, nearest_curves
-from ..plotting.page import picture
-from ..plotting.primitive import primitive_figure
-from ..plotting.style import require_matplotlib
+from ..plotting.style import picture, require_matplotlib
 from ..plotting.text import cells
 from ..primitives.differences import PHASES
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.load import load_recordings
 from ..recordings.synthetic import JOINT_NAMES, generate_motions, write_example_recording
-from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..ros.client import READY, Answer, GoalClient, this_machine_only

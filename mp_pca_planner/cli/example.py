@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from ..evaluation.problems import DEMONSTRATIONS_SEED, HUMAN_ARM, demonstrations_of, robot_file
-from ..files import check_writable, read_bytes, read_text, write_whole
+from ..files import check_writable, config_file, read_bytes, read_text, write_whole
 from ..recordings.bags import write_joint_states
 from ..recordings.reaches import reach_recording
 from ..recordings.synthetic import SyntheticRecording, continuous_recording
-from ..resources import config_file
 from ..robot.model import Robot
 from .common import make_folder, report
 from .terminal import DONE, written_lines

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from ..arrays import text_table
 from ..exceptions import PrimitiveError
 from ..primitives.file import load_primitive
-from ..primitives.library.versioned import Change, VersionedLibrary
+from ..primitives.library import Change, VersionedLibrary
 from .common import report
 from .terminal import DONE
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..arrays import FloatArray, by_name, name_values
 from ..exceptions import GoalError, PlannerError, quote_names
-from ..motion.collision import CollisionModel
+from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
@@ -27,11 +27,10 @@ from ..planning.plan import AUTO, INFEASIBLE, OPTIMAL, STOPPED_EARLY, Plan, Plan
 from ..planning.planner import Planner
 from ..planning.report import collision_words, remarks
 from ..plotting.motion import plan_figure
-from ..plotting.page import picture
+from ..plotting.style import picture
 from ..plotting.text import primitive_unit
-from ..primitives.library.library import load_primitives
+from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
-from ..robot.collision import package_folders
 from ..robot.limits import moveit_factors_note
 from ..robot.model import Robot
 from ..robot.world import World

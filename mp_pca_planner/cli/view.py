@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from ..exceptions import PlannerError
-from ..primitives.library.library import load_primitives
+from ..primitives.library import load_primitives
 from ..recordings.load import load_recordings, position_limits
 from ..robot.world import World
 from ..view.content import LiveLink, PageContent, read_content

@@ -31,7 +31,7 @@ from ..motion.interpolation import hermite_functions
 from ..planning.program.motion_program import MotionProgram
 from ..planning.program.segment import SegmentProgram, Unknowns
 from ..planning.program.tables import Tables
-from ..planning.search.threads import one_blas_thread
+from ..planning.search.budget import one_blas_thread
 from ..planning.solver.sqp import solve
 from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
 from ..primitives.differences import FINE_PHASES

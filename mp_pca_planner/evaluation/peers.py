@@ -19,9 +19,9 @@ import yaml
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, require
 from ..files import read_text
+from ..motion.collision import package_folders
 from ..motion.trajectory import Trajectory
-from ..planning.search.sampling import sampled_path
-from ..robot.collision import package_folders
+from ..planning.search.detours import sampled_path
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World

@@ -15,13 +15,12 @@ from scipy.interpolate import CubicSpline
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError, quote_names, require
-from ..files import load_yaml, read_text, reading
+from ..files import config_file, load_yaml, read_text, reading
 from ..motion.collision import CollisionModel
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.reaches import random_ends, random_reaches
 from ..recordings.synthetic import JOINT_NAMES, generate_motions
-from ..resources import config_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 

@@ -21,7 +21,7 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_executable, check_limits
 from ..planning.motion import Motion
 from ..planning.options import ClearanceOptions
-from ..planning.program.clearance import least_distances
+from ..planning.program.constraints import least_distances
 from ..planning.program.limits import limit_shares
 from ..robot.distances import NearPairs
 from ..robot.limits import JointLimits

@@ -22,7 +22,7 @@ from ..exceptions import (
     quote_names,
 )
 from ..input_limits import INPUT_LIMITS
-from ..motion.collision import CollisionModel
+from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
     GoalLike,
     JointGoal,
@@ -33,9 +33,8 @@ from ..motion.goal import (
     as_state,
 )
 from ..motion.validation import require_effort_limits
-from ..primitives.library.library import PrimitiveLibrary
+from ..primitives.library import PrimitiveLibrary
 from ..primitives.primitive import MovementPrimitive
-from ..robot.collision import package_folders
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
@@ -47,9 +46,8 @@ from .program.bases import BasisStore
 from .report import report
 from .requests.resolve import check_goal, in_order, resolve, target
 from .requests.selection import Selector
-from .search.budget import Budget
+from .search.budget import Budget, one_blas_thread
 from .search.search import search
-from .search.threads import one_blas_thread
 
 
 class Planner:

@@ -29,7 +29,7 @@ from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .request import NATURAL, Request
 from .requests.selection import Selection
 from .search.candidate import Candidate
-from .search.sampling import missing_planner
+from .search.detours import missing_planner
 from .search.search import Outcome
 from .search.stop_and_go import brakes
 

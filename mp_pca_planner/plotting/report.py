@@ -17,23 +17,32 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..control.law import control_statement
 from ..exceptions import PlannerError, PrimitiveError
+from ..primitives.build import PrimitiveOptions
+from ..primitives.build_library import LibraryContent
 from ..primitives.differences import MEASURES, PHASES, HeldOutErrors, leave_one_out
 from ..primitives.foreign import foreign_recordings
 from ..primitives.in_span import in_span_score
-from ..primitives.kinds.find import OUTLIER
-from ..primitives.library.build import LibraryContent
+from ..primitives.kinds import OUTLIER
 from ..primitives.motion_statistics import MotionStatistics
-from ..primitives.options import PrimitiveOptions
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.timing import aligned_positions
 from ..recordings.demonstration import Demonstration
 from ..recordings.recording_set import RecordingReport, RecordingSet, Refusal
 from ..recordings.repair import REPAIRS
 from ..robot.model import Robot
-from .arm import arm_figure
-from .page import figure_address, render
-from .primitive import plot_demonstrations, primitive_figure, reproductions
-from .style import BLACK, COLOURS, GREY, LINES, Line, add_header, joint_panels, palette_line
+from .arm import arm_figure, plot_demonstrations, primitive_figure, reproductions
+from .style import (
+    BLACK,
+    COLOURS,
+    GREY,
+    LINES,
+    Line,
+    add_header,
+    figure_address,
+    joint_panels,
+    palette_line,
+    render,
+)
 from .text import (
     METRES,
     TABLE_2,

@@ -13,7 +13,7 @@ from ..arrays import text_table
 from ..primitives.primitive import MovementPrimitive
 
 if TYPE_CHECKING:
-    from ..primitives.kinds.find import KindErrors  # imports slow parts of SciPy
+    from ..primitives.kinds import KindErrors  # imports slow parts of SciPy
 
 
 class Unit(NamedTuple):

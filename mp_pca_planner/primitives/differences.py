@@ -13,8 +13,7 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveError, quote_names
 from ..motion.interpolation import hermite_functions
 from ..recordings.demonstration import Demonstration
-from .build import build_primitive
-from .options import PrimitiveOptions
+from .build import PrimitiveOptions, build_primitive
 from .primitive import MovementPrimitive
 from .timing import arc_length_warp, own_phases
 

@@ -454,7 +454,7 @@ class MovementPrimitive:
 
         Without `axes`, a new pyplot figure is drawn: ``plt.savefig("primitive.png")`` writes it.
         """
-        figures = import_module("..plotting.primitive", __package__)
+        figures = import_module("..plotting.arm", __package__)
         return figures.plot_primitive(self, axes)
 
     @property

@@ -24,8 +24,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, PlannerError
 from ..execution.serving.execution import GoalOutcome
+from ..files import config_file
 from ..recordings.joint_states import NS_PER_S
-from ..resources import config_file
 from .goal_messages import GOAL_TOPICS
 from .messages import to_stamp_text
 from .node import NODE_NAME

@@ -21,7 +21,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, PlannerError, WorldError, quote_names
 from ..files import reading
-from ..robot.collision import package_folders
+from ..motion.collision import package_folders
 from ..robot.world import World
 from ..view.content import LiveView, NodeStatus
 from .client import NoAnswerError, NodeInOwnContext, check_node_name, report_values

@@ -26,7 +26,7 @@ from ..execution.parameters import fixed_frames
 from ..execution.serving.assembly import Model
 from ..execution.serving.surroundings import Poses, Surroundings, foreign_poses, is_same, placed
 from ..execution.threads import CancelledError, IsCancelled
-from ..robot.collision import package_folders
+from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
 from .messages import to_text
 from .nodes import LOG_PERIOD, GuardedNode

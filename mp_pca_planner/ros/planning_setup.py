@@ -26,7 +26,7 @@ from ..execution.parameters import (
     limit_declarations,
 )
 from ..execution.serving.assembly import LOCKED_TOLERANCE, Model, assemble_model, is_outdated
-from ..primitives.library.library import PrimitiveLibrary, load_primitives
+from ..primitives.library import PrimitiveLibrary, load_primitives
 from ..robot.model import Robot
 from ..robot.world import World
 from .messages import to_descriptor

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RecordingError
 from ..plotting.text import DEGREES, Unit, unit_of
+from ..primitives.build import PrimitiveOptions
 from ..primitives.differences import leave_one_out
-from ..primitives.options import PrimitiveOptions
 from ..primitives.prediction import OFFSET, RequestFeatures
 from ..recordings.bags import JOINT_STATE, choose_topic, open_bag, to_cdr
 from ..recordings.bags.bag import damage_reported

@@ -24,12 +24,14 @@ from ..recordings.bags import open_bag
 from ..recordings.bags.formats import (
     MCAP_HEAD,
     MCAP_MESSAGE_HEAD,
+    Buffer,
+    DamageError,
     McapFile,
+    mapped,
     mcap_records,
     mcap_text,
 )
 from ..recordings.bags.serialisation import JOINT_STATE, message_definition
-from ..recordings.bags.storage import Buffer, DamageError, mapped
 from ..recordings.cutting import read_segments, segments_table
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import joined, slice_joint_states

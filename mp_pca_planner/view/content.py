@@ -14,13 +14,12 @@ import numpy as np
 from ..arrays import FloatArray, check_type
 from ..exceptions import MissingDependencyError, PlannerError, RobotError
 from ..files import read_text, reading
-from ..motion.collision import CollisionModel
+from ..motion.collision import CollisionModel, package_folders
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.recording_set import RecordingSet
-from ..robot.collision import package_folders
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World

@@ -21,7 +21,7 @@ import viser
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, printable
 from ..motion.trajectory import Trajectory
-from ..plotting.page import environment
+from ..plotting.style import environment
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .robot_shapes import DrawnRobot, Rgb, RobotShapes

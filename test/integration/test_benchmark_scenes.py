@@ -11,8 +11,8 @@ from obstacle_scenes import SCENES, write_request, write_scene
 from patience import EVER
 
 from mp_pca_planner.cli.main import main
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.resources import config_file
 
 POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
 FAR = ("far", "sphere", [0.1], [3.0, 0.0, 0.0])

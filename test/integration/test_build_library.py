@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from motion_kinds import generate_kinds
 
-from mp_pca_planner.primitives.library.build import known_motions
-from mp_pca_planner.primitives.library.library import load_primitives
-from mp_pca_planner.primitives.library.versioned import VersionedLibrary
+from mp_pca_planner.primitives.build_library import known_motions
+from mp_pca_planner.primitives.library import VersionedLibrary, load_primitives
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording
 

@@ -22,13 +22,13 @@ from rosbags.highlevel import AnyReader
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.cli.plan import status_line
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
-from mp_pca_planner.resources import config_file
 
 URDF = str(config_file("human_arm.urdf"))
 START, GOAL = "-0.2,0.1,0.5,-0.4", "shoulder1=-1.2,elbow=-0.9"

@@ -23,7 +23,7 @@ from mp_pca_planner.cli.main import COMMANDS, add_options, parse
 from mp_pca_planner.execution.parameters import DECLARATIONS
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import _METADATA
-from mp_pca_planner.primitives.library.versioned import _LINE
+from mp_pca_planner.primitives.library import _LINE
 from mp_pca_planner.primitives.primitive_values import ARRAY_SHAPES
 from mp_pca_planner.recordings.cutting import COLUMNS
 from mp_pca_planner.simulation.robot import Record

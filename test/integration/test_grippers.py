@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mp_pca_planner as mp
-from mp_pca_planner.primitives.library.versioned import VersionedLibrary
+from mp_pca_planner.primitives.library import VersionedLibrary
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
 

@@ -14,10 +14,10 @@ from arm import JOINTS, arm_demonstrations
 
 from mp_pca_planner.cli.goal_arguments import joint_values
 from mp_pca_planner.cli.main import main
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.in_span import UNUSUAL_IN_SPAN_SCORE
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 URDF = config_file("human_arm.urdf")

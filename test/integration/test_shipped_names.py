@@ -23,7 +23,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 
 NAME, NAMESPACE = "mp_pca_planner", "/"
 Rights = dict[str, set[str]]

@@ -30,7 +30,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 
 START = (0.1, 0.2, 0.0, 0.8)
 PATIENCE = 60.0

@@ -15,9 +15,9 @@ import pytest
 from patience import HANG
 
 from mp_pca_planner.cli.main import main
+from mp_pca_planner.files import config_file
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import write_example_recording
-from mp_pca_planner.resources import config_file
 
 URDF = str(config_file("human_arm.urdf"))
 

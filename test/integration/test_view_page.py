@@ -17,9 +17,9 @@ from arm import arm_demonstrations, arm_primitive, arm_robot
 from patience import HANG
 
 from mp_pca_planner.exceptions import PlannerError, RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.recordings.recording_set import RecordingSet
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import PageContent, first_ends, read_content, show

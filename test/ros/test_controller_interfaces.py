@@ -30,7 +30,7 @@ from rclpy.signals import SignalHandlerOptions
 from test_node_with_robot import benched
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 from mp_pca_planner.ros import controller
 from mp_pca_planner.ros.client import report_values
 from mp_pca_planner.ros.nodes import GuardedNode

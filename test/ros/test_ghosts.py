@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.last_motion import shape_markers, to_preview
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")

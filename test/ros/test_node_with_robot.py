@@ -33,8 +33,8 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.cli.main import main
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import Answer, report_values
 
 LIMITS = {"velocity": 3.0, "acceleration": 15.0}

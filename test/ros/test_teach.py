@@ -22,9 +22,9 @@ from arm import JOINTS, arm_primitive
 from nodes import GOAL, START, NodeClient, goal_message, running_node, set_domain
 from patience import HANG
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.cutting import read_segments
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.client import READY
 from mp_pca_planner.ros.live_node import JointStateSource
 

@@ -30,8 +30,8 @@ from playwright.sync_api import expect
 from view_browser import SIZE, chromium, chromium_path
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.ros.live_node import LiveNode
 from mp_pca_planner.ros.nodes import LATCHED
 from mp_pca_planner.view.content import read_content

@@ -22,7 +22,7 @@ import pytest
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import GoalError, PlannerError, RecordingError
 from mp_pca_planner.planning.options import SearchOptions
-from mp_pca_planner.primitives.options import PrimitiveOptions
+from mp_pca_planner.primitives.build import PrimitiveOptions
 
 URDF = mp.config_file("human_arm.urdf")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.resources import INDEX_MARKER, config_file, config_folder
+from mp_pca_planner.files import INDEX_MARKER, config_file, config_folder
 
 ROOT = Path(__file__).parents[2]
 
@@ -48,20 +48,20 @@ def test_nested_prefix_wins_over_the_one_around_it(tmp_path: Path) -> None:
 
 def test_module_of_a_source_tree_gets_the_files_of_the_tree(tmp_path: Path) -> None:
     make_file(tmp_path / "package.xml")
-    module = make_file(tmp_path / "mp_pca_planner/resources.py")
+    module = make_file(tmp_path / "mp_pca_planner/files.py")
     assert config_folder(module) == tmp_path / "config"
 
 
 def test_link_of_a_symlink_installation_leads_to_the_source_tree(tmp_path: Path) -> None:
     make_file(tmp_path / "src/package.xml")
-    make_file(tmp_path / "src/mp_pca_planner/resources.py")
+    make_file(tmp_path / "src/mp_pca_planner/files.py")
     (tmp_path / "build").mkdir()
     (tmp_path / "build/mp_pca_planner").symlink_to(tmp_path / "src/mp_pca_planner")
-    assert config_folder(tmp_path / "build/mp_pca_planner/resources.py") == tmp_path / "src/config"
+    assert config_folder(tmp_path / "build/mp_pca_planner/files.py") == tmp_path / "src/config"
 
 
 def test_module_without_prefix_or_source_tree_is_refused(tmp_path: Path) -> None:
-    module = make_file(tmp_path / "mp_pca_planner/resources.py")
+    module = make_file(tmp_path / "mp_pca_planner/files.py")
     with pytest.raises(PlannerError, match=r"expected a source tree .* or an installation prefix"):
         config_folder(module)
 

@@ -9,13 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...exceptions import RobotError, quote_names, unknown_name
-from ...motion.collision import CollisionModel
+from ...motion.collision import CollisionModel, package_folders
 from ...planning.objectives import objective_weights, weighted_objectives
 from ...planning.options import SolverOptions
 from ...planning.path_constraints import PathConstraint, path_constraints
 from ...planning.planner import Planner
 from ...primitives.primitive import MovementPrimitive
-from ...robot.collision import package_folders
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ...robot.world import World

@@ -14,8 +14,7 @@ from ..context import Context
 from ..options import SearchOptions
 from ..request import Request
 from .bases import MotionBasis
-from .clearance import Clearance
-from .constraints import AlongPath, Constraint, Ends, PoseTarget
+from .constraints import AlongPath, Clearance, Constraint, Ends, PoseTarget
 from .limits import Limits, limit_shares
 from .motion_program import Chain, MotionProgram, junctions_of
 from .segment import (

@@ -25,8 +25,7 @@ from ...arrays import FloatArray
 from ...motion.goal import JointState
 from ..motion import Motion
 from ..request import Request
-from .clearance import Clearance
-from .constraints import Constraint, Findings, Linear, PoseTarget
+from .constraints import Clearance, Constraint, Findings, Linear, PoseTarget
 from .segment import END_SCALES, LOG_DURATION_SCALE, SegmentProgram, Term
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...motion.goal import JointState
 from ...primitives.in_span import RequestIndex
-from ...primitives.library.library import PrimitiveLibrary
+from ...primitives.library import PrimitiveLibrary
 from ...primitives.prediction import ConditionalDistribution
 from ...primitives.primitive import MovementPrimitive
 from ...robot.model import Robot

@@ -26,7 +26,18 @@ from .discovery import (
     bag_format,
     translated_os_errors,
 )
-from .formats import McapFile, Rosbag1File, Sqlite3File, StorageFile
+from .formats import (
+    ZSTD_MAGIC,
+    Channel,
+    DamageError,
+    McapFile,
+    Rosbag1File,
+    Sqlite3File,
+    StorageFile,
+    StoredMessage,
+    copy_unpacked,
+    unpacked,
+)
 from .serialisation import (
     JOINT_STATE,
     JOINT_TRAJECTORY,
@@ -37,14 +48,6 @@ from .serialisation import (
     field_of_states,
     known_types,
     states_in_field,
-)
-from .storage import (
-    ZSTD_MAGIC,
-    Channel,
-    DamageError,
-    StoredMessage,
-    copy_unpacked,
-    unpacked,
 )
 
 Result = TypeVar("Result")

@@ -9,8 +9,8 @@ import pytest
 from arm import arm_primitive
 from command_line import refusal, run
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.resources import config_file
 
 URDF = config_file("human_arm.urdf")
 START, GOAL = "-0.2,0.1,0.5,-0.4", "elbow=-0.9"

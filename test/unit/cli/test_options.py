@@ -22,7 +22,7 @@ from mp_pca_planner.input_limits import INPUT_LIMITS
 from mp_pca_planner.planning.objectives import OBJECTIVES
 from mp_pca_planner.planning.options import MOST_STARTS
 from mp_pca_planner.planning.plan import BASES, MODES, PlannerOptions
-from mp_pca_planner.primitives.options import PrimitiveOptions
+from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.primitive import COUPLINGS
 from mp_pca_planner.primitives.timing import ALIGNMENTS
 from mp_pca_planner.recordings.repair.recording import GAP_PERIODS, GAP_TIME

@@ -23,10 +23,10 @@ from mp_pca_planner.control.law import (
 )
 from mp_pca_planner.control.stability import analyse
 from mp_pca_planner.exceptions import ControlError, PrimitiveError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 PENDULUM = """<robot name="pendulum">

@@ -20,8 +20,8 @@ from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
 from mp_pca_planner.exceptions import RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 ARM = config_file("human_arm.urdf").read_text(encoding="utf-8")

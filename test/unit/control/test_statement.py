@@ -20,8 +20,8 @@ from mp_pca_planner.control.law import (
     pair_law,
     paired_law,
 )
+from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
-from mp_pca_planner.resources import config_file
 
 URDF = str(config_file("human_arm.urdf"))
 START, GOAL = [-0.5, -0.9, 0.9, -0.5], [-0.2, -0.4, 0.9, -0.9]

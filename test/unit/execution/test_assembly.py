@@ -20,7 +20,7 @@ from mp_pca_planner.execution.serving.assembly import (
     is_outdated,
     unknown_positions,
 )
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")

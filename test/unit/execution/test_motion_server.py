@@ -30,9 +30,9 @@ from mp_pca_planner.execution.serving.motion_server import (
     MotionServer,
 )
 from mp_pca_planner.execution.threads import BusyError, CancelledError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.resources import config_file
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MOTION = arm_primitive().boundary_states[0]

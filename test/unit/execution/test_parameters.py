@@ -19,8 +19,8 @@ from mp_pca_planner.execution.parameters import (
     limit_declarations,
     locked_positions,
 )
+from mp_pca_planner.files import config_file
 from mp_pca_planner.planning.plan import PlannerOptions
-from mp_pca_planner.resources import config_file
 
 BY_NAME = {declaration.name: declaration for declaration in DECLARATIONS}
 

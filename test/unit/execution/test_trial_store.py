@@ -18,12 +18,12 @@ from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.execution.parameters import ParameterError, Settings
 from mp_pca_planner.execution.serving.assembly import Model, assemble_model
 from mp_pca_planner.execution.serving.trial_store import ServedTrial, TrialStore
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_executable, check_limits
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.resources import config_file
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 START, GOAL = arm_primitive().boundary_states[0][0], arm_primitive().boundary_states[0][3]

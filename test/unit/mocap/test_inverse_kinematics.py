@@ -61,7 +61,7 @@ def test_joints_in_any_order_get_the_same_angles() -> None:
 
 
 def _urdf() -> str:
-    from mp_pca_planner.resources import config_file
+    from mp_pca_planner.files import config_file
 
     return config_file("human_arm.urdf").read_text(encoding="utf-8")
 

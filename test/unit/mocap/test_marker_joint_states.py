@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PlannerError, RecordingError, RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.mocap.inverse_kinematics import MarkerProblem
 from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
@@ -23,7 +24,6 @@ from mp_pca_planner.mocap.marker_joint_states import (
 from mp_pca_planner.recordings.joint_states import RawJointStates
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.recording_set import MarkerResidual
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 URDF, MAP = config_file("human_arm.urdf"), config_file("human_arm_markers.yaml")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.mocap.markers import read_marker_map
-from mp_pca_planner.resources import config_file
 
 WRIST = "wrist: {link: hand, position: [0, 0, 0.1]}"
 

@@ -15,9 +15,10 @@ from patience import EVER, PATIENT
 import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.learning.trials import TrialLearner
-from mp_pca_planner.motion.collision import Collision, CollisionModel
+from mp_pca_planner.motion.collision import Collision, CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -35,8 +36,6 @@ from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.resources import config_file
-from mp_pca_planner.robot.collision import package_folders
 from mp_pca_planner.robot.model import Robot
 
 NAMES = ("one", "two", "three")

@@ -13,9 +13,8 @@ import pytest
 from arm import JOINTS
 
 from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS, robot_file
-from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.resources import config_file
-from mp_pca_planner.robot.collision import package_folders
+from mp_pca_planner.files import config_file
+from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.robot.model import Robot
 
 loader = pytest.importorskip(

@@ -15,13 +15,13 @@ from worlds import plain_distances, random_world
 
 import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
+from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.motion.collision import Collision, CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import INFEASIBLE
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.resources import config_file
 
 SHOWN = arm_demonstrations(8, 3)
 

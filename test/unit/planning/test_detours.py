@@ -17,6 +17,7 @@ from worlds import TRAY
 import mp_pca_planner as mp
 from mp_pca_planner.evaluation.referee import RigidArm, SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -25,9 +26,7 @@ from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.search import search
 from mp_pca_planner.planning.search.budget import Budget
-from mp_pca_planner.planning.search.detours import paths
-from mp_pca_planner.planning.search.sampling import sampled_path
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.planning.search.detours import paths, sampled_path
 from mp_pca_planner.robot.world import World
 
 BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])

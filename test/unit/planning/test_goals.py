@@ -18,13 +18,13 @@ from scipy.optimize import linprog
 from test_planner import REQUESTS, planner, request
 
 from mp_pca_planner.exceptions import GoalError, RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.configurations import configurations_at, starts_near
 from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.primitives.basis import BSplineBasis
-from mp_pca_planner.resources import config_file
 
 HAND = "wrist"
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples/own_objective.py"

@@ -10,11 +10,11 @@ from test_planner import planner, request
 from test_segment import BASES, compile_motion
 
 from mp_pca_planner.exceptions import GoalError, RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.path_constraints import Upright, path_constraints
 from mp_pca_planner.planning.plan import INFEASIBLE
 from mp_pca_planner.planning.program.constraints import AlongPath, Findings
-from mp_pca_planner.resources import config_file
 
 FRAME = "wrist"
 

@@ -10,7 +10,7 @@ from mp_pca_planner.motion.validation import LimitCheck, Violation
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.options import PlannerOptions, SearchOptions, SolverOptions
 from mp_pca_planner.planning.program.setting import Setting
-from mp_pca_planner.planning.search.recoveries import (
+from mp_pca_planner.planning.search.search import (
     Failure,
     given_duration,
     more_natural,

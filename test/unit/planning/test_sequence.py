@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import GoalError, RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.options import SolverOptions
@@ -27,7 +28,6 @@ from mp_pca_planner.planning.requests.resolve import resolve
 from mp_pca_planner.planning.search.budget import Budget
 from mp_pca_planner.planning.solver.sqp import solve
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.resources import config_file
 
 
 def planner(max_solve_time: float = np.inf, **overrides: float) -> Planner:

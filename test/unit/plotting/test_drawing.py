@@ -15,27 +15,25 @@ import pytest
 from arm import arm_primitive, arm_robot
 
 from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.plotting.arm import arm_figure
+from mp_pca_planner.plotting.arm import arm_figure, plot_primitive, primitive_figure
 from mp_pca_planner.plotting.motion import (
     motion_figure,
     plan_figure,
     plot_plan,
 )
-from mp_pca_planner.plotting.page import picture
-from mp_pca_planner.plotting.primitive import plot_primitive, primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
-from mp_pca_planner.plotting.style import MAX_BEHIND, add_header, line, styled_figure
+from mp_pca_planner.plotting.style import MAX_BEHIND, add_header, line, picture, styled_figure
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import PHASES
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.recording_set import Overview, RecordingReport, Segment
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
 
@@ -394,7 +392,7 @@ def run_python(code: str) -> subprocess.CompletedProcess[str]:
 def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
     done = run_python(
         "import sys; sys.modules['matplotlib'] = None\n"
-        "from mp_pca_planner.plotting.page import picture\n"
+        "from mp_pca_planner.plotting.style import picture\n"
         "from mp_pca_planner.exceptions import MissingDependencyError\n"
         "try:\n"
         f"    with picture({str(tmp_path / 'a.png')!r}): pass\n"
@@ -409,7 +407,7 @@ def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
 def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
     done = run_python(
         "import sys\n"
-        "from mp_pca_planner.plotting.page import picture\n"
+        "from mp_pca_planner.plotting.style import picture\n"
         "assert 'matplotlib' not in sys.modules\n"
         "import matplotlib; before = matplotlib.rcParams['font.size']\n"
         f"with picture({str(tmp_path / 'a.png')!r}) as figure: figure.subplots()\n"

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from motion_kinds import generate_kinds
 
+from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.foreign import foreign_recordings
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 OPTIONS = PrimitiveOptions()

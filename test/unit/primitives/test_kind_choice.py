@@ -7,11 +7,11 @@ import pytest
 from motion_kinds import generate_kinds
 from scipy.interpolate import CubicSpline
 
+from mp_pca_planner.primitives.build import PrimitiveOptions
+from mp_pca_planner.primitives.build_library import library_content
 from mp_pca_planner.primitives.in_span import in_span_score, left_out_scores, request_precision
-from mp_pca_planner.primitives.kinds.find import KindOptions, choose_kinds, find_kinds
-from mp_pca_planner.primitives.library.build import library_content
+from mp_pca_planner.primitives.kinds import KindOptions, choose_kinds, find_kinds
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.prediction import ConditionalModel, left_out_squares
 from mp_pca_planner.primitives.timing import reversed_paces
 from mp_pca_planner.recordings.demonstration import Demonstration

@@ -12,17 +12,16 @@ from hypothesis import strategies as st
 from motion_kinds import generate_kinds
 
 from mp_pca_planner.exceptions import PrimitiveError
-from mp_pca_planner.primitives.kinds.find import OUTLIER, KindOptions, find_kinds
-from mp_pca_planner.primitives.kinds.names import kind_names
-from mp_pca_planner.primitives.library.build import (
+from mp_pca_planner.primitives.build import PrimitiveOptions
+from mp_pca_planner.primitives.build_library import (
     OUTLIERS,
     adjusted_rand_index,
     build_library,
     library_content,
 )
-from mp_pca_planner.primitives.library.versioned import VersionedLibrary, check_name
+from mp_pca_planner.primitives.kinds import OUTLIER, KindOptions, find_kinds, kind_names
+from mp_pca_planner.primitives.library import VersionedLibrary, check_name
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics, source_rows
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.prediction import left_out_squares
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import generate_motions

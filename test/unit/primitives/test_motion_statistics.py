@@ -16,7 +16,7 @@ from numpy.polynomial import legendre
 from mp_pca_planner.arrays import BLOCK, file_of
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
-from mp_pca_planner.primitives.build import build_from_statistics, build_primitive
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.motion_statistics import (
     MotionSource,
@@ -25,7 +25,6 @@ from mp_pca_planner.primitives.motion_statistics import (
     shape_functions,
     source_rows,
 )
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.primitives.timing import align, aligned_positions
 from mp_pca_planner.recordings.demonstration import Demonstration
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from mp_pca_planner.exceptions import PlannerError, PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import checksum, load_primitive, save_primitive
-from mp_pca_planner.primitives.library.library import load_primitives
+from mp_pca_planner.primitives.library import load_primitives
 
 
 def forge(path, change):

@@ -11,7 +11,7 @@ from arm import arm_primitive
 
 from mp_pca_planner.exceptions import GoalError, PrimitiveError
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.primitives.library.library import PrimitiveLibrary, load_primitives
+from mp_pca_planner.primitives.library import PrimitiveLibrary, load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 
 NAMES = ["a", "b", "c", "d"]

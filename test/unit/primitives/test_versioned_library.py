@@ -18,8 +18,7 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PlannerError, PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.primitives.library.library import load_primitives
-from mp_pca_planner.primitives.library.versioned import VersionedLibrary
+from mp_pca_planner.primitives.library import VersionedLibrary, load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 
 pytest.importorskip("filelock", reason="the extra `library` is not installed")
@@ -211,7 +210,7 @@ def test_all_primitives_in_use_move_the_same_joints(tmp_path: Path) -> None:
 WRITER = """
 import sys
 from mp_pca_planner.primitives.file import load_primitive
-from mp_pca_planner.primitives.library.versioned import VersionedLibrary
+from mp_pca_planner.primitives.library import VersionedLibrary
 found = load_primitive(sys.argv[2])
 print("ready", flush=True)
 while True:

@@ -21,10 +21,9 @@ from patience import HANG
 from test_build_primitives import build, refusal
 
 from mp_pca_planner.exceptions import MissingDependencyError, RecordingError
-from mp_pca_planner.primitives.build import build_from_statistics
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings import workers
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.workers import Outcome, map_on_cluster

@@ -18,9 +18,8 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.primitives.build import build_from_statistics
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import (
     find_recordings,
     recording_names,
@@ -28,7 +27,7 @@ from mp_pca_planner.recordings.bags import (
     write_joint_states,
 )
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.reading import inspect_recording
+from mp_pca_planner.recordings.load_one import inspect_recording
 from mp_pca_planner.recordings.recording_set import RecordingSet
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
 

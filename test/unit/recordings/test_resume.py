@@ -14,10 +14,9 @@ from pathlib import Path
 import pytest
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.primitives.build import build_from_statistics
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.cache import ReadingCache
 from mp_pca_planner.recordings.load import load_recordings

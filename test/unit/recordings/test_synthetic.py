@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import (
     JOINT_NAMES,
     continuous_recording,
     generate_motions,
 )
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 ROBOT = Robot.from_file(config_file("human_arm.urdf"))

@@ -15,6 +15,7 @@ from mp_pca_planner.control.closed_loop import ControlLoop, simulate
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, ControlLaw
 from mp_pca_planner.control.stability import ErrorModel, analyse
 from mp_pca_planner.exceptions import RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -24,7 +25,6 @@ from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.reaches import random_reaches
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.model import Robot
 
 NAMES = ["ixx", "iyy", "izz", "ixy", "ixz", "iyz"]

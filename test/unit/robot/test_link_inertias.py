@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from arm import arm_robot
 
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.joints import LinkInertias
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.urdf import read_description

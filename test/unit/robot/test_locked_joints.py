@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import RobotError
-from mp_pca_planner.robot.collision import CollisionGeometry
+from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
@@ -81,7 +81,7 @@ def test_locked_robot_is_the_whole_robot_with_the_other_joints_there():
     np.testing.assert_allclose(part.inverse_dynamics(q, v, a), efforts, atol=1e-9)
     world = World([Obstacle("ball", [Sphere(0.1, [0.5, 0.2, 0.9])])])
     found = [
-        CollisionGeometry(robot, world=world).near(at, np.inf)
+        CollisionModel(robot, world=world).near(at, np.inf)
         for robot, at in ((part, q), (whole, every))
     ]
     assert found[0].distances.min() == pytest.approx(found[1].distances.min())

@@ -8,7 +8,7 @@ import pytest
 from arm import JOINTS, arm_robot, mass_matrix
 
 from mp_pca_planner.exceptions import LimitsError, RobotError
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot
 
 # A pendulum of 2 kg at 0.5 m on a continuous joint, on a cart that slides along x, with a

@@ -12,8 +12,8 @@ import pytest
 
 from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
 from mp_pca_planner.exceptions import RobotError
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot import urdf
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.urdf import read_description

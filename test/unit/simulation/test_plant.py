@@ -12,9 +12,9 @@ import pytest
 from arm import JOINTS, arm_robot
 
 from mp_pca_planner.exceptions import MissingDependencyError, PlannerError
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot
-from mp_pca_planner.simulation.plant import PERIOD, MujocoPlant, Plant
+from mp_pca_planner.simulation.robot import PERIOD, MujocoPlant, Plant
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 START = np.array([0.3, 0.4, -0.2, 0.9])

@@ -9,8 +9,8 @@ import pytest
 from arm import arm_demonstrations, arm_robot
 
 from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.differences import leave_one_out
-from mp_pca_planner.primitives.options import PrimitiveOptions
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.teaching.dialogue import Learned, remaining_covariance
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from arm import arm_robot
 
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot
 
 trimesh = pytest.importorskip("trimesh", reason="the extra 'view' is not installed")

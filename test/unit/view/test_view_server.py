@@ -22,7 +22,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
-from mp_pca_planner.resources import config_file
+from mp_pca_planner.files import config_file
 from mp_pca_planner.view.content import LiveView, NodeStatus, read_content
 from mp_pca_planner.view.page import ViewPage
 from mp_pca_planner.view.server import PageServer, frame_problem

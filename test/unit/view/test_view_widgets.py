@@ -15,8 +15,8 @@ from patience import HANG
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import Pose
-from mp_pca_planner.resources import config_file
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import PageContent, first_ends, read_content

@@ -14,20 +14,27 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import FloatArray, as_list
-from ...exceptions import PrimitiveError, quote_names, shown
-from ...files import as_path
-from ...recordings.demonstration import Demonstration
-from ...robot.model import Robot
-from ..build import build_from_statistics
-from ..file import load_primitive, write_primitive
-from ..kinds.find import OUTLIER, Indices, KindErrors, KindOptions, Kinds, choose_kinds
-from ..kinds.names import kind_names, plain_name
-from ..motion_statistics import MotionStatistics, indices_of
-from ..options import PrimitiveOptions
-from ..prediction import left_out_squares
-from ..primitive import DemonstrationSet, MovementPrimitive
-from .versioned import Change, VersionedLibrary, require_locks
+from ..arrays import FloatArray, as_list
+from ..exceptions import PrimitiveError, quote_names, shown
+from ..files import as_path
+from ..recordings.demonstration import Demonstration
+from ..robot.model import Robot
+from .build import PrimitiveOptions, build_from_statistics
+from .file import load_primitive, write_primitive
+from .kinds import (
+    OUTLIER,
+    Indices,
+    KindErrors,
+    KindOptions,
+    Kinds,
+    choose_kinds,
+    kind_names,
+    plain_name,
+)
+from .library import Change, VersionedLibrary, require_locks
+from .motion_statistics import MotionStatistics, indices_of
+from .prediction import left_out_squares
+from .primitive import DemonstrationSet, MovementPrimitive
 
 Joints = tuple[str, ...]
 
