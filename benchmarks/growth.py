@@ -27,9 +27,9 @@ from mp_pca_planner.evaluation.problems import (
     robot_file,
 )
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.planning.motion import N_NODES
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.tables import N_NODES
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 NODES = (28, 56, 112, 224)

@@ -22,7 +22,7 @@ from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.motion_program import MotionProgram as Program
 from mp_pca_planner.planning.search import candidate
-from mp_pca_planner.planning.solver.sqp import Solution, solve
+from mp_pca_planner.planning.solver import Solution, solve
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")

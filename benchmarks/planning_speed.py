@@ -26,10 +26,10 @@ from mp_pca_planner.evaluation.problems import (
 )
 from mp_pca_planner.evaluation.referee import RigidArm
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.planning.motion import Tables
 from mp_pca_planner.planning.plan import Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.segment import SegmentProgram, Unknowns
-from mp_pca_planner.planning.program.tables import Tables
 from mp_pca_planner.primitives.basis import Basis, BSplineBasis
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.robot.model import Robot

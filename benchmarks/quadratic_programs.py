@@ -24,8 +24,7 @@ from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.solver import sqp
-from mp_pca_planner.planning.solver.quadratic import cholesky, solve_quadratic
+from mp_pca_planner.planning.solver import cholesky, solve_quadratic, sqp
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")

@@ -41,7 +41,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.options import SelectionOptions
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.requests.selection import Selector, is_near
+from mp_pca_planner.planning.selection import Selector, is_near
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.library import PrimitiveLibrary, load_primitives

@@ -20,11 +20,10 @@ from tables import benchmark_parser, show
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
-from mp_pca_planner.planning.motion import cost_of
+from mp_pca_planner.planning.motion import Tables, cost_of
 from mp_pca_planner.planning.objectives import Effort
 from mp_pca_planner.planning.plan import OPTIMAL, REAL_TIME, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.tables import Tables
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.robot.model import Robot

@@ -42,7 +42,7 @@ from ..evaluation.run import (
 from ..exceptions import PlannerError, quote_names, unknown_name
 from ..files import config_file
 from ..motion.collision import CollisionModel, package_folders
-from ..plotting.comparison import comparison_figure
+from ..plotting.report import comparison_figure
 from ..plotting.style import picture
 from ..plotting.text import Table, cells
 from ..primitives.library import load_primitives

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ..control.identification import measure_execution
 from ..exceptions import LearningError
 from ..files import check_writable
 from ..learning.refined_motion import RefinedMotion, primitive_around
@@ -16,7 +17,6 @@ from ..learning.refinement import AcceptedMotion, Refinement, RefinementOptions,
 from ..learning.trials import TrialLearner
 from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
-from ..recordings.efforts import measure_execution
 from .common import check_motion_file, check_output, report, write_motion
 from .plan import PlannedRequest, collision_line, plan_request, status_line
 from .terminal import DONE, FAILED, PROGRAM, complain, flush, written_lines

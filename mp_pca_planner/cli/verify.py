@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray, text_table
 from ..control.closed_loop import ControlLoop, ErrorModel, Verification, verify
-from ..control.identification import Identification, identify
+from ..control.identification import Identification, MeasuredMotion, identify, measured_motions
 from ..control.law import (
     COMPUTED_TORQUE,
     KINDS,
@@ -28,7 +28,6 @@ from ..exceptions import ControlError
 from ..files import check_writable, write_whole
 from ..primitives.file import save_primitive
 from ..recordings.bags import find_recordings, local_copy
-from ..recordings.efforts import MeasuredMotion, measured_motions
 from ..robot.model import Robot
 from .common import check_output, progress_bar, report
 from .goal_arguments import joint_values

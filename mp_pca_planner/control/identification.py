@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Friction and rotor inertias of joints, identified from recordings that hold efforts.
+"""Recordings that hold efforts: what an execution cost, and friction and rotor inertias of joints.
 
 Measured efforts minus the inverse dynamics of the model are taken, joint by joint, as
 
@@ -12,16 +12,209 @@ neighbouring samples are not independent.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from ..arrays import FloatArray
-from ..exceptions import ControlError
-from ..recordings.efforts import MeasuredMotion
+from ..exceptions import ControlError, RecordingError, quote_names
+from ..motion.interpolation import interpolate
+from ..motion.trajectory import Trajectory
+from ..recordings.bags import JOINT_STATE, Bag, Stored, choose_topic, open_bag
+from ..recordings.joint_states import NS_PER_S
+from ..recordings.repair import Piece
+from ..recordings.segmentation import smooth
 from ..robot.model import Robot
+
+# Samples and seconds of a part that is used, and the gap that ends a part in usual intervals.
+_MIN_SAMPLES, _MIN_SECONDS, _MAX_GAP = 50, 1.0, 5.0
+# Resolution of the search for the start of a motion in a recording [s].
+_STEP = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMotion:
+    """A part of a recording with efforts, without interruption.
+
+    Attributes
+    ----------
+    positions, velocities, accelerations, efforts : array, shape (n_steps, n_joints)
+        Joint positions [rad or m], derivatives of the same curve, and efforts [N·m or N]. Efforts
+        pass through the same low-pass as positions.
+    rate : float
+        Samples per second [Hz].
+    """
+
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    efforts: FloatArray
+    rate: float
+
+
+def measured_states(
+    path: Path, joint_names: Sequence[str]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times from 0 [s], positions and efforts of a recording of joint states.
+
+    Parameters
+    ----------
+    path :
+        The recording, a bag.
+    joint_names :
+        Names of the n_joints joints; messages that lack one of them are left out.
+
+    Returns
+    -------
+    times : array, shape (n_steps,)
+        Strictly increasing.
+    positions, efforts : array, shape (n_steps, n_joints)
+        In [rad or m] and [N·m or N].
+
+    Raises
+    ------
+    RecordingError
+        If it can't be read, lacks positions or efforts of a joint, or holds numbers that aren't
+        finite.
+    """
+    with open_bag(path) as bag:
+        chosen = choose_topic([t for t in bag.topics if t.type == JOINT_STATE])
+        rows = bag.read([chosen], lambda stored: _rows(bag, stored, joint_names))
+    if len(rows) < 2:
+        raise RecordingError(
+            f"'{path}' has no joint states of {quote_names(joint_names)} on '{chosen.name}'"
+        )
+    stamps = np.array(sorted(rows), dtype=np.int64)
+    values = np.array([rows[stamp] for stamp in stamps.tolist()])
+    if not np.isfinite(values).all():
+        raise RecordingError(
+            f"positions or efforts on '{chosen.name}' of '{path}' are not all finite"
+        )
+    n_joints = len(joint_names)
+    return (stamps - stamps[0]) * 1e-9, values[:, :n_joints], values[:, n_joints:]
+
+
+def _rows(bag: Bag, stored: Iterator[Stored], joint_names: Sequence[str]) -> dict[int, FloatArray]:
+    """Positions and efforts of the joints by stamp [ns]."""
+    rows: dict[int, FloatArray] = {}
+    for topic, received, data in stored:
+        message = bag.deserialise(topic, data)
+        if not set(joint_names) <= set(message.name):
+            continue  # of other joints, a gripper's for example
+        if len(message.effort) != len(message.name) or len(message.position) != len(message.name):
+            raise RecordingError(
+                f"the joint states on '{topic.name}' of '{bag.path}' lack positions or efforts: "
+                "both are needed"
+            )
+        index = [message.name.index(name) for name in joint_names]
+        stamp = message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec
+        rows[stamp or received] = np.concatenate([message.position[index], message.effort[index]])
+    return rows
+
+
+def measured_motions(path: Path, joint_names: Sequence[str]) -> list[MeasuredMotion]:
+    """Smooth motions with efforts, between the gaps of a recording.
+
+    Parameters
+    ----------
+    path, joint_names :
+        See :func:`measured_states`.
+
+    Raises
+    ------
+    RecordingError
+        As for these, or if all efforts are 0, or no part is long enough.
+    """
+    times, positions, efforts = measured_states(path, joint_names)
+    if not efforts.any():
+        raise RecordingError(f"all efforts in '{path}' are 0: expected measured efforts")
+    intervals, found = np.diff(times), list[MeasuredMotion]()
+    rate = 1.0 / float(np.median(intervals))
+    gaps = np.flatnonzero(intervals > _MAX_GAP / rate) + 1
+    angles = np.unwrap(positions, axis=0)
+    for part in np.split(np.arange(times.size), gaps):
+        if part.size >= _MIN_SAMPLES and times[part[-1]] - times[part[0]] >= _MIN_SECONDS:
+            curve = smooth(Piece(times[part], angles[part]), rate)
+            effort = smooth(Piece(times[part], efforts[part]), rate).positions
+            states = curve.positions, curve.velocities, curve.accelerations
+            found.append(MeasuredMotion(*states, effort, curve.rate))
+    if not found:
+        raise RecordingError(
+            f"'{path}' has no joint states for {_MIN_SECONDS:g} s without a gap; record longer "
+            "motions"
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class MeasuredExecution:
+    """One execution of a trajectory.
+
+    Attributes
+    ----------
+    effort : float
+        Measured ½∫‖τ‖²dt over the time of the motion [N²·m²·s].
+    tracking_error : float
+        RMS over time of the distance ‖q − q_desired‖ [rad or m].
+    started : float
+        Start of the motion after the first joint state of the recording [s].
+    """
+
+    effort: float
+    tracking_error: float
+    started: float
+
+
+def measure_execution(path: Path, trajectory: Trajectory) -> MeasuredExecution:
+    """Find a trajectory's execution in a recording, and measure it.
+
+    It starts where the recorded positions follow the desired ones best.
+
+    Parameters
+    ----------
+    path : Path
+        The recording, with one topic of joint states with efforts.
+    trajectory : Trajectory
+        The executed motion.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be read, lacks positions or efforts of a joint, holds numbers that aren't
+        finite, or is shorter than the trajectory.
+    """
+    times, q, tau = measured_states(path, trajectory.joint_names)
+    duration = float(trajectory.times[-1])
+    spare = float(times[-1]) - duration
+    if spare < -_STEP:
+        raise RecordingError(
+            f"'{path}' lasts {times[-1]:.3f} s, but the executed motion {duration:.3f} s: "
+            "record it from its start to its end"
+        )
+    desired = interpolate(trajectory, _STEP)
+    starts = np.arange(0.0, max(spare, 0.0) + _STEP, _STEP)
+    errors = [_distance(times - start, q, desired.times, desired.q) for start in starts]
+    best = int(np.argmin(errors))
+    grid = np.union1d(desired.times + starts[best], times)
+    grid = grid[(grid >= starts[best]) & (grid <= starts[best] + duration)]
+    squares = np.sum(_at(grid, times, tau) ** 2, axis=1)
+    return MeasuredExecution(
+        0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best])
+    )
+
+
+def _distance(times: FloatArray, q: FloatArray, when: FloatArray, desired: FloatArray) -> float:
+    squares = np.sum((_at(when, times, q) - desired) ** 2, axis=1)
+    return float(np.sqrt(trapezoid(squares, when) / (when[-1] - when[0])))
+
+
+def _at(when: FloatArray, times: FloatArray, values: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(when, times, column) for column in values.T])
+
 
 # Speed from which friction has its full size, as a share of the largest, and at least [rad/s].
 _MOVING_SHARE, _MOVING = 0.05, 0.02

@@ -28,11 +28,11 @@ from scipy.linalg import null_space
 from ..arrays import FloatArray
 from ..exceptions import PrimitiveError
 from ..motion.interpolation import hermite_functions
+from ..planning.context import one_blas_thread
+from ..planning.motion import Tables
 from ..planning.program.motion_program import MotionProgram
 from ..planning.program.segment import SegmentProgram, Unknowns
-from ..planning.program.tables import Tables
-from ..planning.search.budget import one_blas_thread
-from ..planning.solver.sqp import solve
+from ..planning.solver import solve
 from ..primitives.basis import Basis, BSplineBasis, PolynomialBasis, legendre_values
 from ..primitives.differences import FINE_PHASES
 from ..primitives.pca import PrincipalComponents, fit_components

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray, text_table
 from ..plotting.arm import angle_components_figure, arm_figure
-from ..plotting.comparison import comparison_figure
+from ..plotting.report import comparison_figure
 from ..plotting.style import image_address, picture, render
 from ..plotting.text import TABLE_2, Table, percent, percents, variance_table
 from ..primitives.differences import MEASURES

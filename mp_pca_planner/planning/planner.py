@@ -38,16 +38,15 @@ from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
-from .context import Context
+from .context import Budget, Context, one_blas_thread
 from .objectives import uses_efforts
 from .options import MODES, OPTIMAL, PlannerOptions
 from .plan import Plan
 from .program.bases import BasisStore
 from .report import report
-from .requests.resolve import check_goal, in_order, resolve, target
-from .requests.selection import Selector
-from .search.budget import Budget, one_blas_thread
+from .resolve import check_goal, in_order, resolve, target
 from .search.search import search
+from .selection import Selector
 
 
 class Planner:

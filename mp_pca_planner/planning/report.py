@@ -27,11 +27,11 @@ from .objectives import Effort
 from .options import AUTO, DEMONSTRATED, FREE, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .request import NATURAL, Request
-from .requests.selection import Selection
 from .search.candidate import Candidate
 from .search.detours import missing_planner
 from .search.search import Outcome
 from .search.stop_and_go import brakes
+from .selection import Selection
 
 if TYPE_CHECKING:
     from .planner import Planner

@@ -25,7 +25,7 @@ from ..primitives.primitive import MovementPrimitive
 from .options import AUTO, DEMONSTRATED, FREE, PlannerOptions
 
 if TYPE_CHECKING:
-    from .requests.selection import Selection
+    from .selection import Selection
 
 
 NATURAL = 1.0

@@ -24,12 +24,12 @@ from ..arrays import FloatArray, empty_rows, release, row_blocks
 from ..exceptions import PrimitiveError, quote_names, unknown_name
 from ..motion.interpolation import boundary_values, hermite_functions
 from .basis import end_vanishing_coefficients, legendre_values
-from .options import PrimitiveOptions
 from .timing import align, aligned_positions, fit_paces
 
 # The node loads primitives, but needs neither recordings nor the parts of SciPy that they need.
 if TYPE_CHECKING:
     from ..recordings.demonstration import Demonstration
+    from .build import PrimitiveOptions
 
 _FACTS = ("recording", "label", "checksum", "start_time_s", "end_time_s")
 # Highest degree of the polynomials that represent joint angles over time. Only the first components

@@ -5,12 +5,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import FloatArray, empty_rows, row_blocks, row_mean
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
-from .options import PrimitiveOptions
+
+if TYPE_CHECKING:
+    from .build import PrimitiveOptions
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,15 +29,16 @@ from .segmentation import (
     MIN_EXTENT,
     MOVING_RATIO,
     SegmentationOptions,
+    SmoothPiece,
     SpeedThresholds,
     find_motions,
     joint_speed,
     least_extent,
     least_extent_of_set,
+    smooth,
     speed_thresholds,
     trim,
 )
-from .smoothing import SmoothPiece, smooth
 
 # A motion covers more than this share of the extent of the recording's largest.
 _EXTENT_RATIO = 0.1

@@ -206,7 +206,7 @@ class Demonstration:
     ) -> Demonstration:
         """The motion of :meth:`from_arrays`, without a warning."""
         from .repair import Piece
-        from .smoothing import smooth
+        from .segmentation import smooth
 
         names = unique_names(joint_names, f"joints of '{recording}'", RecordingError)
         t = frozen_array(times, (None,), f"times of '{recording}'", RecordingError)

@@ -30,7 +30,7 @@ from ..execution.tracking.published_motion import PublishedMotion
 from ..robot.limits import moveit_factors_note
 from ..robot.world import World
 from .controller import ControllerAction
-from .goal_topics import GoalTopics
+from .goal_messages import GoalTopics
 from .last_motion import LastMotion
 from .messages import to_execution_report, to_status, to_text
 from .nodes import EVERY, LATCHED, LOG_PERIOD, NEWEST, GuardedNode

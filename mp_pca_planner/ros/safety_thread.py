@@ -29,8 +29,7 @@ from .controller import (
     JointTrajectoryControllerState,
     to_command,
 )
-from .goal_messages import read_stamp
-from .goal_topics import GoalTopics
+from .goal_messages import GoalTopics, read_stamp
 from .messages import read_states, to_seconds, to_state
 from .nodes import STATES, GuardedNode, PolledSubscription, ThreadGroup
 from .planning_setup import PlanningSetup

@@ -28,6 +28,7 @@ import numpy as np
 import yaml
 
 from mp_pca_planner.control.closed_loop import ControlLoop, simulate
+from mp_pca_planner.control.identification import measure_execution
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
 from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refined_motion import primitive_around
@@ -39,7 +40,6 @@ from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
-from mp_pca_planner.recordings.efforts import measure_execution
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.robot.model import Robot
 

@@ -14,11 +14,11 @@ from test_commands import GOAL, START, URDF, refusal, run
 from worlds import plain_distances
 
 from mp_pca_planner.cli.main import load_command
+from mp_pca_planner.control.identification import measure_execution
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
-from mp_pca_planner.recordings.efforts import measure_execution
 from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.world import World
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ...planning.requests.resolve import in_order
+from ...planning.resolve import in_order
 from ...primitives.primitive import MovementPrimitive
 from ..options import Serving
 from ..tracking.following import Following, How

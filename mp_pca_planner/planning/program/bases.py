@@ -20,10 +20,9 @@ from ...arrays import FloatArray
 from ...motion.interpolation import quintics
 from ...primitives.basis import BSplineBasis, SumBasis
 from ...primitives.primitive import MovementPrimitive
-from ..motion import Motion
+from ..motion import Motion, Tables
 from ..options import PlannerOptions
 from ..request import RequestSegment
-from .tables import Tables
 
 # Number of starts from demonstrations with similar ends.
 _N_NEAREST = 3

@@ -23,10 +23,10 @@ from ...motion.goal import JointState, Pose
 from ...motion.validation import Violation
 from ...primitives.basis import Basis
 from ...robot.model import Robot
+from ..motion import Tables
 from ..options import ClearanceOptions
 from ..path_constraints import PathConstraint
 from .segment import Course, StateMap, Unknowns, all_states, state_map
-from .tables import Tables
 
 # Distance from the bound of a path constraint for the motion between the phases, at most half of
 # that of fixed ends.

@@ -20,9 +20,9 @@ from ...motion.interpolation import hermite_functions
 from ...motion.validation import Violation
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
+from ..motion import N_LIMIT_POINTS, N_RATES, Tables, limit_phases
 from .constraints import Ends, Findings
 from .segment import Course, StateMap, Unknowns
-from .tables import N_LIMIT_POINTS, N_RATES, Tables, limit_phases
 
 # Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
 # peaks between points of the grid miss, which the check on the denser grid finds.

@@ -179,7 +179,7 @@ class Chain:
 
 
 class MotionProgram:
-    """A compiled request (see :class:`.solver.sqp.Program`).
+    """A compiled request (see :class:`.solver.Program`).
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ class MotionProgram:
 
 @dataclass(frozen=True, eq=False)
 class MotionPoint:
-    """A program at one x (see :class:`.solver.sqp.Point`).
+    """A program at one x (see :class:`.solver.Point`).
 
     Attributes
     ----------

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...primitives.basis import Basis
 from ...robot.model import Robot
+from ..motion import N_RATES, Tables, hermite_tables
 from ..objectives import QUANTITIES, Effort, Nodes, Objective
-from .tables import N_RATES, Tables, hermite_tables
 
 # Scales of the unknowns: typical changes of boundary values by phase [rad or m], and of log T.
 END_SCALES = np.array([0.3, 1.0, 5.0, 0.3, 1.0, 5.0])

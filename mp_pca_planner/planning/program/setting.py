@@ -22,7 +22,7 @@ from ..motion import Motion, cost_of, node_states, rank_of
 from ..objectives import Objective, Time
 from ..options import FREE, SHORTEST, SolverOptions
 from ..request import Request
-from ..solver.quadratic import TINY
+from ..solver import TINY
 from ..time_scaling import least_stretch, slowdown
 from .bases import MotionBasis
 

@@ -20,7 +20,7 @@ from ...motion.interpolation import GRID_PERIOD
 from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
 from ..configurations import POSE_TOLERANCE, nearest_configuration
-from ..context import Context, check_duration
+from ..context import Budget, Context, check_duration
 from ..motion import Motion, rank_of
 from ..options import AUTO
 from ..plan import NOT_SOLVED, MotionSolution
@@ -31,8 +31,7 @@ from ..program.motion_program import MotionProgram
 from ..program.segment import GOAL_POSITION
 from ..program.setting import Setting, lasting
 from ..request import Request
-from ..solver.sqp import Solution, SolverMemory, solve
-from .budget import Budget
+from ..solver import Solution, SolverMemory, solve
 
 Violation = tuple[float, float, float, float]
 """Largest relative excess over a limit, penetration [m], violation of path constraints, and error

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...exceptions import MissingDependencyError, require
-from ..context import Context
+from ..context import Budget, Context
 from ..motion import Motion
 from ..options import FREE, SHORTEST
 from ..program.bases import MotionBasis
@@ -26,7 +26,6 @@ from ..program.constraints import least_distances
 from ..program.setting import Setting, first_setting
 from ..request import Request, timing_for
 from ..time_scaling import kinematic_stretch, slowdown
-from .budget import Budget
 from .candidate import Candidate, attempt, checked, sampled
 
 # OMPL has one seed and one log level per process: one thread at a time makes sources of random

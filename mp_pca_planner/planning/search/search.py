@@ -17,7 +17,7 @@ from operator import attrgetter
 import numpy as np
 
 from ...motion.validation import LimitCheck
-from ..context import Context
+from ..context import Budget, Context
 from ..motion import cost_of, rank_of
 from ..objectives import Effort
 from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME
@@ -34,7 +34,6 @@ from ..program.setting import (
 )
 from ..request import Request
 from ..time_scaling import slowdown
-from .budget import Budget
 from .candidate import Candidate, Violation, attempt, checked, collides, sampled
 from .detours import along_path, missing_planner
 from .stop_and_go import Slow, slow_motion

@@ -24,15 +24,13 @@ from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_limits
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
-from ..context import Context, check_duration
-from ..motion import Motion
+from ..context import Budget, Context, check_duration
+from ..motion import Motion, Tables
 from ..options import SHORTEST, BrakingOptions
 from ..plan import MotionSolution
 from ..program.bases import MotionBasis
-from ..program.tables import Tables
 from ..request import Request
 from ..time_scaling import least_duration, slowdown
-from .budget import Budget
 from .candidate import Candidate, checked, sampled
 from .detours import corners_of, paths
 

@@ -12,12 +12,11 @@ from arm import JOINTS, arm_primitive, arm_robot
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.control.identification import identify
+from mp_pca_planner.control.identification import identify, measured_motions
 from mp_pca_planner.exceptions import ControlError, RecordingError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
-from mp_pca_planner.recordings.efforts import measured_motions
 
 FRICTION = np.array([0.3, 0.2, 0.1, 0.05])
 VISCOUS = np.array([0.1, 0.0, 0.05, 0.02])

@@ -21,11 +21,11 @@ from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.options import PathOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.search import search
-from mp_pca_planner.planning.search.budget import Budget
 from mp_pca_planner.planning.search.detours import paths, sampled_path
 from mp_pca_planner.robot.world import World
 

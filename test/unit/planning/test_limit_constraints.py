@@ -12,12 +12,12 @@ from test_segment import BASES, compile_motion
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.validation import Violation
+from mp_pca_planner.planning.motion import N_LIMIT_POINTS, Tables, limit_phases
 from mp_pca_planner.planning.program.constraints import Findings
 from mp_pca_planner.planning.program.limits import MARGIN, QUANTITIES, Limits
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.program.segment import Naturalness, SegmentProgram, Unknowns
-from mp_pca_planner.planning.program.tables import N_LIMIT_POINTS, Tables, limit_phases
-from mp_pca_planner.planning.solver.sqp import solve
+from mp_pca_planner.planning.solver import solve
 
 FAR_FROM_LIMITS = [JointState(JOINTS, [0.0, 0.0, 0.0, -1.0])]
 

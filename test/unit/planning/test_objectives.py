@@ -10,11 +10,10 @@ from test_segment import BASES
 
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose
-from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.motion import Motion, Tables
 from mp_pca_planner.planning.objectives import OBJECTIVES, QUANTITIES, objective_by_name
 from mp_pca_planner.planning.program.constraints import PoseTarget
 from mp_pca_planner.planning.program.segment import SegmentProgram, Unknowns
-from mp_pca_planner.planning.program.tables import Tables
 
 START = JointState(JOINTS, [-0.2, 0.1, 0.2, -0.6], [0.2, 0.1, -0.3, 0.1], [1.0, -1.0, 0.5, 2.0])
 GOAL = JointState(JOINTS, [0.6, 0.4, -0.1, -1.4])

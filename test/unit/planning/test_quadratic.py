@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from mp_pca_planner.planning.solver.quadratic import cholesky, solve_quadratic
+from mp_pca_planner.planning.solver import cholesky, solve_quadratic
 
 
 def random_program(seed):

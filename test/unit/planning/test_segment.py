@@ -8,9 +8,8 @@ from arm import JOINTS, arm_primitive, arm_robot
 from scipy.integrate import quad_vec
 
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.motion import N_NODES, Motion, Tables
 from mp_pca_planner.planning.program.segment import Naturalness, SegmentProgram, Unknowns
-from mp_pca_planner.planning.program.tables import N_NODES, Tables
 from mp_pca_planner.primitives.basis import BSplineBasis
 from mp_pca_planner.recordings.synthetic import generate_motions
 

@@ -11,14 +11,13 @@ from patience import PATIENT
 
 import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
-from mp_pca_planner.planning.motion import Motion, cost_of, rank_of
+from mp_pca_planner.planning.motion import Motion, Tables, cost_of, rank_of
 from mp_pca_planner.planning.objectives import Effort
 from mp_pca_planner.planning.options import SelectionOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.tables import Tables
 from mp_pca_planner.planning.report import selection_reason
-from mp_pca_planner.planning.requests.selection import Considered, Selection, Selector
+from mp_pca_planner.planning.selection import Considered, Selection, Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 

@@ -18,15 +18,15 @@ from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.options import SolverOptions
 from mp_pca_planner.planning.plan import MODES, OPTIMAL, REAL_TIME, Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.compile import compile_program
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.program.setting import joined_motion, sequence_setting
-from mp_pca_planner.planning.requests.resolve import resolve
-from mp_pca_planner.planning.search.budget import Budget
-from mp_pca_planner.planning.solver.sqp import solve
+from mp_pca_planner.planning.resolve import resolve
+from mp_pca_planner.planning.solver import solve
 from mp_pca_planner.primitives.file import save_primitive
 
 

@@ -15,8 +15,13 @@ from test_segment import BASES, compile_motion
 from mp_pca_planner.planning.options import SolverOptions
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.program.segment import Naturalness
-from mp_pca_planner.planning.solver.quadratic import nearest_step, trust_region_step
-from mp_pca_planner.planning.solver.sqp import FEASIBLE, Subproblem, solve
+from mp_pca_planner.planning.solver import (
+    FEASIBLE,
+    Subproblem,
+    nearest_step,
+    solve,
+    trust_region_step,
+)
 
 
 @dataclass

@@ -6,7 +6,7 @@ import pytest
 import scipy.linalg  # noqa: F401  (loads the BLAS of SciPy)
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from mp_pca_planner.planning.search.budget import one_blas_thread
+from mp_pca_planner.planning.context import one_blas_thread
 
 
 def blas_threads() -> set[int]:

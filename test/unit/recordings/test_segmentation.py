@@ -19,12 +19,13 @@ from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.repair import Piece
 from mp_pca_planner.recordings.segmentation import (
     SegmentationOptions,
+    SmoothPiece,
     find_motions,
     joint_speed,
+    smooth,
     speed_thresholds,
     trim,
 )
-from mp_pca_planner.recordings.smoothing import SmoothPiece, smooth
 
 OPTIONS = SegmentationOptions()
 

@@ -8,7 +8,7 @@ from conftest import minimum_jerk
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.recordings.repair import Piece
-from mp_pca_planner.recordings.smoothing import CUTOFF, MAX_RATE, MIN_RATE, smooth
+from mp_pca_planner.recordings.segmentation import CUTOFF, MAX_RATE, MIN_RATE, smooth
 
 
 def sine(times: FloatArray, frequency: float, order: int = 0) -> FloatArray:

@@ -19,17 +19,16 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import FloatArray
-from ...motion.goal import JointState
-from ...primitives.in_span import RequestIndex
-from ...primitives.library import PrimitiveLibrary
-from ...primitives.prediction import ConditionalDistribution
-from ...primitives.primitive import MovementPrimitive
-from ...robot.model import Robot
-from ..motion import Motion, cost_of, rank_of
-from ..objectives import Effort, Objective
-from ..options import SelectionOptions
-from ..program.tables import Tables
+from ..arrays import FloatArray
+from ..motion.goal import JointState
+from ..primitives.in_span import RequestIndex
+from ..primitives.library import PrimitiveLibrary
+from ..primitives.prediction import ConditionalDistribution
+from ..primitives.primitive import MovementPrimitive
+from ..robot.model import Robot
+from .motion import Motion, Tables, cost_of, rank_of
+from .objectives import Effort, Objective
+from .options import SelectionOptions
 
 
 @dataclass(frozen=True, eq=False)

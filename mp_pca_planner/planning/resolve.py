@@ -17,18 +17,18 @@ from operator import attrgetter, itemgetter
 
 import numpy as np
 
-from ...arrays import FloatArray
-from ...exceptions import GoalError, quote_names, unknown_name
-from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ...motion.validation import nearest_start
-from ...primitives.in_span import UNUSUAL_IN_SPAN_SCORE
-from ...robot.limits import JointLimits
-from ...robot.model import Robot
-from ..configurations import configurations_at, starts_near
-from ..context import Context, check_duration
-from ..options import SHORTEST
-from ..program.setting import expected_cost
-from ..request import (
+from ..arrays import FloatArray
+from ..exceptions import GoalError, quote_names, unknown_name
+from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..motion.validation import nearest_start
+from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+from .configurations import configurations_at, starts_near
+from .context import Budget, Context, check_duration
+from .options import SHORTEST
+from .program.setting import expected_cost
+from .request import (
     Request,
     RequestSegment,
     duration_groups,
@@ -36,7 +36,6 @@ from ..request import (
     naturalness_for,
     timing_for,
 )
-from ..search.budget import Budget
 from .selection import Selector
 
 # Largest positions, velocities and accelerations where there is no limit [SI].
