@@ -298,6 +298,7 @@ def build_from_statistics(
     """
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
+    found = fit_shapes(statistics, options)
     stored = asdict(options)
     for key in _NUMBERS:
         stored[key] = stored.pop(f"n_{key}")
@@ -306,7 +307,6 @@ def build_from_statistics(
         "angle_variance_ratio": angle_shares(statistics),
         "demonstrations": MotionSources(statistics.sources, as_facts=True),
     }
-    found = fit_shapes(statistics, options)
     # The prediction is fitted to some of the motions, and knows the spread of all requests.
     some, rows = statistics.thinned(), found.directions.reshape(-1, found.mean.size)
     model = ConditionalModel.fit(
