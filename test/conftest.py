@@ -16,6 +16,10 @@ from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 
+# One thread for linear algebra, as in the node, in all processes of tests: the matrices are small,
+# and threads that wait for each other were measured to take up to twice the time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import hypothesis
 import numpy as np
 import pytest

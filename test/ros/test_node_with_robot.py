@@ -96,6 +96,20 @@ class Bench:
         (report,) = reports()
         return report
 
+    def arrive(self, *goals: Sequence[float]) -> dict[str, str]:
+        """The report of the last of some goals, which follow each other in motion.
+
+        They are sent again where a motion is started late or not followed: on a busy machine, the
+        controller may take a message too late. Whoever never gets there fails.
+        """
+        for first in [(), *[(VIA,)] * 4]:
+            answers = [self.send(goal) for goal in (*first, *goals)]
+            report = self.execution(answers[-1])
+            if report["outcome"] == "arrived":
+                return report
+            assert report["outcome"] in ("never_started", "not_followed"), report
+        raise AssertionError(report)
+
     def set(self, **values: object) -> None:
         """Set parameters of the planner."""
         messages = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
@@ -176,8 +190,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 
 def test_goal_is_reached_and_reported_as_arrived(bench: Bench) -> None:
-    report = bench.execution(bench.send(GOAL))
-    assert report["outcome"] == "arrived"
+    report = bench.arrive(GOAL)
     assert float(report["error"]) < 1e-3
     np.testing.assert_allclose(bench.position, GOAL, atol=1e-3)
 
@@ -185,7 +198,7 @@ def test_goal_is_reached_and_reported_as_arrived(bench: Bench) -> None:
 def test_goal_to_an_inactive_controller_is_reported_as_never_started(bench: Bench) -> None:
     with bench.fault("active", False, True):
         assert bench.execution(bench.send(VIA))["outcome"] == "never_started"
-    assert bench.execution(bench.send(START))["outcome"] == "arrived"
+    bench.arrive(START)
 
 
 def test_send_goal_waits_until_the_robot_has_arrived(
@@ -223,7 +236,7 @@ def test_preview_is_erased_after_its_motion_or_with_a_refused_goal(bench: Bench)
         wait_for(lambda preview: not is_erased(preview))
         bench.client.send(goal_message([0.0], ("nothing",)), HANG)
         wait_for(is_erased)
-    assert bench.execution(bench.send(START))["outcome"] == "arrived"
+    bench.arrive(START)
 
 
 def test_goal_that_comes_twenty_times_a_second_arrives_with_one_motion(bench: Bench) -> None:
@@ -313,10 +326,7 @@ def test_motions_continued_and_stopped_neither_jump_nor_exceed_limits(
     set_domain(monkeypatch, 88)
     record = tmp_path / "commands.npz"
     with benched(tmp_path, "--record", str(record)) as bench:
-        for goal in (GOAL, VIA, START, GOAL):
-            last = bench.send(goal)
-            assert last.trajectory is not None, last.report.message
-        assert bench.execution(last)["outcome"] == "arrived"
+        bench.arrive(GOAL, VIA, START, GOAL)
         stopped = bench.begin_slowly(START)
         bench.client.stop(HANG)
         assert bench.execution(stopped)["outcome"] == "stopped"
