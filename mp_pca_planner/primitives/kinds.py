@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of motions in a heap of mixed ones, and their names.
+"""Kinds of motions in mixed recordings, and their names.
 
 A motion and its return along the same path are of one kind, as in the conditional model. Motions
 are therefore compared by features that reversal in time does not change. A tree of Ward's method
