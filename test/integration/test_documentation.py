@@ -68,7 +68,7 @@ def test_programs_of_the_page_run(page: Path) -> None:
 
 
 def test_a_page_that_leaves_processes_running_fails(tmp_path: Path) -> None:
-    for block, is_clean in (("sleep 3 &\n", False), ("sleep 3 &\nkill %1\nwait\n", True)):
+    for block, is_clean in (("sleep 15 &\n", False), ("sleep 15 &\nkill %1\nwait\n", True)):
         text = tmp_path / "page.md"
         text.write_text(f"```bash\n{block}```\n\n```bash\ntrue\n```\n", encoding="utf-8")
         command = ["bash", "-c", DOCUMENTATION["script"](text)]
