@@ -169,54 +169,10 @@ def _polynomials(lengths: FloatArray, values: FloatArray, given: BoolArray) -> F
     return np.asarray(result.reshape(n_segments, 6, 3 * n_joints))
 
 
-SUCCESSFUL, INVALID_GOAL = 0, -1
-
 SUCCEEDED, ABORTED, CANCELED = "succeeded", "aborted", "canceled"
 
-
-@dataclass(frozen=True)
-class GoalResult:
-    """How a goal of the action ended.
-
-    Attributes
-    ----------
-    goal : object
-        Identifies the goal.
-    outcome : {'succeeded', 'aborted', 'canceled'}
-        The outcome.
-    code : int
-        The code of the action's result.
-    message : str
-        The text of the action's result.
-    """
-
-    goal: Hashable
-    outcome: str
-    code: int
-    message: str
-
-
-@dataclass(frozen=True, eq=False)
-class ControllerState:
-    """What the controller states of itself in every cycle.
-
-    Attributes
-    ----------
-    time_ns : int
-        Time of the cycle [ns].
-    reference : array, shape (3, n_joints)
-        State of the trajectory in this cycle: positions, velocities and accelerations by its own
-        clock. The command leads it by one cycle.
-    since_ns : int
-        Time since the start of the trajectory by its own clock [ns].
-    speed_scaling : float
-        Speed of that clock.
-    """
-
-    time_ns: int
-    reference: FloatArray
-    since_ns: int
-    speed_scaling: float
+RESULT_CODES = {SUCCEEDED: 0, ABORTED: -1, CANCELED: 0}
+"""The code of the action's result by the outcome of a goal: SUCCESSFUL or INVALID_GOAL."""
 
 
 def rejection(message: TrajectoryMessage, joint_names: Sequence[str], now_ns: int) -> str | None:
@@ -312,8 +268,9 @@ class TrajectoryController:
         Time for which commands have advanced along trajectories [ns].
     is_active : bool
         Whether commands follow messages.
-    results : list of GoalResult
-        How goals of the action ended, the newest last.
+    results : list of (object, str, str)
+        What identifies each goal of the action that ended, its outcome, a key of `RESULT_CODES`,
+        and the text of the action's result; the newest last.
     """
 
     def __init__(
@@ -327,14 +284,14 @@ class TrajectoryController:
         self._command = np.concatenate([positions, np.zeros(2 * len(self._names))])
         self.speed_scaling = 1.0
         self.clock_ns = 0
-        self.results: list[GoalResult] = []
+        self.results: list[tuple[Hashable, str, str]] = []
         self._goal: Hashable | None = None
         self._measured = positions
         self.activate()
 
     def activate(self) -> None:
         """Start, as on activation: the commanded positions are held."""
-        self._end_goal(ABORTED, INVALID_GOAL, "the controller was deactivated")
+        self._end_goal(ABORTED, "the controller was deactivated")
         n = len(self._names)
         self._command = np.concatenate([self._command[:n], np.zeros(2 * n)])
         self._new: TrajectoryMessage | None = None
@@ -371,10 +328,10 @@ class TrajectoryController:
         if reason is None:
             self._new = message
         if goal is not None and reason is None:
-            self._end_goal(ABORTED, INVALID_GOAL, "another goal has replaced this one")
+            self._end_goal(ABORTED, "another goal has replaced this one")
             self._goal = goal
         elif goal is not None:
-            self.results.append(GoalResult(goal, ABORTED, INVALID_GOAL, str(reason)))
+            self.results.append((goal, ABORTED, str(reason)))
         return reason
 
     def rejection(self, message: TrajectoryMessage, now: int) -> str | None:
@@ -386,15 +343,23 @@ class TrajectoryController:
         """Cancel a goal of the action, and hold the measured position if it is the running one."""
         is_running = self._goal is not None and goal == self._goal
         if is_running:
-            self._end_goal(CANCELED, SUCCESSFUL, "")
+            self._end_goal(CANCELED, "")
             held = TrajectoryPoint(0, tuple(self._measured.tolist()))
             self._new = TrajectoryMessage(self._names, (held,))
         return is_running
 
-    def state(self, now: int) -> ControllerState:
-        """What it states of itself in a cycle, whose time is given [ns]."""
-        reference = self._splines.sample(self._time).reshape(3, -1)
-        return ControllerState(now, reference, self._time - self._start, self.speed_scaling)
+    def stated(self) -> tuple[FloatArray, int]:
+        """What it states of itself in this cycle.
+
+        Returns
+        -------
+        reference : array, shape (3, n_joints)
+            State of the trajectory: positions, velocities and accelerations by its own clock, whose
+            speed is `speed_scaling`. The command leads it by one cycle.
+        since_ns : int
+            Time since the start of the trajectory by that clock [ns].
+        """
+        return self._splines.sample(self._time).reshape(3, -1), self._time - self._start
 
     def update(self, now: int, period: int, measured: tuple[FloatArray, FloatArray]) -> FloatArray:
         """Run one cycle.
@@ -423,7 +388,7 @@ class TrajectoryController:
         if message is not None:
             self._adopt(message, now, measured)
         if self._goal is not None and self._time + period >= self._splines.end:
-            self._end_goal(SUCCEEDED, SUCCESSFUL, "the end was reached")
+            self._end_goal(SUCCEEDED, "the end was reached")
             fields = self._splines.sample(self._splines.end).reshape(3, -1).tolist()
             self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, *fields),))
         # The command is to be reached by the next cycle.
@@ -461,7 +426,7 @@ class TrajectoryController:
         index = [message.joint_names.index(name) for name in self._names]
         return values[:, :, index], given
 
-    def _end_goal(self, outcome: str, code: int, message: str) -> None:
+    def _end_goal(self, outcome: str, message: str) -> None:
         goal, self._goal = self._goal, None
         if goal is not None:
-            self.results.append(GoalResult(goal, outcome, code, message))
+            self.results.append((goal, outcome, message))

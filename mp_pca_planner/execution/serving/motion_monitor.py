@@ -16,7 +16,7 @@ from ..tracking.following import MotionFollower
 from ..tracking.measured import Clock
 from ..tracking.published_motion import PublishedMotion
 from .assembly import Model
-from .execution import ControllerAnswer, Execution, ExecutionReport, Resumption, Served
+from .execution import Execution, ExecutionReport, MotionOutcome, Resumption, Served
 from .stopping import StopPlanner
 from .surroundings import Surroundings, Threat
 
@@ -209,8 +209,18 @@ class MotionMonitor:
             if execution.name is not old.name:
                 self._end(old.dropped("a newer goal came"))
 
-    def hear(self, sent: Trajectory, answer: ControllerAnswer) -> bool:
+    def hear(self, sent: Trajectory, text: str, failure: MotionOutcome | None) -> bool:
         """Record what the controller answered to a trajectory that was sent as a goal.
+
+        Parameters
+        ----------
+        sent :
+            The trajectory.
+        text :
+            The answer, after "the controller".
+        failure :
+            `NEVER_STARTED` if the goal is rejected, `NOT_FOLLOWED` if it ended badly; None if all
+            is well so far.
 
         Returns
         -------
@@ -221,9 +231,9 @@ class MotionMonitor:
             published, execution = self.follower.published, self.follower.execution
             if published is None or execution is None or execution.motion.sent is not sent:
                 return False  # it has been replaced, and was reported as such
-            if not answer.is_accepted:
+            if failure is MotionOutcome.NEVER_STARTED:
                 published.give_up()
-            self._end(execution.answer(answer))
+            self._end(execution.answer(text, failure))
             return execution.is_stop
 
     def _end(self, report: ExecutionReport | None) -> None:
