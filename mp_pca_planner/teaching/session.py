@@ -171,28 +171,6 @@ def _scan(content: Buffer) -> tuple[str | None, int]:
 _NOTHING = re.compile(r"(?!)")  # never matches
 
 
-class SessionFiles(NamedTuple):
-    """Files of a session beside the primitive that it teaches.
-
-    Attributes
-    ----------
-    bag : Path
-        The recording.
-    segments, discarded : Path
-        Tables of the motions that are used, and of those that a person discarded.
-    """
-
-    bag: Path
-    segments: Path
-    discarded: Path
-
-    @classmethod
-    def beside(cls, output: Path) -> SessionFiles:
-        """The files beside a primitive file."""
-        names = (".mcap", "_segments.csv", "_discarded.csv")
-        return cls(*(output.with_name(output.stem + name) for name in names))
-
-
 @dataclass(frozen=True, eq=False)
 class SessionUpdate:
     """What is new in the recording.
@@ -229,8 +207,9 @@ class TeachingSession:
 
     Parameters
     ----------
-    files : SessionFiles
-        The files; existing ones are continued.
+    output : Path
+        File of the primitive that it teaches, beside which its own files are; existing ones are
+        continued.
     topic : str
         Topic of the joint states.
     joints : sequence of str or None
@@ -240,6 +219,8 @@ class TeachingSession:
 
     Attributes
     ----------
+    recording, segments : Path
+        The recording, and the table of the motions that are used.
     motions : tuple of Demonstration
         The motions up to the last rest, without those that were discarded.
     present : array, shape (n_joints,), or None
@@ -253,21 +234,25 @@ class TeachingSession:
 
     def __init__(
         self,
-        files: SessionFiles,
+        output: Path,
         topic: str,
         joints: Sequence[str] | None,
         *,
         moving_only: bool = False,
     ) -> None:
-        self.files, self._joints, self._moving_only = files, joints, moving_only
+        self.recording, self.segments, self._discarded_file = (
+            output.with_name(output.stem + end)
+            for end in (".mcap", "_segments.csv", "_discarded.csv")
+        )
+        self._joints, self._moving_only = joints, moving_only
         self.motions: tuple[Demonstration, ...] = ()
         self.present: FloatArray | None = None
-        self._name, self._notes = files.bag.stem, set[str]()
+        self._name, self._notes = output.stem, set[str]()
         self._lock = threading.Lock()
         self._waiting: list[tuple[int, bytes]] = []
-        self._bag = GrowingBag(files.bag, topic)
+        self._bag = GrowingBag(self.recording, topic)
         try:
-            with open_bag(files.bag) as bag:
+            with open_bag(self.recording) as bag:
                 self._raw = bag.joint_states(topic)
             self._discarded = self._read_discarded()
         except BaseException:
@@ -290,7 +275,7 @@ class TeachingSession:
         known = self._raw.listed_joints
         if known and not set(known) & set(names):
             raise RecordingError(
-                f"'{self.files.bag}' is of the joints {quote_names(known)}, not of "
+                f"'{self.recording}' is of the joints {quote_names(known)}, not of "
                 f"{quote_names(names)}: give another --output for another robot"
             )
         return int(self._raw.receive_stamps.max(initial=0))
@@ -351,7 +336,7 @@ class TeachingSession:
             return None
         last = self.motions[-1]
         discarded = [*self._discarded, _Span(self._name, last.start_time, last.end_time)]
-        write_whole(self.files.discarded, segments_table(discarded), overwrite=True)
+        write_whole(self._discarded_file, segments_table(discarded), overwrite=True)
         self._discarded, self.motions = discarded, self.motions[:-1]
         return last
 
@@ -363,7 +348,7 @@ class TeachingSession:
 
     def write_segments(self) -> None:
         """Write the table of the motions, for `build_primitives --segments`."""
-        write_whole(self.files.segments, segments_table(self.motions), overwrite=True)
+        write_whole(self.segments, segments_table(self.motions), overwrite=True)
 
     def _take(self) -> None:
         """Slice the messages that have come since the last time."""
@@ -376,9 +361,9 @@ class TeachingSession:
             self._raw = joined(self._raw, part)
 
     def _read_discarded(self) -> list[_Span]:
-        if not self.files.discarded.exists():
+        if not self._discarded_file.exists():
             return []
-        rows = read_segments(self.files.discarded, [self._name]).get(self._name, [])
+        rows = read_segments(self._discarded_file, [self._name]).get(self._name, [])
         return [_Span(self._name, row.start, row.end) for row in rows]
 
     def _new_notes(

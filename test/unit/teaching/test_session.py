@@ -16,13 +16,9 @@ from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.synthetic import write_example_recording
 from mp_pca_planner.teaching.dialogue import KEYS, PlayedBag, SessionWords, hold_dialogue
-from mp_pca_planner.teaching.session import SessionFiles, TeachingSession
+from mp_pca_planner.teaching.session import TeachingSession
 
 GOALS = (0.0, 1.0, 0.2, 0.9)
-
-
-def files(folder: Path) -> SessionFiles:
-    return SessionFiles.beside(folder / "taught.npz")
 
 
 def played(folder: Path, positions: np.ndarray, bag_format: str = "mcap") -> PlayedBag:
@@ -31,7 +27,7 @@ def played(folder: Path, positions: np.ndarray, bag_format: str = "mcap") -> Pla
 
 
 def session(folder: Path) -> TeachingSession:
-    return TeachingSession(files(folder), "/joint_states", None)
+    return TeachingSession(folder / "taught.npz", "/joint_states", None)
 
 
 def spans(motions: tuple[Demonstration, ...]) -> list[tuple[float, float]]:
@@ -66,7 +62,7 @@ def test_joint_states_of_every_format_are_recorded(tmp_path: Path, bag_format: s
         feed_all(source, taught)
         taught.update(is_over=True)
         assert len(taught.motions) == 3
-    assert len(load_recordings(files(tmp_path).bag).demonstrations) == 3
+    assert len(load_recordings(tmp_path / "taught.mcap").demonstrations) == 3
 
 
 def test_a_motion_is_shown_when_the_arm_rests(tmp_path: Path) -> None:
@@ -101,7 +97,8 @@ def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path:
         with session(tmp_path) as taught:
             assert spans(taught.update().found) == kept
             taught.write_segments()
-    table = load_recordings(files(tmp_path).bag, segments_csv=files(tmp_path).segments)
+    segments = tmp_path / "taught_segments.csv"
+    table = load_recordings(tmp_path / "taught.mcap", segments_csv=segments)
     np.testing.assert_allclose(spans(table.demonstrations), kept, rtol=0.0, atol=1e-6)
 
 
@@ -144,10 +141,11 @@ def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Pa
 
 
 def test_tables_that_are_damaged_are_refused(tmp_path: Path) -> None:
-    files(tmp_path).discarded.write_text("recording,start_time_s,end_time_s\nother,1,2\n")
+    discarded = tmp_path / "taught_discarded.csv"
+    discarded.write_text("recording,start_time_s,end_time_s\nother,1,2\n")
     with pytest.raises(RecordingError, match="no recording is called 'other'"):
         session(tmp_path)
-    files(tmp_path).discarded.unlink()
+    discarded.unlink()
     with session(tmp_path) as taught:
         assert taught.update().notes == ()
 
