@@ -10,7 +10,6 @@ import re
 import struct
 import threading
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -171,23 +170,8 @@ def _scan(content: Buffer) -> tuple[str | None, int]:
 _NOTHING = re.compile(r"(?!)")  # never matches
 
 
-@dataclass(frozen=True, eq=False)
-class SessionUpdate:
-    """What is new in the recording.
-
-    Attributes
-    ----------
-    found : tuple of Demonstration
-        Motions that were not there at the update before.
-    n_lost : int
-        Number of motions that were, and are no longer cut in this way.
-    notes : tuple of str
-        What is left out and why, one sentence each.
-    """
-
-    found: tuple[Demonstration, ...] = ()
-    n_lost: int = 0
-    notes: tuple[str, ...] = ()
+SessionUpdate = tuple[tuple[Demonstration, ...], int, tuple[str, ...]]
+"""What is new in the recording: see :meth:`TeachingSession.update`."""
 
 
 class _Span(NamedTuple):
@@ -308,6 +292,15 @@ class TeachingSession:
             its last motions may still be cut in another way.
         explains : bool
             Whether to say why a recording holds no motion.
+
+        Returns
+        -------
+        found : tuple of Demonstration
+            Motions that were not there at the update before.
+        n_lost : int
+            Number of motions that were, and are no longer cut in this way.
+        notes : tuple of str
+            What is left out and why, one sentence each.
         """
         self._take()
         try:
@@ -316,15 +309,15 @@ class TeachingSession:
             )
         except RecordingError as error:
             reasons = [str(error)] if explains and (self.n_messages or is_over) else []
-            return SessionUpdate(notes=self._new_notes(reasons, re.compile(r"\d\S*")))
+            return (), 0, self._new_notes(reasons, re.compile(r"\d\S*"))
         if not is_over and not _is_at_rest(cuts, clean):
-            return SessionUpdate()
+            return (), 0, ()
         self.present = clean.pieces[-1].positions[-1]
         whole = [cut for cut in cuts if not cut.is_cut_off]
         every = [cut.demonstration(clean.joint_names, self._name, "") for cut in whole]
         before = self.motions
         self.motions = tuple(one for one in every if not _is_among(one, self._discarded))
-        return SessionUpdate(
+        return (
             tuple(one for one in self.motions if not _is_among(one, before)),
             sum(not _is_among(one, self.motions) for one in before),
             self._new_notes(_left_out(clean, len(cuts) - len(whole))),

@@ -187,13 +187,14 @@ class MotionMonitor:
             if stopped is not None:
                 stopped.resumption = None
             late = 0.0 if began is None else self.follower.motion_time - began
-            found = self._stops.find(model, late)
-            stop = Execution.of_stop(stopped, found.motion, found.after(reason), resumption)
+            said, motion, collision = self._stops.find(model, late)
+            why = "; ".join(filter(None, [reason, collision]))
+            stop = Execution.of_stop(stopped, motion, why, resumption)
             stop.published = stop.published if began is None else began
             self.publish(stop)
             if resumption is None:
                 self._end(stop.dropped(reason or "the robot was stopped"))
-        return found.message
+        return "; ".join(filter(None, [said, collision]))
 
     def publish(self, execution: Execution, world: World | None = None) -> None:
         """Publish a motion, the only place where that is done; it replaces the one before.

@@ -44,8 +44,10 @@ def test_motions_are_those_that_are_cut_offline(tmp_path: Path) -> None:
     source, found = PlayedBag(bag), list[Demonstration]()
     with session(tmp_path) as taught:
         while source.feed(taught.record):
-            found += taught.update().found
-        found += taught.update(is_over=True).found
+            new, _, _ = taught.update()
+            found += new
+        new, _, _ = taught.update(is_over=True)
+        found += new
         expected = load_recordings(bag).demonstrations
         assert spans(taught.motions) == spans(expected)
         for own, other in zip(taught.motions, expected, strict=True):
@@ -71,7 +73,8 @@ def test_a_motion_is_shown_when_the_arm_rests(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
         for message in stamped_messages(tmp_path, positions):
             taught.record([message])
-            shown.append(len(taught.update().found))
+            found, _, _ = taught.update()
+            shown.append(len(found))
     (step,) = np.flatnonzero(shown)
     assert 250 < step < 290
     assert shown[step] == 1
@@ -95,7 +98,8 @@ def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path:
         assert len(kept) == 2 and last.start_time > kept[-1][1]
     for _ in range(2):
         with session(tmp_path) as taught:
-            assert spans(taught.update().found) == kept
+            found, _, _ = taught.update()
+            assert spans(found) == kept
             taught.write_segments()
     segments = tmp_path / "taught_segments.csv"
     table = load_recordings(tmp_path / "taught.mcap", segments_csv=segments)
@@ -108,17 +112,19 @@ def test_discarding_ends_with_the_first_motion(tmp_path: Path) -> None:
         feed_all(played(tmp_path, reaching(GOALS)), taught)
         taught.update(is_over=True)
         assert [taught.discard_last() is not None for _ in range(4)] == [True] * 3 + [False]
-        assert taught.update(is_over=True).found == ()
+        found, _, _ = taught.update(is_over=True)
+        assert found == ()
 
 
 def test_a_motion_that_the_recording_cuts_off_is_left_out(tmp_path: Path) -> None:
     positions = reaching(GOALS)[:-150]  # ends within the last motion
     with session(tmp_path) as taught:
         feed_all(played(tmp_path, positions), taught)
-        assert taught.update().found == ()
-        update = taught.update(is_over=True)
-    assert len(update.found) == 2
-    assert "lacks the start or the end" in update.notes[0]
+        found, _, _ = taught.update()
+        assert found == ()
+        found, _, notes = taught.update(is_over=True)
+    assert len(found) == 2
+    assert "lacks the start or the end" in notes[0]
 
 
 def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
@@ -126,11 +132,9 @@ def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
     positions = np.concatenate([reaching(GOALS[:2]), np.column_stack([small, -0.5 * small])])
     with session(tmp_path) as taught:
         feed_all(played(tmp_path, positions), taught)
-        update = taught.update(is_over=True)
-    assert len(update.found) == 1
-    assert update.notes == (
-        "1 motions over less than 10% of the extent of the largest are left out",
-    )
+        found, _, notes = taught.update(is_over=True)
+    assert len(found) == 1
+    assert notes == ("1 motions over less than 10% of the extent of the largest are left out",)
 
 
 def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Path) -> None:
@@ -147,7 +151,8 @@ def test_tables_that_are_damaged_are_refused(tmp_path: Path) -> None:
         session(tmp_path)
     discarded.unlink()
     with session(tmp_path) as taught:
-        assert taught.update().notes == ()
+        _, _, notes = taught.update()
+        assert notes == ()
 
 
 class Silent:
@@ -213,5 +218,7 @@ def test_a_key_without_a_meaning_is_named(tmp_path: Path) -> None:
 def test_reasons_are_not_given_while_more_follows(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
         feed_all(played(tmp_path, np.zeros((5, 2))), taught)
-        assert taught.update(explains=False).notes == ()
-        assert "5 usable samples" in taught.update().notes[0]
+        _, _, notes = taught.update(explains=False)
+        assert notes == ()
+        _, _, notes = taught.update()
+        assert "5 usable samples" in notes[0]
