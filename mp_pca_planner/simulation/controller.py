@@ -14,7 +14,7 @@ from :mod:`mp_pca_planner.motion.interpolation`, so that the simulation reveals 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -113,8 +113,10 @@ def _to_coefficients(n_derivatives: int) -> FloatArray:
 _CUBIC, _QUINTIC = _to_coefficients(2), _to_coefficients(3)
 
 
-class Splines:
-    """A function of time that interpolates states and holds the last one.
+def splines(
+    times_ns: list[int], values: FloatArray, given: BoolArray
+) -> Callable[[int], FloatArray]:
+    """Interpolate states, and hold the last one.
 
     Parameters
     ----------
@@ -124,25 +126,29 @@ class Splines:
         Positions [rad or m], velocities [/s] and accelerations [/s²]; 0 where none are given.
     given : array of bool, shape (n_points, 3)
         Which of them are given.
+
+    Returns
+    -------
+    sample : callable
+        Returns positions, velocities and accelerations at a time [ns] in a row, shape
+        (3 n_joints,).
     """
+    last: FloatArray = values[-1].ravel()
+    steps = np.diff(np.array(times_ns))
+    lengths = steps.tolist()
+    seconds: FloatArray = steps * 1e-9
+    coefficients = list(_polynomials(seconds, values, given))
 
-    def __init__(self, times_ns: list[int], values: FloatArray, given: BoolArray) -> None:
-        self._times, self.end = times_ns, times_ns[-1]
-        self._last: FloatArray = values[-1].ravel()
-        lengths = np.diff(np.array(self._times))
-        self._lengths = lengths.tolist()
-        seconds: FloatArray = lengths * 1e-9
-        self._coefficients = list(_polynomials(seconds, values, given))
-
-    def sample(self, time_ns: int) -> FloatArray:
-        """Positions, velocities and accelerations in a row, shape (3 n_joints,)."""
-        if time_ns >= self.end:
-            return self._last
-        k = bisect_right(self._times, time_ns) - 1
-        u = (time_ns - self._times[k]) / self._lengths[k]
+    def sample(time_ns: int) -> FloatArray:
+        if time_ns >= times_ns[-1]:
+            return last
+        k = bisect_right(times_ns, time_ns) - 1
+        u = (time_ns - times_ns[k]) / lengths[k]
         u2 = u * u
         powers = np.array((1.0, u, u2, u2 * u, u2 * u2, u2 * u2 * u))
-        return np.asarray(powers @ self._coefficients[k])
+        return np.asarray(powers @ coefficients[k])
+
+    return sample
 
 
 def _polynomials(lengths: FloatArray, values: FloatArray, given: BoolArray) -> FloatArray:
@@ -297,7 +303,8 @@ class TrajectoryController:
         self._new: TrajectoryMessage | None = None
         self._time = self._start = 0
         self.is_active = True
-        self._splines = Splines([0], self._command.reshape(1, 3, n), np.ones((1, 3), dtype=bool))
+        self._end = 0  # time of the last point
+        self._sample = splines([0], self._command.reshape(1, 3, n), np.ones((1, 3), dtype=bool))
 
     def deactivate(self) -> None:
         """Drop the trajectory; the commanded positions stay."""
@@ -359,7 +366,7 @@ class TrajectoryController:
         since_ns : int
             Time since the start of the trajectory by that clock [ns].
         """
-        return self._splines.sample(self._time).reshape(3, -1), self._time - self._start
+        return self._sample(self._time).reshape(3, -1), self._time - self._start
 
     def update(self, now: int, period: int, measured: tuple[FloatArray, FloatArray]) -> FloatArray:
         """Run one cycle.
@@ -387,12 +394,12 @@ class TrajectoryController:
         self._measured = measured[0]
         if message is not None:
             self._adopt(message, now, measured)
-        if self._goal is not None and self._time + period >= self._splines.end:
+        if self._goal is not None and self._time + period >= self._end:
             self._end_goal(SUCCEEDED, "the end was reached")
-            fields = self._splines.sample(self._splines.end).reshape(3, -1).tolist()
+            fields = self._sample(self._end).reshape(3, -1).tolist()
             self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, *fields),))
         # The command is to be reached by the next cycle.
-        self._command = self._splines.sample(self._time + period)
+        self._command = self._sample(self._time + period)
         return self._command
 
     def _adopt(
@@ -413,7 +420,7 @@ class TrajectoryController:
             # The state before has accelerations if the first point has them.
             first = given[:1] | (np.arange(3) == 1)
             given = np.concatenate([first, given])
-        self._splines = Splines(times, values, given)
+        self._end, self._sample = times[-1], splines(times, values, given)
 
     def _in_order(self, message: TrajectoryMessage) -> tuple[FloatArray, BoolArray]:
         """The values of the points by joints of the controller, and which are given."""

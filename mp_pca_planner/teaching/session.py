@@ -11,7 +11,7 @@ import struct
 import threading
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -174,13 +174,8 @@ SessionUpdate = tuple[tuple[Demonstration, ...], int, tuple[str, ...]]
 """What is new in the recording: see :meth:`TeachingSession.update`."""
 
 
-class _Span(NamedTuple):
-    """A row of a table of segments."""
-
-    recording: str
-    start_time: float
-    end_time: float
-    label: str = ""
+_Span = tuple[float, float]
+"""Start and end of a motion in the recording [s]."""
 
 
 class TeachingSession:
@@ -318,8 +313,8 @@ class TeachingSession:
         before = self.motions
         self.motions = tuple(one for one in every if not _is_among(one, self._discarded))
         return (
-            tuple(one for one in self.motions if not _is_among(one, before)),
-            sum(not _is_among(one, self.motions) for one in before),
+            tuple(one for one in self.motions if not _is_among(one, _spans(before))),
+            sum(not _is_among(one, _spans(self.motions)) for one in before),
             self._new_notes(_left_out(clean, len(cuts) - len(whole))),
         )
 
@@ -328,8 +323,8 @@ class TeachingSession:
         if not self.motions:
             return None
         last = self.motions[-1]
-        discarded = [*self._discarded, _Span(self._name, last.start_time, last.end_time)]
-        write_whole(self._discarded_file, segments_table(discarded), overwrite=True)
+        discarded = [*self._discarded, *_spans([last])]
+        self._write(self._discarded_file, discarded)
         self._discarded, self.motions = discarded, self.motions[:-1]
         return last
 
@@ -341,7 +336,12 @@ class TeachingSession:
 
     def write_segments(self) -> None:
         """Write the table of the motions, for `build_primitives --segments`."""
-        write_whole(self.segments, segments_table(self.motions), overwrite=True)
+        self._write(self.segments, _spans(self.motions))
+
+    def _write(self, file: Path, spans: Sequence[_Span]) -> None:
+        """Write a table of motions; those of a session have no labels."""
+        table = segments_table((self._name, start, end, "") for start, end in spans)
+        write_whole(file, table, overwrite=True)
 
     def _take(self) -> None:
         """Slice the messages that have come since the last time."""
@@ -357,7 +357,7 @@ class TeachingSession:
         if not self._discarded_file.exists():
             return []
         rows = read_segments(self._discarded_file, [self._name]).get(self._name, [])
-        return [_Span(self._name, row.start, row.end) for row in rows]
+        return [(row.start, row.end) for row in rows]
 
     def _new_notes(
         self, notes: Sequence[str], ignored: re.Pattern[str] = _NOTHING
@@ -388,10 +388,14 @@ def _left_out(clean: CleanRecording, n_cut_off: int) -> list[str]:
     return [*(text for n, text in counted if n), *notes]
 
 
-def _is_among(motion: Demonstration, others: Sequence[Demonstration | _Span]) -> bool:
-    """Whether one of the others is the same motion: most of the shorter one is common to both."""
+def _spans(motions: Sequence[Demonstration]) -> list[_Span]:
+    return [(motion.start_time, motion.end_time) for motion in motions]
+
+
+def _is_among(motion: Demonstration, spans: Sequence[_Span]) -> bool:
+    """Whether a span is that of the same motion: most of the shorter one is common to both."""
     return any(
-        min(motion.end_time, one.end_time) - max(motion.start_time, one.start_time)
-        > 0.5 * min(motion.end_time - motion.start_time, one.end_time - one.start_time)
-        for one in others
+        min(motion.end_time, end) - max(motion.start_time, start)
+        > 0.5 * min(motion.end_time - motion.start_time, end - start)
+        for start, end in spans
     )
