@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
@@ -33,7 +34,6 @@ from mp_pca_planner.execution.serving.motion_server import (
     GoalStatistics,
     MotionServer,
 )
-from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.execution.tracking.estimation import StatedCommand
 from mp_pca_planner.execution.tracking.following import MotionFollower
 from mp_pca_planner.execution.tracking.measured import MeasuredStates

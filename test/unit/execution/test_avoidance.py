@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from concurrent.futures import CancelledError
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from test_motion_server import GOAL, HALF, START, Node, model
 from worlds import plain_distances
 
 from mp_pca_planner.exceptions import RobotError, WorldError
-from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
