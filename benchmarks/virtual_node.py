@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
@@ -33,7 +34,6 @@ from mp_pca_planner.execution.serving.motion_server import (
     GoalStatistics,
     MotionServer,
 )
-from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.execution.tracking.estimation import StatedCommand
 from mp_pca_planner.execution.tracking.following import MotionFollower
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
@@ -272,17 +272,20 @@ class VirtualNode:
 
     def _state_command(self) -> None:
         """Receive what the controller states of itself in this tick."""
-        state = self.robot.controller_state() if self.has_controller_state else None
-        if state is None or self._ticks % STATE_PERIOD:
+        controller = self.robot.controller
+        is_stated = self.has_controller_state and controller.is_active
+        if not is_stated or self._ticks % STATE_PERIOD:
             return
-        names, reference = self.robot.joint_names, state.reference.copy()
+        names, scaling = self.robot.joint_names, controller.speed_scaling
+        state, since_ns = controller.stated()
+        reference = state.copy()
 
         def read(wanted: Sequence[str]) -> StatedCommand:
             columns = reference[:, [names.index(name) for name in wanted]]
             command = JointState(tuple(wanted), *columns)
-            return StatedCommand(command, 1e-9 * state.since_ns, state.speed_scaling)
+            return StatedCommand(command, 1e-9 * since_ns, scaling)
 
-        self.follower.controller.receive(read, 1e-9 * state.time_ns)
+        self.follower.controller.receive(read, 1e-9 * self.robot.time_ns)
 
     def _measure(self) -> None:
         """Send the joint states of this tick."""

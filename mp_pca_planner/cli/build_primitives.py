@@ -78,7 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report is not None:
         write_whole(arguments.report, page.encode(), overwrite=force)
     if arguments.write_segments is not None:
-        table = segments_table(statistics.motions)
+        table = segments_table(
+            (one.recording, one.start_time, one.end_time, one.label) for one in statistics.motions
+        )
         write_whole(arguments.write_segments, table, overwrite=force)
     _print(arguments, recordings, primitive, output)
     return DONE

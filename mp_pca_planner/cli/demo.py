@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -158,19 +157,13 @@ def run(arguments: argparse.Namespace) -> int:
     return FAILED if failures else DONE
 
 
-@dataclass(frozen=True, eq=False)
-class _Served:
-    """The start of a motion, the node's answer to its goal, and the error at the end [rad]."""
+_Served = tuple[FloatArray, Answer, float]
+"""The start of a motion, the node's answer to its goal, and the error at the end [rad]."""
 
-    start: FloatArray
-    answer: Answer
-    arrival_error: float
 
-    @property
-    def trajectory(self) -> Trajectory | None:
-        """The motion, if there is one."""
-        message = self.answer.trajectory
-        return None if message is None else to_trajectory(message)
+def _motion(answer: Answer) -> Trajectory | None:
+    """The motion of an answer, if there is one."""
+    return None if answer.trajectory is None else to_trajectory(answer.trajectory)
 
 
 def _execute_over_topics(folder: Path, primitive_file: Path) -> list[_Served]:
@@ -204,7 +197,7 @@ def _serve(client: GoalClient, monitor: LiveNode, goal: FloatArray) -> _Served:
     """Send a goal to the arm at rest, and wait until it is there."""
     start = _measured(monitor)[0]
     answer = client.send(JointStateMessage(name=list(JOINT_NAMES), position=goal.tolist()))
-    return _Served(start, answer, _wait_until_at(monitor, goal if answer.trajectory else start))
+    return start, answer, _wait_until_at(monitor, goal if answer.trajectory else start)
 
 
 def _measured(monitor: LiveNode) -> FloatArray:
@@ -229,25 +222,25 @@ def _report(robot: Robot, served: Sequence[_Served]) -> int:
     """Print a table; return the number of goals that failed."""
     limits = robot.limits()
     rows, failures = [], 0
-    for i, goal in enumerate(served, start=1):
-        verdict = _verdict(robot, limits, goal)
-        failures += verdict != _GOOD or not goal.arrival_error < _POSITION_ERROR
-        reported = {name: goal.answer.values.get(name) for name, _, _ in _COLUMNS.values()}
+    for i, (start, answer, error) in enumerate(served, start=1):
+        verdict = _verdict(robot, limits, start, answer)
+        failures += verdict != _GOOD or not error < _POSITION_ERROR
+        reported = {name: answer.values.get(name) for name, _, _ in _COLUMNS.values()}
         values = {name: None if text is None else float(text) for name, text in reported.items()}
-        values |= {"latency": goal.answer.latency, "arrival_error": goal.arrival_error}
+        values |= {"latency": answer.latency, "arrival_error": error}
         rows.append([str(i), *cells(values, _COLUMNS), verdict])
     say(*text_table(rows, header=["goal", *_COLUMNS, "checked on receipt"]).splitlines())
     return failures
 
 
-def _verdict(robot: Robot, limits: JointLimits, goal: _Served) -> str:
+def _verdict(robot: Robot, limits: JointLimits, start: FloatArray, answer: Answer) -> str:
     """Check a received motion independently of its report."""
-    trajectory = goal.trajectory
+    trajectory = _motion(answer)
     if trajectory is None:
-        return str(goal.answer.report.message)
+        return str(answer.report.message)
     # Between this measurement and the planner's, the settling robot moves by some nanometres.
     first = trajectory.positions[0]
-    start = first if np.abs(first - goal.start).max() < _START_ERROR else goal.start
+    start = first if np.abs(first - start).max() < _START_ERROR else start
     try:
         check = check_limits(trajectory, robot, limits)
         check_executable(trajectory, check, JointState(JOINT_NAMES, start))
@@ -266,7 +259,7 @@ def _draw(
     title = "Demonstrations, and mean shape with principal components (±1 standard deviation)"
     with picture(pictures[0], force=True) as figure:
         primitive_figure(figure, primitive, shown, title)
-    planned = [goal.trajectory for goal in served if goal.trajectory is not None]
+    planned = [motion for _, answer, _ in served if (motion := _motion(answer)) is not None]
     if not planned:
         return pictures[:1]
     first = planned[0]

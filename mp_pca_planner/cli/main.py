@@ -272,7 +272,6 @@ def parse(command: str, argv: Sequence[str]) -> argparse.Namespace:
         prog=f"{PROGRAM} {command}",
         description=_TABLE["commands"][command][0]["about"],
         allow_abbrev=False,
-        formatter_class=_HelpFormatter,
     )
     # The usual help is that of a parser without the options for experts.
     is_usual_help = not {"-h", "--help"}.isdisjoint(argv)
@@ -281,6 +280,7 @@ def parse(command: str, argv: Sequence[str]) -> argparse.Namespace:
         # The guard around all commands handles this option. It is added here for the help only.
         parser.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)
     add_options(parser, command, with_experts=not is_usual_help)
+    _state_defaults(parser)
     has_ros_arguments = command == "simulate" and ROS_ARGUMENTS in argv
     cut = argv.index(ROS_ARGUMENTS) if has_ros_arguments else len(argv)
     words = _with_one_goal(argv[:cut]) if command == "sequence" else argv[:cut]
@@ -317,14 +317,12 @@ def _check_options(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None
             )
 
 
-class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
-    """Help formatter that appends default values, unless the help text states them."""
-
-    def _get_help_string(self, action: argparse.Action) -> str | None:
-        has_value = action.default not in (None, False, "") and action.default not in ([], ())
-        if not has_value or "(default:" in (action.help or ""):
-            return action.help
-        return super()._get_help_string(action)
+def _state_defaults(parser: argparse.ArgumentParser) -> None:
+    """Append default values to the help of options, unless their help states them."""
+    for action in parser._actions:
+        has_value = action.default not in (None, False, "", argparse.SUPPRESS, [], ())
+        if has_value and action.help and "(default:" not in action.help:
+            action.help += " (default: %(default)s)"
 
 
 def _with_negative_values(argv: Sequence[str]) -> list[str]:

@@ -17,7 +17,7 @@ from typing import Any
 
 from ..robot.model import Robot
 from ..teaching.dialogue import KEYS, PlayedBag, Record, SessionWords, hold_dialogue
-from ..teaching.session import SessionFiles, TeachingSession
+from ..teaching.session import TeachingSession
 from . import build_primitives
 from .common import check_frame, check_output, report_lines
 from .main import parse
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     with Keys() as keys:
         session, is_finished = _taught(arguments, joints, keys, words)
         if not is_finished:
-            say(f"{session.files.bag} holds the recording; the same command continues it")
+            say(f"{session.recording} holds the recording; the same command continues it")
             return DONE
         status = _build(arguments, session)
         is_live = status == DONE and arguments.play is None
@@ -45,21 +45,22 @@ def _taught(
     arguments: argparse.Namespace, joints: Sequence[str] | None, keys: Keys, words: SessionWords
 ) -> tuple[TeachingSession, bool]:
     """Hold a session until it is left; returns it, and whether to build the primitive."""
-    files = SessionFiles.beside(arguments.output)
+    output = arguments.output
     is_whole = not arguments.joints  # all joints of the robot, also those of a gripper
     if arguments.play is not None:
         played = PlayedBag(arguments.play, arguments.topic)
-        with TeachingSession(files, played.topic, joints, moving_only=is_whole) as session:
+        with TeachingSession(output, played.topic, joints, moving_only=is_whole) as session:
             n_known = played.skip_until(session.joined_from(played.joint_names))
             if n_known:
-                say(f"continued    {files.bag} already holds {n_known} of the messages to play")
+                bag = session.recording
+                say(f"continued    {bag} already holds {n_known} of the messages to play")
             return session, _dialogue(session, keys, words, played.feed)
     from ..ros.live_node import JointStateSource, full_topic_name
 
     topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
-    taught = TeachingSession(files, topic, joints, moving_only=is_whole)
+    taught = TeachingSession(output, topic, joints, moving_only=is_whole)
     with taught as session, JointStateSource(topic) as source:
-        say(f"recording    {topic} into {files.bag}")
+        say(f"recording    {topic} into {session.recording}")
         live = {"pause": source.pause, "silence": source.silence}
         return session, _dialogue(session, keys, words, source.feed, **live)
 
@@ -86,11 +87,11 @@ def _say_now(*lines: str) -> None:
 def _build(arguments: argparse.Namespace, session: TeachingSession) -> int:
     """Build the primitive of the recording and its table of motions."""
     session.write_segments()
-    files, names = session.files, ",".join(session.motions[0].joint_names)
-    options = ["--segments", str(files.segments), "--output", str(arguments.output)]
+    names = ",".join(session.motions[0].joint_names)
+    options = ["--segments", str(session.segments), "--output", str(arguments.output)]
     options += ["--joints", names, *(["--robot", str(arguments.robot)] if arguments.robot else [])]
     options += ["--force"] if arguments.force else []
-    return build_primitives.run(parse("build_primitives", [str(files.bag), *options]))
+    return build_primitives.run(parse("build_primitives", [str(session.recording), *options]))
 
 
 def _try(

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import (
-    GoalError,
     MissingDependencyError,
     PlannerError,
     quote_names,
@@ -29,16 +28,12 @@ from ..planning.objectives import objective_weights
 from ..planning.plan import TIMINGS, PlannerOptions
 
 
-class ParameterError(PlannerError):
-    """A parameter that is unknown or has a value that can't be used."""
-
-
 def locked_positions(text: str) -> dict[str, float]:
     """Read the parameter ``locked_joints``: positions by joint [rad or m].
 
     Raises
     ------
-    ParameterError
+    PlannerError
         If it has another form.
     """
     found: dict[str, float] = {}
@@ -46,7 +41,7 @@ def locked_positions(text: str) -> dict[str, float]:
         name, _, number = (piece.strip() for piece in part.partition("="))
         value = _numbers(number)
         if not name or name in found or len(value) != 1:
-            raise ParameterError(
+            raise PlannerError(
                 f"parameter 'locked_joints': '{part:.80}' is not accepted; expected name=value,… "
                 "with each joint once and finite numbers"
             )
@@ -59,7 +54,7 @@ def fixed_frames(texts: Sequence[str]) -> dict[str, list[float]]:
 
     Raises
     ------
-    ParameterError
+    PlannerError
         If a text has another form.
     """
     found: dict[str, list[float]] = {}
@@ -69,7 +64,7 @@ def fixed_frames(texts: Sequence[str]) -> dict[str, list[float]]:
         values += [0.0, 0.0, 0.0, 1.0] * (len(values) == 3)
         length = math.hypot(*values[3:])
         if not name or name in found or len(values) != 7 or abs(length - 1.0) > 1e-3:
-            raise ParameterError(
+            raise PlannerError(
                 f"parameter 'fixed_frames': '{text:.80}' is not accepted; expected each frame once "
                 "as FRAME: X Y Z, or FRAME: X Y Z QX QY QZ QW with a quaternion of length 1"
             )
@@ -141,9 +136,9 @@ class Declaration:
             return "a list of texts"
         return f"one of {quote_names(self.choices)}" if self.choices else "a text"
 
-    def refusal(self, value: object) -> ParameterError:
+    def refusal(self, value: object) -> PlannerError:
         """The error for a value that is not accepted."""
-        return ParameterError(
+        return PlannerError(
             f"parameter '{self.name}' is {shown(value)}, but it must be {self.accepted}"
         )
 
@@ -163,7 +158,7 @@ class Settings:
 
     Raises
     ------
-    ParameterError
+    PlannerError
         If a text is none of the choices, or trials can't be stored.
     """
 
@@ -345,39 +340,34 @@ class Settings:
             value = getattr(self, declaration.name)
             if declaration.choices and value not in declaration.choices:
                 raise declaration.refusal(value)
-        try:
-            objective_weights(self.objective, "parameter 'objective'")
-        except GoalError as error:
-            raise ParameterError(str(error)) from None
+        objective_weights(self.objective, "parameter 'objective'")
         fixed_frames(self.fixed_frames)
         locked_positions(self.locked_joints)
         # Checked without `collision`, too, which may be set later.
         if self.srdf and not os.path.isfile(self.srdf):
-            raise ParameterError(f"parameter 'srdf': there is no file '{self.srdf:.200}'")
+            raise PlannerError(f"parameter 'srdf': there is no file '{self.srdf:.200}'")
         for folder in filter(None, self.package_dirs):
             if not os.path.isdir(folder):
-                raise ParameterError(
-                    f"parameter 'package_dirs': there is no folder '{folder:.200}'"
-                )
+                raise PlannerError(f"parameter 'package_dirs': there is no folder '{folder:.200}'")
         if self.learn_trials and not self.save_folder:
-            raise ParameterError(
+            raise PlannerError(
                 "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "
                 "'save_folder' to a folder first"
             )
         if self.learn_trials and self.constraints:
-            raise ParameterError(
+            raise PlannerError(
                 "parameters 'learn_trials' and 'constraints' can't be combined: trials would not "
                 "keep the constraints"
             )
         for name in ("controller_state_topic", "controller_action"):
             given = getattr(self, name)
             if given and not re.fullmatch(_ROS_NAME, given, re.ASCII):
-                raise ParameterError(
+                raise PlannerError(
                     f"parameter '{name}' is '{given:.200}', expected a name of ROS such as "
                     "'arm_controller/controller_state'"
                 )
             if given and find_spec("control_msgs") is None:
-                raise ParameterError(
+                raise PlannerError(
                     f"parameter '{name}' is set, but the package control_msgs is not installed: "
                     "install ros-jazzy-control-msgs, or leave the parameter empty"
                 )
@@ -448,12 +438,12 @@ def split_limit_name(name: str) -> tuple[str, str]:
 
     Raises
     ------
-    ParameterError
+    PlannerError
         If the name has another form.
     """
     joint, _, quantity = name.removeprefix(LIMITS_PREFIX).rpartition(".")
     if not joint or quantity not in _LIMIT_QUANTITIES:
-        raise ParameterError(
+        raise PlannerError(
             f"unknown parameter '{name}': expected limits.<joint>.<quantity> with one of the "
             f"quantities {quote_names(_LIMIT_QUANTITIES)}"
         )
@@ -465,14 +455,14 @@ def check_limit_names(names: Iterable[str], joint_names: Sequence[str]) -> None:
 
     Raises
     ------
-    ParameterError
+    PlannerError
         If a name that starts with ``limits.`` doesn't name one of the joints and a quantity.
     """
     for name in names:
         if name.startswith(LIMITS_PREFIX):
             joint, _ = split_limit_name(name)
             if joint not in joint_names:
-                raise ParameterError(
+                raise PlannerError(
                     f"parameter '{name}' can't be used: "
                     f"{unknown_name('joint of the primitives', joint, joint_names)}"
                 )

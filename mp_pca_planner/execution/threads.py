@@ -7,6 +7,7 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import Any, Generic, TypeVar
 
@@ -59,10 +60,6 @@ def _busy(wait: float) -> BusyError:
 T = TypeVar("T")
 
 IsCancelled = Callable[[], bool]
-
-
-class CancelledError(Exception):
-    """Work was aborted because its result is no longer needed."""
 
 
 class PreemptiveWorker(Generic[T]):

@@ -13,7 +13,6 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -401,14 +400,13 @@ def _seconds(text: str | None, column: str, where: str) -> float:
     return value
 
 
-def segments_table(motions: Iterable[Any]) -> bytes:
+def segments_table(motions: Iterable[tuple[str, float, float, str]]) -> bytes:
     """Write a table of motions that :func:`read_segments` reads and people can edit.
 
     Parameters
     ----------
     motions :
-        The motions, in the order of the rows, with `recording`, `start_time`, `end_time` [s] and
-        `label`; demonstrations, for example.
+        The recording, start [s], end [s] and label of each motion, in the order of the rows.
 
     Raises
     ------
@@ -420,7 +418,7 @@ def segments_table(motions: Iterable[Any]) -> bytes:
     writer.writerow([*COLUMNS, "label"])
     # Samples are 5 ms apart or more, so a microsecond finds the same ones again.
     writer.writerows(
-        [m.recording, f"{m.start_time:.6f}", f"{m.end_time:.6f}", m.label] for m in motions
+        [recording, f"{start:.6f}", f"{end:.6f}", label] for recording, start, end, label in motions
     )
     try:
         return text.getvalue().encode()

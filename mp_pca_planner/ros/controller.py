@@ -19,7 +19,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError
 from ..execution.parameters import Settings
-from ..execution.serving.execution import ACCEPTED, ControllerAnswer
+from ..execution.serving.execution import ACCEPTED, MotionOutcome
 from ..execution.threads import TimedLock
 from ..execution.tracking.estimation import StatedCommand
 from ..files import reading
@@ -52,7 +52,7 @@ _CODES = {
     -5: "GOAL_TOLERANCE_VIOLATED",
 }
 
-Hear = Callable[[Trajectory, ControllerAnswer], bool]
+Hear = Callable[[Trajectory, str, MotionOutcome | None], bool]
 
 
 def to_command(content: bytes, joint_names: Sequence[str]) -> StatedCommand:
@@ -91,8 +91,8 @@ class ControllerAction:
     node : GuardedNode
         The node.
     hear : callable
-        Takes a trajectory that was sent and the answer to it; returns whether it is the stop that
-        was sent last.
+        Takes a trajectory that was sent, the answer to it, and how it failed, if it did; returns
+        whether it is the stop that was sent last. See `MotionMonitor.hear`.
     """
 
     answer_time = 0.3
@@ -186,24 +186,23 @@ class ControllerAction:
         if waiting is None or time.monotonic() - waiting[1] < self.answer_time:
             return
         # A goal may still be answered; a robot that is to stop does not wait for that.
-        self._cancel_before(waiting[0], ControllerAnswer(""))
+        self._cancel_before(waiting[0], "", None)
 
     def _on_answer(self, sent: Trajectory, future: Any) -> None:
         handle = future.result()
         if not handle.accepted:
-            rejected = ControllerAnswer("rejected the goal", is_accepted=False, is_good=False)
-            self._cancel_before(sent, rejected)
+            self._cancel_before(sent, "rejected the goal", MotionOutcome.NEVER_STARTED)
             return
         with self._lock:
             if self._newest is sent:
                 self._waiting, self._running = None, handle
-        self._hear(sent, ControllerAnswer(ACCEPTED))
+        self._hear(sent, ACCEPTED, None)
         result = handle.get_result_async()
         result.add_done_callback(self._node.guarded(partial(self._on_result, sent, handle)))
 
-    def _cancel_before(self, sent: Trajectory, answer: ControllerAnswer) -> None:
+    def _cancel_before(self, sent: Trajectory, text: str, failure: MotionOutcome | None) -> None:
         """Hear that a goal is not executed; cancel the one before if it was a stop."""
-        is_stop = self._hear(sent, answer)
+        is_stop = self._hear(sent, text, failure)
         with self._lock:
             waiting = self._waiting
             if waiting is None or waiting[0] is not sent:
@@ -220,5 +219,6 @@ class ControllerAction:
         code = f"{result.error_code} ({_CODES.get(result.error_code, 'unknown')})"
         end = {_SUCCEEDED: "ended", _CANCELED: "cancelled"}.get(status, "aborted")
         text = to_text(f"{end} the goal with code {code}: {result.error_string or 'no text'}")
+        failure = None if status == _SUCCEEDED else MotionOutcome.NOT_FOLLOWED
         with suppress(Exception):  # the node may be ending
-            self._hear(sent, ControllerAnswer(text, is_good=status == _SUCCEEDED))
+            self._hear(sent, text, failure)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -33,7 +34,7 @@ from ..execution.serving.motion_server import (
     MotionServer,
     UnexecutablePlanError,
 )
-from ..execution.threads import CancelledError, IsCancelled, PreemptiveWorker
+from ..execution.threads import IsCancelled, PreemptiveWorker
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal

@@ -16,8 +16,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, RobotError
-from ..execution.parameters import ParameterError
+from ..exceptions import GoalError, PlannerError, RobotError
 from ..execution.serving.execution import MotionOutcome, Served
 from ..execution.threads import TimedLock
 from ..motion.trajectory import Trajectory
@@ -112,7 +111,7 @@ class LastMotion:
             If there is no folder or no motion, or the motion can't be saved.
         """
         if not folder:
-            raise ParameterError(
+            raise PlannerError(
                 "motions can't be saved: set the parameter 'save_folder' to a folder"
             )
         # Imported late, because SciPy's optimisers are slow to import.

@@ -18,8 +18,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from ..exceptions import quote_names
-from ..execution.parameters import ParameterError
+from ..exceptions import PlannerError, quote_names
 from ..execution.serving.assembly import unknown_positions
 from ..execution.serving.execution import ExecutionReport
 from ..execution.serving.motion_monitor import MotionMonitor
@@ -65,7 +64,7 @@ class PlannerNode(GuardedNode):
             super().__init__(NODE_NAME, allow_undeclared_parameters=True)
         except RuntimeError as error:  # where DDS security lacks files, or support, for example
             reason = str(error).splitlines()[0]
-            raise ParameterError(f"ROS refuses the node: {reason}") from error
+            raise PlannerError(f"ROS refuses the node: {reason}") from error
         self._statistics = GoalStatistics()
         self._clocks, self._failures = (True, False), SimpleQueue[str]()
         self._states = RobotStates(self)

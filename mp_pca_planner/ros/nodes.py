@@ -27,7 +27,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from ..exceptions import PlannerError, printable
-from ..execution.parameters import ParameterError
 from ..files import reading
 from .messages import to_text
 from .serialised import read_message
@@ -160,7 +159,7 @@ def start_ros(arguments: Sequence[str]) -> None:
 
     Raises
     ------
-    ParameterError
+    PlannerError
         If the arguments are rejected.
     """
     try:
@@ -168,7 +167,7 @@ def start_ros(arguments: Sequence[str]) -> None:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         reason = str(error).splitlines()[0]
-        raise ParameterError(f"the arguments after --ros-args are rejected: {reason}") from error
+        raise PlannerError(f"the arguments after --ros-args are rejected: {reason}") from error
 
 
 def spin_until(stop: threading.Event, node: Node, pause: Callable[[], float]) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
@@ -25,7 +26,7 @@ from ..exceptions import GoalError, PlannerError, WorldError
 from ..execution.parameters import fixed_frames
 from ..execution.serving.assembly import Model
 from ..execution.serving.surroundings import Poses, Surroundings, foreign_poses, is_same, placed
-from ..execution.threads import CancelledError, IsCancelled
+from ..execution.threads import IsCancelled
 from ..motion.collision import package_folders
 from ..robot.world import Obstacle, World
 from .messages import to_text

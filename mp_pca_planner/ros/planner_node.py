@@ -94,10 +94,9 @@ def _shortage() -> str:
 def _run(
     arguments: list[str], unknown: Sequence[str], is_managed: bool, stop: threading.Event
 ) -> None:
-    from ..execution.parameters import ParameterError
 
     if unknown:
-        raise ParameterError(
+        raise PlannerError(
             f"unknown argument '{unknown[0]}': pass node arguments after {_ROS_ARGUMENTS}"
         )
     try:

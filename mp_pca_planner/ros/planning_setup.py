@@ -15,12 +15,11 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ..exceptions import GoalError, quote_names, unknown_name
+from ..exceptions import GoalError, PlannerError, quote_names, unknown_name
 from ..execution.parameters import (
     DECLARATIONS,
     LIMITS_PREFIX,
     Declaration,
-    ParameterError,
     Settings,
     check_limit_names,
     limit_declarations,
@@ -52,7 +51,7 @@ class NodeParameters:
 
     Raises
     ------
-    ParameterError
+    PlannerError
         If a given value is not accepted.
     """
 
@@ -76,7 +75,7 @@ class NodeParameters:
 
         Raises
         ------
-        ParameterError
+        PlannerError
             If limits are given for other joints, or are out of range.
         """
         if joint_names:
@@ -92,13 +91,13 @@ class NodeParameters:
                 self._node.undeclare_parameter(name)
 
     def check_names(self, names: Sequence[str], joint_names: Sequence[str]) -> None:
-        """Raise a `ParameterError` if one of the names is unknown."""
+        """Raise a `PlannerError` if one of the names is unknown."""
         if joint_names:
             check_limit_names(names, joint_names)
         for name in names:
             if not self._node.has_parameter(name) and not name.startswith(_NAMES_OF_ROS):
                 valid = self._node.get_parameters_by_prefix("")
-                raise ParameterError(unknown_name("parameter", name, valid))
+                raise PlannerError(unknown_name("parameter", name, valid))
 
     def unknown(self) -> list[str]:
         """Describe the given parameters that are unknown; a file may serve several nodes."""
@@ -337,7 +336,7 @@ class PlanningSetup:
 
 
 def _check_description(settings: Settings, joint_names: tuple[str, ...] = ()) -> None:
-    """Raise a `ParameterError` if no robot can be made of the parameter, even if unused."""
+    """Raise a `PlannerError` if no robot can be made of the parameter, even if unused."""
     if settings.robot_description:
         source = "parameter 'robot_description'"
         Robot(settings.robot_description, joint_names or None, source=source)

@@ -14,7 +14,7 @@ import struct
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -45,11 +45,8 @@ def read_message(content: bytes, message_type: Any) -> Any:
     return deserialize_message(content, message_type)
 
 
-class _Part(NamedTuple):
-    """Numbers of the same size in a message, or a sequence of items that have parts."""
-
-    size: int
-    items: tuple[_Part, ...] = ()
+# Numbers of a size [bytes] in a message; or the length of a sequence, with the parts of its items.
+_Part = tuple[int, tuple["_Part", ...]]
 
 
 _ORDERS = {b"\0\0": ">", b"\0\1": "<"}  # of bytes, by the start of a message in CDR
@@ -61,18 +58,18 @@ _SIZES |= {"int64": 8, "uint64": 8, "double": 8}
 @lru_cache
 def _layout(message_type: Any) -> tuple[_Part, ...]:
     """The parts of a message; one without fields has a byte."""
-    return tuple(part for kind in message_type.SLOT_TYPES for part in _parts(kind)) or (_Part(1),)
+    return tuple(part for kind in message_type.SLOT_TYPES for part in _parts(kind)) or ((1, ()),)
 
 
 def _parts(kind: Any) -> tuple[_Part, ...]:
     if isinstance(kind, BasicType):
-        return (_Part(_SIZES.get(kind.typename, 1)),)
+        return ((_SIZES.get(kind.typename, 1), ()),)
     if isinstance(kind, Array):
         return kind.size * _parts(kind.value_type)
     if isinstance(kind, AbstractString):
-        return (_Part(_LENGTH, (_Part(1),)),)
+        return ((_LENGTH, ((1, ()),)),)
     if isinstance(kind, AbstractSequence):
-        return (_Part(_LENGTH, _parts(kind.value_type)),)
+        return ((_LENGTH, _parts(kind.value_type)),)
     if isinstance(kind, NamespacedType):
         return _layout(getattr(import_module(".".join(kind.namespaces)), kind.name))
     raise TypeError(f"messages with {kind!r} are not received")
@@ -103,9 +100,10 @@ class CdrReader:
             if not items:
                 self._pass(size, 1)
                 continue
-            n = self.count(sum(item.size for item in items))
-            if len(items) == 1 and not items[0].items:
-                self._pass(items[0].size, n)
+            n = self.count(sum(least for least, _ in items))
+            (first, inner), *others = items
+            if not (inner or others):
+                self._pass(first, n)
                 continue
             for _ in range(n):
                 self.skip(items)

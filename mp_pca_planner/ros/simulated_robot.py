@@ -21,9 +21,8 @@ from ..exceptions import PlannerError
 from ..recordings.joint_states import NS_PER_S
 from ..simulation.controller import (
     CANCELED,
+    RESULT_CODES,
     SUCCEEDED,
-    ControllerState,
-    GoalResult,
     TrajectoryMessage,
     TrajectoryPoint,
 )
@@ -57,30 +56,33 @@ def to_controller_message(message: JointTrajectory) -> TrajectoryMessage:
 
 
 def to_state_message(
-    state: ControllerState, joint_names: Sequence[str], measured: Sequence[float]
+    robot: SimulatedRobot, measured: Sequence[float]
 ) -> JointTrajectoryControllerState:
-    """What a controller publishes of itself."""
+    """What the controller of a robot at measured positions publishes of itself."""
+    reference, since_ns = robot.controller.stated()
     message = JointTrajectoryControllerState(
-        joint_names=joint_names, speed_scaling_factor=state.speed_scaling
+        joint_names=robot.joint_names, speed_scaling_factor=robot.controller.speed_scaling
     )
     stamp = message.header.stamp
-    stamp.sec, stamp.nanosec = divmod(state.time_ns, NS_PER_S)
-    positions, velocities, accelerations = state.reference.tolist()
+    stamp.sec, stamp.nanosec = divmod(robot.time_ns, NS_PER_S)
+    positions, velocities, accelerations = reference.tolist()
     message.reference = JointTrajectoryPoint(
         positions=positions, velocities=velocities, accelerations=accelerations
     )
     since = message.reference.time_from_start
-    since.sec, since.nanosec = divmod(state.since_ns, NS_PER_S)
+    since.sec, since.nanosec = divmod(since_ns, NS_PER_S)
     message.feedback.positions = list(measured)
     pairs = zip(positions, measured, strict=True)
     message.error.positions = [wanted - found for wanted, found in pairs]
     return message
 
 
-def _send_result(result: GoalResult, handle: ServerGoalHandle) -> FollowJointTrajectory.Result:
-    end = {SUCCEEDED: handle.succeed, CANCELED: handle.canceled}.get(result.outcome, handle.abort)
+def _send_result(
+    outcome: str, message: str, handle: ServerGoalHandle
+) -> FollowJointTrajectory.Result:
+    end = {SUCCEEDED: handle.succeed, CANCELED: handle.canceled}.get(outcome, handle.abort)
     end()
-    return FollowJointTrajectory.Result(error_code=result.code, error_string=result.message)
+    return FollowJointTrajectory.Result(error_code=RESULT_CODES[outcome], error_string=message)
 
 
 class SimulatedRobotNode(Node):
@@ -183,9 +185,9 @@ class SimulatedRobotNode(Node):
         """Send the results of the goals that have ended."""
         results = self._robot.controller.results[self._n_results :]
         self._n_results += len(results)
-        for result in results:
+        for goal, outcome, message in results:
             # Goals of rclpy run in a task of their own; here, it only sends what is known.
-            self._goals.pop(result.goal).execute(partial(_send_result, result))
+            self._goals.pop(goal).execute(partial(_send_result, outcome, message))
 
     def _publish(self) -> None:
         robot = self._robot
@@ -195,9 +197,8 @@ class SimulatedRobotNode(Node):
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self._published, NS_PER_S)
         self._states.publish(message)
-        state = robot.controller_state()
-        if HAS_CONTROL_MSGS and state is not None:
-            self._controller.publish(to_state_message(state, robot.joint_names, q.tolist()))
+        if HAS_CONTROL_MSGS and robot.controller.is_active:
+            self._controller.publish(to_state_message(robot, q.tolist()))
 
     def _on_trajectory(self, message: JointTrajectory, facts: dict[str, int]) -> None:
         self.advance()

@@ -14,7 +14,7 @@ from :mod:`mp_pca_planner.motion.interpolation`, so that the simulation reveals 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -113,8 +113,10 @@ def _to_coefficients(n_derivatives: int) -> FloatArray:
 _CUBIC, _QUINTIC = _to_coefficients(2), _to_coefficients(3)
 
 
-class Splines:
-    """A function of time that interpolates states and holds the last one.
+def splines(
+    times_ns: list[int], values: FloatArray, given: BoolArray
+) -> Callable[[int], FloatArray]:
+    """Interpolate states, and hold the last one.
 
     Parameters
     ----------
@@ -124,25 +126,29 @@ class Splines:
         Positions [rad or m], velocities [/s] and accelerations [/s²]; 0 where none are given.
     given : array of bool, shape (n_points, 3)
         Which of them are given.
+
+    Returns
+    -------
+    sample : callable
+        Returns positions, velocities and accelerations at a time [ns] in a row, shape
+        (3 n_joints,).
     """
+    last: FloatArray = values[-1].ravel()
+    steps = np.diff(np.array(times_ns))
+    lengths = steps.tolist()
+    seconds: FloatArray = steps * 1e-9
+    coefficients = list(_polynomials(seconds, values, given))
 
-    def __init__(self, times_ns: list[int], values: FloatArray, given: BoolArray) -> None:
-        self._times, self.end = times_ns, times_ns[-1]
-        self._last: FloatArray = values[-1].ravel()
-        lengths = np.diff(np.array(self._times))
-        self._lengths = lengths.tolist()
-        seconds: FloatArray = lengths * 1e-9
-        self._coefficients = list(_polynomials(seconds, values, given))
-
-    def sample(self, time_ns: int) -> FloatArray:
-        """Positions, velocities and accelerations in a row, shape (3 n_joints,)."""
-        if time_ns >= self.end:
-            return self._last
-        k = bisect_right(self._times, time_ns) - 1
-        u = (time_ns - self._times[k]) / self._lengths[k]
+    def sample(time_ns: int) -> FloatArray:
+        if time_ns >= times_ns[-1]:
+            return last
+        k = bisect_right(times_ns, time_ns) - 1
+        u = (time_ns - times_ns[k]) / lengths[k]
         u2 = u * u
         powers = np.array((1.0, u, u2, u2 * u, u2 * u2, u2 * u2 * u))
-        return np.asarray(powers @ self._coefficients[k])
+        return np.asarray(powers @ coefficients[k])
+
+    return sample
 
 
 def _polynomials(lengths: FloatArray, values: FloatArray, given: BoolArray) -> FloatArray:
@@ -169,54 +175,10 @@ def _polynomials(lengths: FloatArray, values: FloatArray, given: BoolArray) -> F
     return np.asarray(result.reshape(n_segments, 6, 3 * n_joints))
 
 
-SUCCESSFUL, INVALID_GOAL = 0, -1
-
 SUCCEEDED, ABORTED, CANCELED = "succeeded", "aborted", "canceled"
 
-
-@dataclass(frozen=True)
-class GoalResult:
-    """How a goal of the action ended.
-
-    Attributes
-    ----------
-    goal : object
-        Identifies the goal.
-    outcome : {'succeeded', 'aborted', 'canceled'}
-        The outcome.
-    code : int
-        The code of the action's result.
-    message : str
-        The text of the action's result.
-    """
-
-    goal: Hashable
-    outcome: str
-    code: int
-    message: str
-
-
-@dataclass(frozen=True, eq=False)
-class ControllerState:
-    """What the controller states of itself in every cycle.
-
-    Attributes
-    ----------
-    time_ns : int
-        Time of the cycle [ns].
-    reference : array, shape (3, n_joints)
-        State of the trajectory in this cycle: positions, velocities and accelerations by its own
-        clock. The command leads it by one cycle.
-    since_ns : int
-        Time since the start of the trajectory by its own clock [ns].
-    speed_scaling : float
-        Speed of that clock.
-    """
-
-    time_ns: int
-    reference: FloatArray
-    since_ns: int
-    speed_scaling: float
+RESULT_CODES = {SUCCEEDED: 0, ABORTED: -1, CANCELED: 0}
+"""The code of the action's result by the outcome of a goal: SUCCESSFUL or INVALID_GOAL."""
 
 
 def rejection(message: TrajectoryMessage, joint_names: Sequence[str], now_ns: int) -> str | None:
@@ -312,8 +274,9 @@ class TrajectoryController:
         Time for which commands have advanced along trajectories [ns].
     is_active : bool
         Whether commands follow messages.
-    results : list of GoalResult
-        How goals of the action ended, the newest last.
+    results : list of (object, str, str)
+        What identifies each goal of the action that ended, its outcome, a key of `RESULT_CODES`,
+        and the text of the action's result; the newest last.
     """
 
     def __init__(
@@ -327,20 +290,21 @@ class TrajectoryController:
         self._command = np.concatenate([positions, np.zeros(2 * len(self._names))])
         self.speed_scaling = 1.0
         self.clock_ns = 0
-        self.results: list[GoalResult] = []
+        self.results: list[tuple[Hashable, str, str]] = []
         self._goal: Hashable | None = None
         self._measured = positions
         self.activate()
 
     def activate(self) -> None:
         """Start, as on activation: the commanded positions are held."""
-        self._end_goal(ABORTED, INVALID_GOAL, "the controller was deactivated")
+        self._end_goal(ABORTED, "the controller was deactivated")
         n = len(self._names)
         self._command = np.concatenate([self._command[:n], np.zeros(2 * n)])
         self._new: TrajectoryMessage | None = None
         self._time = self._start = 0
         self.is_active = True
-        self._splines = Splines([0], self._command.reshape(1, 3, n), np.ones((1, 3), dtype=bool))
+        self._end = 0  # time of the last point
+        self._sample = splines([0], self._command.reshape(1, 3, n), np.ones((1, 3), dtype=bool))
 
     def deactivate(self) -> None:
         """Drop the trajectory; the commanded positions stay."""
@@ -371,10 +335,10 @@ class TrajectoryController:
         if reason is None:
             self._new = message
         if goal is not None and reason is None:
-            self._end_goal(ABORTED, INVALID_GOAL, "another goal has replaced this one")
+            self._end_goal(ABORTED, "another goal has replaced this one")
             self._goal = goal
         elif goal is not None:
-            self.results.append(GoalResult(goal, ABORTED, INVALID_GOAL, str(reason)))
+            self.results.append((goal, ABORTED, str(reason)))
         return reason
 
     def rejection(self, message: TrajectoryMessage, now: int) -> str | None:
@@ -386,15 +350,23 @@ class TrajectoryController:
         """Cancel a goal of the action, and hold the measured position if it is the running one."""
         is_running = self._goal is not None and goal == self._goal
         if is_running:
-            self._end_goal(CANCELED, SUCCESSFUL, "")
+            self._end_goal(CANCELED, "")
             held = TrajectoryPoint(0, tuple(self._measured.tolist()))
             self._new = TrajectoryMessage(self._names, (held,))
         return is_running
 
-    def state(self, now: int) -> ControllerState:
-        """What it states of itself in a cycle, whose time is given [ns]."""
-        reference = self._splines.sample(self._time).reshape(3, -1)
-        return ControllerState(now, reference, self._time - self._start, self.speed_scaling)
+    def stated(self) -> tuple[FloatArray, int]:
+        """What it states of itself in this cycle.
+
+        Returns
+        -------
+        reference : array, shape (3, n_joints)
+            State of the trajectory: positions, velocities and accelerations by its own clock, whose
+            speed is `speed_scaling`. The command leads it by one cycle.
+        since_ns : int
+            Time since the start of the trajectory by that clock [ns].
+        """
+        return self._sample(self._time).reshape(3, -1), self._time - self._start
 
     def update(self, now: int, period: int, measured: tuple[FloatArray, FloatArray]) -> FloatArray:
         """Run one cycle.
@@ -422,12 +394,12 @@ class TrajectoryController:
         self._measured = measured[0]
         if message is not None:
             self._adopt(message, now, measured)
-        if self._goal is not None and self._time + period >= self._splines.end:
-            self._end_goal(SUCCEEDED, SUCCESSFUL, "the end was reached")
-            fields = self._splines.sample(self._splines.end).reshape(3, -1).tolist()
+        if self._goal is not None and self._time + period >= self._end:
+            self._end_goal(SUCCEEDED, "the end was reached")
+            fields = self._sample(self._end).reshape(3, -1).tolist()
             self._new = TrajectoryMessage(self._names, (TrajectoryPoint(0, *fields),))
         # The command is to be reached by the next cycle.
-        self._command = self._splines.sample(self._time + period)
+        self._command = self._sample(self._time + period)
         return self._command
 
     def _adopt(
@@ -448,7 +420,7 @@ class TrajectoryController:
             # The state before has accelerations if the first point has them.
             first = given[:1] | (np.arange(3) == 1)
             given = np.concatenate([first, given])
-        self._splines = Splines(times, values, given)
+        self._end, self._sample = times[-1], splines(times, values, given)
 
     def _in_order(self, message: TrajectoryMessage) -> tuple[FloatArray, BoolArray]:
         """The values of the points by joints of the controller, and which are given."""
@@ -461,7 +433,7 @@ class TrajectoryController:
         index = [message.joint_names.index(name) for name in self._names]
         return values[:, :, index], given
 
-    def _end_goal(self, outcome: str, code: int, message: str) -> None:
+    def _end_goal(self, outcome: str, message: str) -> None:
         goal, self._goal = self._goal, None
         if goal is not None:
-            self.results.append(GoalResult(goal, outcome, code, message))
+            self.results.append((goal, outcome, message))

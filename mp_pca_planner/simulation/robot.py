@@ -22,7 +22,7 @@ from ..exceptions import PlannerError, require, shown, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
-from .controller import ControllerState, TrajectoryController, TrajectoryMessage, to_message
+from .controller import TrajectoryController, TrajectoryMessage, to_message
 
 PERIOD = 1e-3
 """Time of one step [s]."""
@@ -441,10 +441,6 @@ class SimulatedRobot:
         if is_running:
             self.record.cuts += [len(self.record), len(self.record) + 1]
         return is_running
-
-    def controller_state(self) -> ControllerState | None:
-        """What the controller stated of itself in the last cycle; None while it is inactive."""
-        return self.controller.state(self.time_ns) if self.controller.is_active else None
 
     def step(self) -> None:
         """Advance by 1 ms."""

@@ -333,14 +333,15 @@ class SessionWords:
         self, update: SessionUpdate, motions: Sequence[Demonstration]
     ) -> Iterator[str]:
         """What an update of a session with these motions says."""
-        for note in update.notes:
+        found, n_lost, notes = update
+        for note in notes:
             yield f"left out: {note}" if motions else f"no motion yet: {note}"
-        if update.n_lost:
-            yield f"{update.n_lost} earlier motions now have other cuts"
-        for motion in update.found:
+        if n_lost:
+            yield f"{n_lost} earlier motions now have other cuts"
+        for motion in found:
             number = motions.index(motion) + 1
             yield f"motion {number}: {motion.duration:.2f} s, {self._length(motion)}, accepted"
-        if update.found:
+        if found:
             yield from self.learned_lines(motions)
 
     def learned_lines(self, motions: Sequence[Demonstration]) -> Iterator[str]:

@@ -10,9 +10,8 @@ import re
 import struct
 import threading
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -171,54 +170,12 @@ def _scan(content: Buffer) -> tuple[str | None, int]:
 _NOTHING = re.compile(r"(?!)")  # never matches
 
 
-class SessionFiles(NamedTuple):
-    """Files of a session beside the primitive that it teaches.
-
-    Attributes
-    ----------
-    bag : Path
-        The recording.
-    segments, discarded : Path
-        Tables of the motions that are used, and of those that a person discarded.
-    """
-
-    bag: Path
-    segments: Path
-    discarded: Path
-
-    @classmethod
-    def beside(cls, output: Path) -> SessionFiles:
-        """The files beside a primitive file."""
-        names = (".mcap", "_segments.csv", "_discarded.csv")
-        return cls(*(output.with_name(output.stem + name) for name in names))
+SessionUpdate = tuple[tuple[Demonstration, ...], int, tuple[str, ...]]
+"""What is new in the recording: see :meth:`TeachingSession.update`."""
 
 
-@dataclass(frozen=True, eq=False)
-class SessionUpdate:
-    """What is new in the recording.
-
-    Attributes
-    ----------
-    found : tuple of Demonstration
-        Motions that were not there at the update before.
-    n_lost : int
-        Number of motions that were, and are no longer cut in this way.
-    notes : tuple of str
-        What is left out and why, one sentence each.
-    """
-
-    found: tuple[Demonstration, ...] = ()
-    n_lost: int = 0
-    notes: tuple[str, ...] = ()
-
-
-class _Span(NamedTuple):
-    """A row of a table of segments."""
-
-    recording: str
-    start_time: float
-    end_time: float
-    label: str = ""
+_Span = tuple[float, float]
+"""Start and end of a motion in the recording [s]."""
 
 
 class TeachingSession:
@@ -229,8 +186,9 @@ class TeachingSession:
 
     Parameters
     ----------
-    files : SessionFiles
-        The files; existing ones are continued.
+    output : Path
+        File of the primitive that it teaches, beside which its own files are; existing ones are
+        continued.
     topic : str
         Topic of the joint states.
     joints : sequence of str or None
@@ -240,6 +198,8 @@ class TeachingSession:
 
     Attributes
     ----------
+    recording, segments : Path
+        The recording, and the table of the motions that are used.
     motions : tuple of Demonstration
         The motions up to the last rest, without those that were discarded.
     present : array, shape (n_joints,), or None
@@ -253,21 +213,25 @@ class TeachingSession:
 
     def __init__(
         self,
-        files: SessionFiles,
+        output: Path,
         topic: str,
         joints: Sequence[str] | None,
         *,
         moving_only: bool = False,
     ) -> None:
-        self.files, self._joints, self._moving_only = files, joints, moving_only
+        self.recording, self.segments, self._discarded_file = (
+            output.with_name(output.stem + end)
+            for end in (".mcap", "_segments.csv", "_discarded.csv")
+        )
+        self._joints, self._moving_only = joints, moving_only
         self.motions: tuple[Demonstration, ...] = ()
         self.present: FloatArray | None = None
-        self._name, self._notes = files.bag.stem, set[str]()
+        self._name, self._notes = output.stem, set[str]()
         self._lock = threading.Lock()
         self._waiting: list[tuple[int, bytes]] = []
-        self._bag = GrowingBag(files.bag, topic)
+        self._bag = GrowingBag(self.recording, topic)
         try:
-            with open_bag(files.bag) as bag:
+            with open_bag(self.recording) as bag:
                 self._raw = bag.joint_states(topic)
             self._discarded = self._read_discarded()
         except BaseException:
@@ -290,7 +254,7 @@ class TeachingSession:
         known = self._raw.listed_joints
         if known and not set(known) & set(names):
             raise RecordingError(
-                f"'{self.files.bag}' is of the joints {quote_names(known)}, not of "
+                f"'{self.recording}' is of the joints {quote_names(known)}, not of "
                 f"{quote_names(names)}: give another --output for another robot"
             )
         return int(self._raw.receive_stamps.max(initial=0))
@@ -323,6 +287,15 @@ class TeachingSession:
             its last motions may still be cut in another way.
         explains : bool
             Whether to say why a recording holds no motion.
+
+        Returns
+        -------
+        found : tuple of Demonstration
+            Motions that were not there at the update before.
+        n_lost : int
+            Number of motions that were, and are no longer cut in this way.
+        notes : tuple of str
+            What is left out and why, one sentence each.
         """
         self._take()
         try:
@@ -331,17 +304,17 @@ class TeachingSession:
             )
         except RecordingError as error:
             reasons = [str(error)] if explains and (self.n_messages or is_over) else []
-            return SessionUpdate(notes=self._new_notes(reasons, re.compile(r"\d\S*")))
+            return (), 0, self._new_notes(reasons, re.compile(r"\d\S*"))
         if not is_over and not _is_at_rest(cuts, clean):
-            return SessionUpdate()
+            return (), 0, ()
         self.present = clean.pieces[-1].positions[-1]
         whole = [cut for cut in cuts if not cut.is_cut_off]
         every = [cut.demonstration(clean.joint_names, self._name, "") for cut in whole]
         before = self.motions
         self.motions = tuple(one for one in every if not _is_among(one, self._discarded))
-        return SessionUpdate(
-            tuple(one for one in self.motions if not _is_among(one, before)),
-            sum(not _is_among(one, self.motions) for one in before),
+        return (
+            tuple(one for one in self.motions if not _is_among(one, _spans(before))),
+            sum(not _is_among(one, _spans(self.motions)) for one in before),
             self._new_notes(_left_out(clean, len(cuts) - len(whole))),
         )
 
@@ -350,8 +323,8 @@ class TeachingSession:
         if not self.motions:
             return None
         last = self.motions[-1]
-        discarded = [*self._discarded, _Span(self._name, last.start_time, last.end_time)]
-        write_whole(self.files.discarded, segments_table(discarded), overwrite=True)
+        discarded = [*self._discarded, *_spans([last])]
+        self._write(self._discarded_file, discarded)
         self._discarded, self.motions = discarded, self.motions[:-1]
         return last
 
@@ -363,7 +336,12 @@ class TeachingSession:
 
     def write_segments(self) -> None:
         """Write the table of the motions, for `build_primitives --segments`."""
-        write_whole(self.files.segments, segments_table(self.motions), overwrite=True)
+        self._write(self.segments, _spans(self.motions))
+
+    def _write(self, file: Path, spans: Sequence[_Span]) -> None:
+        """Write a table of motions; those of a session have no labels."""
+        table = segments_table((self._name, start, end, "") for start, end in spans)
+        write_whole(file, table, overwrite=True)
 
     def _take(self) -> None:
         """Slice the messages that have come since the last time."""
@@ -376,10 +354,10 @@ class TeachingSession:
             self._raw = joined(self._raw, part)
 
     def _read_discarded(self) -> list[_Span]:
-        if not self.files.discarded.exists():
+        if not self._discarded_file.exists():
             return []
-        rows = read_segments(self.files.discarded, [self._name]).get(self._name, [])
-        return [_Span(self._name, row.start, row.end) for row in rows]
+        rows = read_segments(self._discarded_file, [self._name]).get(self._name, [])
+        return [(row.start, row.end) for row in rows]
 
     def _new_notes(
         self, notes: Sequence[str], ignored: re.Pattern[str] = _NOTHING
@@ -410,10 +388,14 @@ def _left_out(clean: CleanRecording, n_cut_off: int) -> list[str]:
     return [*(text for n, text in counted if n), *notes]
 
 
-def _is_among(motion: Demonstration, others: Sequence[Demonstration | _Span]) -> bool:
-    """Whether one of the others is the same motion: most of the shorter one is common to both."""
+def _spans(motions: Sequence[Demonstration]) -> list[_Span]:
+    return [(motion.start_time, motion.end_time) for motion in motions]
+
+
+def _is_among(motion: Demonstration, spans: Sequence[_Span]) -> bool:
+    """Whether a span is that of the same motion: most of the shorter one is common to both."""
     return any(
-        min(motion.end_time, one.end_time) - max(motion.start_time, one.start_time)
-        > 0.5 * min(motion.end_time - motion.start_time, one.end_time - one.start_time)
-        for one in others
+        min(motion.end_time, end) - max(motion.start_time, start)
+        > 0.5 * min(motion.end_time - motion.start_time, end - start)
+        for start, end in spans
     )

@@ -16,7 +16,7 @@ from ..plotting.style import COLOURS
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.recording_set import RecordingSet
 from .content import typical_demonstration
-from .robot_shapes import DrawnPaths, Rgb, from_hex
+from .robot_shapes import Paths, Rgb, add_paths, from_hex, show_paths
 from .stage import Player, ShownMotion, Stage, part
 
 COMPONENTS, DEMONSTRATIONS = "Components", "Demonstrations"
@@ -156,8 +156,8 @@ class ComponentsPanel:
         # The sliders of the shown components, and all that belongs to them.
         self._sliders: dict[int, Any] = {}
         self._widgets: list[Any] = []
-        self._typical = DrawnPaths(stage.server.scene, "/components/typical", _TYPICAL)
-        self._bent = DrawnPaths(stage.server.scene, "/components/bent", _BENT, 4.0)
+        self._typical = add_paths(stage.server.scene, "/components/typical", _TYPICAL)
+        self._bent = add_paths(stage.server.scene, "/components/bent", _BENT, 4.0)
         stage.on_change(self._choice, self._on_choice)
         stage.on_click(reset, self._on_reset)
         self._on_choice()
@@ -204,11 +204,11 @@ class ComponentsPanel:
 
     def _show(self) -> None:
         if not self._is_open:
-            self._typical.show()
-            self._bent.show()
+            show_paths(self._typical)
+            show_paths(self._bent)
             return
-        self._typical.show(self._stage.path(self._unbent.positions))
-        self._bent.show(self._stage.path(self.motion.positions))
+        show_paths(self._typical, self._stage.path(self._unbent.positions))
+        show_paths(self._bent, self._stage.path(self.motion.positions))
         self._player.show(self.motion)
 
 
@@ -262,7 +262,7 @@ class DemonstrationsPanel:
         gui = stage.server.gui
         self._motions: dict[str, ShownMotion] = {}
         self._boxes: list[list[tuple[Any, ShownMotion]]] = []
-        self._paths: list[DrawnPaths] = []
+        self._paths: list[Paths] = []
         self._places: dict[str, FloatArray] = {}
         several = len(groups) > 1
         names = [
@@ -291,7 +291,7 @@ class DemonstrationsPanel:
         for i, (label, motions) in enumerate(groups.items()):
             colour = COLOURS[i % len(COLOURS)]
             scene = self._stage.server.scene
-            self._paths.append(DrawnPaths(scene, f"/demonstrations/{i}", from_hex(colour), 2.0))
+            self._paths.append(add_paths(scene, f"/demonstrations/{i}", from_hex(colour), 2.0))
             self._boxes.append([])
             with gui.add_folder(f"{label} ({len(motions)})", expand_by_default=False):
                 gui.add_html(f'<div style="height:4px;background:{colour}"></div>')
@@ -316,7 +316,7 @@ class DemonstrationsPanel:
     def _draw(self) -> None:
         for path, boxes in zip(self._paths, self._boxes, strict=True):
             picked = [motion for box, motion in boxes if box.value and self._is_open]
-            path.show(*map(self._place, picked))
+            show_paths(path, *map(self._place, picked))
 
     def _place(self, motion: ShownMotion) -> FloatArray:
         """The path of the end effector, computed once."""

@@ -19,7 +19,7 @@ from ..exceptions import PlannerError
 from ..robot.limits import JointLimits
 from ..robot.world import World
 from .content import LiveLink, LiveView, NodeStatus
-from .robot_shapes import DrawnPaths, DrawnRobot, Rgb
+from .robot_shapes import DrawnRobot, Rgb, add_paths, show_paths
 from .stage import BAD, GOOD, GREY, WARNING, Stage, part
 from .world_panel import DrawnWorld, WorldEditor
 
@@ -58,7 +58,7 @@ class LivePanel:
         scene = stage.server.scene
         self._measured = DrawnRobot(scene, "/measured", stage.shapes, _MEASURED, 0.6)
         self._measured.visible = False
-        self._path = DrawnPaths(scene, "/commanded", _MEASURED, 4.0)
+        self._path = add_paths(scene, "/commanded", _MEASURED, 4.0)
         self._drawn_world, self._obstacles = World(), DrawnWorld(stage, lambda _: None, "/measured")
         self._closed, self._stopping = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
@@ -171,7 +171,7 @@ class LivePanel:
             self._measured.visible = True
         if motion is not self._drawn_motion:
             self._drawn_motion = motion
-            self._path.show(*self._commanded())
+            show_paths(self._path, *self._commanded())
         if self.view.world is not self._drawn_world:
             self._draw_world()
 

@@ -22,12 +22,11 @@ from .planning import (
     FIXED,
     InteractivePlanner,
     PlanAnswer,
-    PlanSettings,
     ViewRequest,
     answer_html,
     limit_shares,
 )
-from .robot_shapes import DrawnPaths, DrawnRobot, Rgb
+from .robot_shapes import DrawnRobot, Rgb, add_paths, show_paths
 from .stage import Player, ShownMotion, Stage, part
 
 NAME = "Plan"
@@ -85,8 +84,8 @@ class PlanPanel:
         scene = stage.server.scene
         self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
         self._ghost.show(request.goal)
-        self._path = DrawnPaths(scene, "/plan/path", _PATH, 5.0)
-        self._splines = DrawnPaths(scene, "/plan/splines", _SPLINES, 3.0)
+        self._path = add_paths(scene, "/plan/path", _PATH, 5.0)
+        self._splines = add_paths(scene, "/plan/splines", _SPLINES, 3.0)
         self.handle = scene.add_transform_controls(
             "/handle", scale=0.16 * stage.size, disable_rotations=True, depth_test=False
         )
@@ -187,14 +186,13 @@ class PlanPanel:
 
         def on_change() -> None:
             duration.visible = timing.value == FIXED
-            settings = PlanSettings(
+            self.submit(
                 naturalness=None if naturalness.value == AUTO else float(naturalness.value),
                 objective=objective.value,
                 timing=timing.value,
                 duration=float(duration.value),
                 compares=compares.value,
             )
-            self.submit(settings=settings)
 
         for widget in (naturalness, objective, timing, duration, compares):
             self._stage.on_change(widget, on_change)
@@ -333,4 +331,4 @@ class PlanPanel:
         colour = _REJECTED if answer is not None and answer.problem else _PATH
         for path, one, tint in ((self._path, plan, colour), (self._splines, other, _SPLINES)):
             drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
-            path.show(*drawn, colour=tint)
+            show_paths(path, *drawn, colour=tint)

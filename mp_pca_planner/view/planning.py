@@ -35,31 +35,6 @@ FIXED = "fixed"
 """Timing of a request with a duration of its own."""
 
 
-@dataclass(frozen=True)
-class PlanSettings:
-    """Options of a plan that the page offers.
-
-    Attributes
-    ----------
-    naturalness : float, optional
-        See :class:`.PlannerOptions`.
-    objective : str
-        One of :data:`.OBJECTIVES`.
-    timing : str
-        One of :data:`.TIMINGS`, or 'fixed'.
-    duration : float
-        Duration of a fixed timing [s].
-    compares : bool
-        Whether the same goal is planned with B-splines, too.
-    """
-
-    naturalness: float | None = None
-    objective: str = "effort"
-    timing: str = AUTO
-    duration: float = 1.0
-    compares: bool = False
-
-
 @dataclass(frozen=True, eq=False)
 class ViewRequest:
     """A goal, and how to reach it.
@@ -74,8 +49,16 @@ class ViewRequest:
         The pose to reach.
     vias : tuple of Pose
         Positions to pass.
-    settings : PlanSettings
-        Options.
+    naturalness : float, optional
+        See :class:`.PlannerOptions`.
+    objective : str
+        One of :data:`.OBJECTIVES`.
+    timing : str
+        One of :data:`.TIMINGS`, or 'fixed'.
+    duration : float
+        Duration of a fixed timing [s].
+    compares : bool
+        Whether the same goal is planned with B-splines, too.
     world : World
         The obstacles.
     is_final : bool
@@ -86,7 +69,11 @@ class ViewRequest:
     goal: FloatArray
     pose: Pose | None = None
     vias: tuple[Pose, ...] = ()
-    settings: PlanSettings = field(default_factory=PlanSettings)
+    naturalness: float | None = None
+    objective: str = "effort"
+    timing: str = AUTO
+    duration: float = 1.0
+    compares: bool = False
     world: World = field(default_factory=World)
     is_final: bool = False
 
@@ -154,7 +141,8 @@ class InteractivePlanner:
     def answer(self, request: ViewRequest) -> PlanAnswer:
         """Plan the motion of a request; a goal that can't be served is an answer, too."""
         began = time.perf_counter()
-        settings, start = request.settings, JointState(self.robot.joint_names, request.start)
+        start = JointState(self.robot.joint_names, request.start)
+        options = request.naturalness, request.objective, request.timing
         reached, distance = request.goal, 0.0
         plan = comparison = None
         problem = ""
@@ -163,11 +151,11 @@ class InteractivePlanner:
             if request.pose is not None:
                 reached, distance = self._nearest(request.pose, request.goal)
             goal = self._goal(request, reached)
-            plan = self._planner("pca", settings).plan(goal, start)
+            plan = self._planner("pca", *options).plan(goal, start)
             reached = plan.trajectory.positions[-1]
             problem = "" if plan.is_executable else plan.message
-            if settings.compares:
-                comparison = self._planner("bspline", settings).plan(goal, start)
+            if request.compares:
+                comparison = self._planner("bspline", *options).plan(goal, start)
         except PlannerError as error:
             problem = str(error)
         seconds = time.perf_counter() - began
@@ -195,21 +183,21 @@ class InteractivePlanner:
             self.collision.set_world(world)
 
     def _goal(self, request: ViewRequest, configuration: FloatArray) -> JointGoal | SequenceGoal:
-        settings = request.settings
-        duration = settings.duration if settings.timing == FIXED else None
+        duration = request.duration if request.timing == FIXED else None
         state = JointState(self.robot.joint_names, configuration)
         if request.vias:
             times = (*(None for _ in request.vias), duration)
             return SequenceGoal((*request.vias, state), times)
         return JointGoal(state, duration)
 
-    def _new_planner(self, basis: str, settings: PlanSettings) -> Planner:
-        timing = settings.timing if settings.timing in TIMINGS else AUTO
+    def _new_planner(
+        self, basis: str, naturalness: float | None, objective: str, timing: str
+    ) -> Planner:
         options = PlannerOptions(
             basis=basis,
-            objectives=((1.0, objective_by_name(settings.objective, self.robot)),),
-            timing=timing,
-            naturalness=settings.naturalness,
+            objectives=((1.0, objective_by_name(objective, self.robot)),),
+            timing=timing if timing in TIMINGS else AUTO,
+            naturalness=naturalness,
             max_solve_time=self._max_solve_time,
         )
         return Planner(self.robot, self.primitives, self.limits, options, self.collision)
@@ -276,7 +264,7 @@ def answer_html(answer: PlanAnswer) -> str:
     ]
     if answer.comparison is not None:
         rows.append(("B-splines", _comparison(plan, answer.comparison)))
-    elif answer.request.settings.compares:
+    elif answer.request.compares:
         rows.append(("B-splines", "no motion"))
     return head + part("rows", rows)
 

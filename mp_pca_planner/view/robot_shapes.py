@@ -369,37 +369,28 @@ def from_hex(colour: str) -> Rgb:
     return red, green, blue
 
 
-class DrawnPaths:
-    """Paths of one colour in the scene.
+Paths = viser.LineSegmentsHandle
+"""Paths of one colour in the scene, see :func:`show_paths`."""
 
-    Parameters
-    ----------
-    scene : viser.SceneApi
-        The scene.
-    name : str
-        Name of its node.
-    colour : tuple of int
-        Its colour.
-    width : float
-        Its width on the screen [pixels].
-    """
 
-    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0) -> None:
-        self._lines = scene.add_line_segments(
-            name,
-            np.zeros((1, 2, 3), np.float32),
-            colour,
-            thickness=width,
-            thickness_units="screen",
-            visible=False,
-        )
+def add_paths(scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0) -> Paths:
+    """Add paths that are hidden at first, with a width on the screen [pixels]."""
+    return scene.add_line_segments(
+        name,
+        np.zeros((1, 2, 3), np.float32),
+        colour,
+        thickness=width,
+        thickness_units="screen",
+        visible=False,
+    )
 
-    def show(self, *paths: FloatArray, colour: Rgb | None = None) -> None:
-        """Draw paths through points, each of shape (n_points, 3) [m]; without any, hide them."""
-        segments = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
-        drawn = np.concatenate([np.zeros((0, 2, 3)), *segments]).astype(np.float32)
-        if len(drawn):
-            self._lines.points = drawn
-        if colour is not None:
-            self._lines.colors = np.asarray(colour, np.uint8)
-        self._lines.visible = bool(len(drawn))
+
+def show_paths(drawn: Paths, *paths: FloatArray, colour: Rgb | None = None) -> None:
+    """Draw paths through points, each of shape (n_points, 3) [m]; without any, hide them."""
+    segments = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
+    lines = np.concatenate([np.zeros((0, 2, 3)), *segments]).astype(np.float32)
+    if len(lines):
+        drawn.points = lines
+    if colour is not None:
+        drawn.colors = np.asarray(colour, np.uint8)
+    drawn.visible = bool(len(lines))

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ...exceptions import RobotError, quote_names, unknown_name
+from ...exceptions import PlannerError, RobotError, quote_names, unknown_name
 from ...motion.collision import CollisionModel, package_folders
 from ...planning.objectives import objective_weights, weighted_objectives
 from ...planning.options import SolverOptions
@@ -18,7 +18,7 @@ from ...primitives.primitive import MovementPrimitive
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ...robot.world import World
-from ..parameters import ParameterError, Settings, locked_positions
+from ..parameters import Settings, locked_positions
 from ..threads import IsCancelled
 
 LOCKED_TOLERANCE = 1e-3
@@ -123,7 +123,7 @@ def assemble_model(
     frame = settings.end_effector_frame or robot.end_effector
     if frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)
-        raise ParameterError(f"parameter 'end_effector_frame': {reason}")
+        raise PlannerError(f"parameter 'end_effector_frame': {reason}")
     weights = objective_weights(settings.objective, "parameter 'objective'")
     options = replace(
         settings.planner_options,
@@ -189,7 +189,7 @@ def _checked(robot: Robot, settings: Settings) -> Robot:
     for name in locked_positions(settings.locked_joints):
         if name not in known:
             reason = unknown_name("joint that the primitives do not move", name, known)
-            raise ParameterError(f"parameter 'locked_joints': {reason}")
+            raise PlannerError(f"parameter 'locked_joints': {reason}")
     return robot
 
 

@@ -61,23 +61,6 @@ ACCEPTED = "accepted the goal"
 
 
 @dataclass(frozen=True)
-class ControllerAnswer:
-    """What a controller answers to a motion that was sent as a goal of its action.
-
-    Attributes
-    ----------
-    text : str
-        The answer, after "the controller".
-    is_accepted, is_good : bool
-        Whether the goal was accepted, and whether all is well so far.
-    """
-
-    text: str
-    is_accepted: bool = True
-    is_good: bool = True
-
-
-@dataclass(frozen=True)
 class ExecutionReport:
     """Outcome of a motion.
 
@@ -265,16 +248,15 @@ class Execution:
             MotionOutcome.NOT_FOLLOWED, f"not known whether the robot arrived: {reason}"
         )
 
-    def answer(self, answer: ControllerAnswer) -> ExecutionReport | None:
-        """Record what the controller answered; the report if that ends the motion."""
-        self.controller = "; ".join(filter(None, [self.controller, answer.text]))
-        if answer.is_good:  # whether the robot arrived is seen, not told
+    def answer(self, text: str, failure: MotionOutcome | None) -> ExecutionReport | None:
+        """Record what the controller answered; the report if that ends the motion.
+
+        See `MotionMonitor.hear`.
+        """
+        self.controller = "; ".join(filter(None, [self.controller, text]))
+        if failure is None:  # whether the robot arrived is seen, not told
             return None
-        if not answer.is_accepted:
-            return self._end(
-                MotionOutcome.NEVER_STARTED, f"never started: the controller {answer.text}"
-            )
-        return self._end(MotionOutcome.NOT_FOLLOWED, f"not followed: the controller {answer.text}")
+        return self._end(failure, f"{failure.replace('_', ' ')}: the controller {text}")
 
     def update(self, following: Following | None, now: float) -> ExecutionReport | None:
         """Record how the robot follows the motion.

@@ -16,7 +16,7 @@ from ..tracking.following import MotionFollower
 from ..tracking.measured import Clock
 from ..tracking.published_motion import PublishedMotion
 from .assembly import Model
-from .execution import ControllerAnswer, Execution, ExecutionReport, Resumption, Served
+from .execution import Execution, ExecutionReport, MotionOutcome, Resumption, Served
 from .stopping import StopPlanner
 from .surroundings import Surroundings, Threat
 
@@ -187,13 +187,14 @@ class MotionMonitor:
             if stopped is not None:
                 stopped.resumption = None
             late = 0.0 if began is None else self.follower.motion_time - began
-            found = self._stops.find(model, late)
-            stop = Execution.of_stop(stopped, found.motion, found.after(reason), resumption)
+            said, motion, collision = self._stops.find(model, late)
+            why = "; ".join(filter(None, [reason, collision]))
+            stop = Execution.of_stop(stopped, motion, why, resumption)
             stop.published = stop.published if began is None else began
             self.publish(stop)
             if resumption is None:
                 self._end(stop.dropped(reason or "the robot was stopped"))
-        return found.message
+        return "; ".join(filter(None, [said, collision]))
 
     def publish(self, execution: Execution, world: World | None = None) -> None:
         """Publish a motion, the only place where that is done; it replaces the one before.
@@ -209,8 +210,18 @@ class MotionMonitor:
             if execution.name is not old.name:
                 self._end(old.dropped("a newer goal came"))
 
-    def hear(self, sent: Trajectory, answer: ControllerAnswer) -> bool:
+    def hear(self, sent: Trajectory, text: str, failure: MotionOutcome | None) -> bool:
         """Record what the controller answered to a trajectory that was sent as a goal.
+
+        Parameters
+        ----------
+        sent :
+            The trajectory.
+        text :
+            The answer, after "the controller".
+        failure :
+            `NEVER_STARTED` if the goal is rejected, `NOT_FOLLOWED` if it ended badly; None if all
+            is well so far.
 
         Returns
         -------
@@ -221,9 +232,9 @@ class MotionMonitor:
             published, execution = self.follower.published, self.follower.execution
             if published is None or execution is None or execution.motion.sent is not sent:
                 return False  # it has been replaced, and was reported as such
-            if not answer.is_accepted:
+            if failure is MotionOutcome.NEVER_STARTED:
                 published.give_up()
-            self._end(execution.answer(answer))
+            self._end(execution.answer(text, failure))
             return execution.is_stop
 
     def _end(self, report: ExecutionReport | None) -> None:

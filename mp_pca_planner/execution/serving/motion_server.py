@@ -11,6 +11,7 @@ import threading
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,7 +26,7 @@ from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
 from ...planning.plan import SOLVED, Plan
 from ..options import Serving
-from ..threads import BusyError, CancelledError, IsCancelled
+from ..threads import BusyError, IsCancelled
 from ..tracking.following import UnconfirmedError
 from ..tracking.measured import LateStateError
 from ..tracking.published_motion import PublishedMotion, displaced

@@ -16,7 +16,7 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain, islice
 
 import numpy as np
@@ -48,32 +48,9 @@ _EFFORT_STEP = 5
 _ROUNDING = 1e-9  # of positions [rad or m]
 
 
-@dataclass(frozen=True)
-class FoundStop:
-    """A stop to publish.
-
-    Attributes
-    ----------
-    description : str
-        What the robot does, as the begin of a sentence.
-    motion : PublishedMotion
-        The motion to publish.
-    collision : str
-        Text on the collision that no stop avoids; empty if none is known.
-    """
-
-    description: str
-    motion: PublishedMotion
-    collision: str = ""
-
-    @property
-    def message(self) -> str:
-        """All of it, one sentence."""
-        return self.after(self.description)
-
-    def after(self, text: str) -> str:
-        """A text that the collision is added to."""
-        return "; ".join(filter(None, [text, self.collision]))
+FoundStop = tuple[str, PublishedMotion, str]
+"""What the robot does, as the begin of a sentence; the motion to publish; and text on the collision
+that no stop avoids, empty if none is known."""
 
 
 class StopPlanner:
@@ -116,12 +93,12 @@ class StopPlanner:
         latency = max(Serving.stop_latency, 2.0 * late)
         for _ in range(Serving.max_attempts):
             began = self._clock()
-            found = self._find(model, latency)
+            said, motion, collision = self._find(model, latency)
             took = self._clock() - began
-            if took <= latency or found.motion.duration == 0.0:  # at rest, it does not move on
+            if took <= latency or motion.duration == 0.0:  # at rest, it does not move on
                 break
             latency = max(latency, min(2.0 * took, Serving.longest_stop_latency))
-        return found
+        return said, motion, collision
 
     def _find(self, model: Model, latency: float) -> FoundStop:
         """A stop that begins this time from now at the earliest [s]."""
@@ -180,7 +157,7 @@ class StopPlanner:
         if is_timed:
             motion = PublishedMotion(stop, now, stop, now, is_timed, is_on_time)
         said = f"the robot comes to rest off its path within {stop.duration:.3g} s"
-        return FoundStop(said, motion, collision)
+        return said, motion, collision
 
     def _stop_unknown(self, measured: JointState, v: FloatArray, model: Model) -> FoundStop:
         """Stop a robot that follows no motion of this node: its state is estimated."""
@@ -212,7 +189,7 @@ class StopPlanner:
         stop = join(follower, clearest[0], start, settings)
         where = "on its path" if clearest[0] is along else "off its path"
         said = f"the robot comes to rest {where} within {stop.sent.duration:.3g} s"
-        return FoundStop(said, stop, collision)
+        return said, stop, collision
 
     def _stop_silent(self, model: Model, error: GoalError) -> FoundStop:
         """Stop a robot that sends no joint_states, so it may be anywhere on its motion."""
@@ -227,9 +204,8 @@ class StopPlanner:
         moving = [state for state in states if np.any([state.velocities, state.accelerations])]
         resting = [JointState(state.joint_names, state.positions) for state in states]
         ends = ends_on_path(motion, latest)
-        found = self._stop_at_point([*moving, *resting], [ends], model)
-        said = f"{found.description}; it is not known whether the robot stops: {error}"
-        return replace(found, description=said)
+        said, stop, collision = self._stop_at_point([*moving, *resting], [ends], model)
+        return f"{said}; it is not known whether the robot stops: {error}", stop, collision
 
     def _stop_at_point(
         self, states: list[JointState], ends: Sequence[Sequence[FloatArray]], model: Model
@@ -251,7 +227,7 @@ class StopPlanner:
             point = hold(states[0].joint_names, states[0].positions)
             said = "no stop within the limits was found: the robot is sent to hold its position"
         sent = PublishedMotion.to_last_point(point, self._follower.motion_time)
-        return FoundStop(said, sent, collision)
+        return said, sent, collision
 
     def _clearest(
         self, stops: Iterable[Sequence[Trajectory]], model: Model
@@ -479,4 +455,4 @@ def _holding(
     """The stop of a robot at rest, and whether it is certain that it rests there."""
     held = hold(measured.joint_names, positions)
     send = PublishedMotion.on_receipt if is_certain else PublishedMotion.to_last_point
-    return FoundStop("the robot is at rest and holds its position", send(held, now))
+    return "the robot is at rest and holds its position", send(held, now), ""

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from concurrent.futures import CancelledError
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from test_motion_server import GOAL, HALF, START, Node, model
 from worlds import plain_distances
 
 from mp_pca_planner.exceptions import RobotError, WorldError
-from mp_pca_planner.execution.threads import CancelledError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -356,7 +356,8 @@ def least(motion, world):
 def test_stop_leaves_its_path_where_that_alone_keeps_clear_of_an_obstacle(node):
     node.ask(GOAL, duration=1.2)
     node.run(0.55)
-    along = node.monitor._stops.find(node._model).motion.sent
+    _, motion, _ = node.monitor._stops.find(node._model)
+    along = motion.sent
     robot, random, n_clear = arm_robot(), np.random.default_rng(1), 0
     ends = robot.frame_positions(along.positions[-1:], [robot.frame_names[-1]])[0, 0]
     now = plain_distances(World([Obstacle("ball", Sphere(RADIUS, ends))]), node.commanded[None])
@@ -367,10 +368,10 @@ def test_stop_leaves_its_path_where_that_alone_keeps_clear_of_an_obstacle(node):
         if plain_distances(world, node.commanded[None]).min() < MARGIN:
             continue
         use(node, world)
-        found = node.monitor._stops.find(node._model)
-        distance = least(found.motion.sent, world)
+        _, motion, collision = node.monitor._stops.find(node._model)
+        distance = least(motion.sent, world)
         assert distance >= on_path - 1e-3
-        named = re.search(r"'ball' (collide|are nearer than the margin)", found.message)
+        named = re.search(r"'ball' (collide|are nearer than the margin)", collision)
         assert (distance >= MARGIN - 1e-4) != bool(named)
         n_clear += on_path < MARGIN <= distance
     assert n_clear > 0
@@ -381,9 +382,9 @@ def test_stop_at_a_point_names_the_bodies_that_it_can_not_keep_apart(node):
     node.run(0.5)
     node.robot.faults.silent = True
     node.run(0.7)
-    found = node.monitor._stops.find(node._model)
-    assert "single point" in found.message and "collision" not in found.message
-    use(node, ball_at(found.motion.sent.positions[-1]))
+    said, motion, collision = node.monitor._stops.find(node._model)
+    assert "single point" in said and not collision
+    use(node, ball_at(motion.sent.positions[-1]))
     message = node.stop()
     assert "no stop without a collision was found: 'lower_arm' and 'ball'" in message
     node.robot.faults.silent = False

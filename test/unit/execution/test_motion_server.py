@@ -8,6 +8,7 @@ Time is virtual; planning takes as long as the tests say.
 from __future__ import annotations
 
 import threading
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import replace
 
@@ -29,7 +30,7 @@ from mp_pca_planner.execution.serving.motion_server import (
     GoalStatistics,
     MotionServer,
 )
-from mp_pca_planner.execution.threads import BusyError, CancelledError
+from mp_pca_planner.execution.threads import BusyError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -643,7 +644,8 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     monkeypatch.setattr(node.monitor, "watch", lambda _: None)
     node.stop()
     assert len(found) == min(n_interruptions + 1, Serving.max_attempts)
-    assert node.sent[-1][1] is found[-1].motion.sent
+    _, motion, _ = found[-1]
+    assert node.sent[-1][1] is motion.sent
 
 
 @pytest.mark.parametrize(("moves", "most"), [(False, 1), (True, 3)])

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.parameters import (
     DECLARATIONS,
-    ParameterError,
     Settings,
     check_limit_names,
     fixed_frames,
@@ -88,7 +88,7 @@ def test_limits_of_zero_leave_the_limit_as_it_was() -> None:
 
 @pytest.mark.parametrize("name", [d.name for d in DECLARATIONS if d.choices])
 def test_text_that_is_none_of_the_choices_is_refused_with_the_choices(name: str) -> None:
-    with pytest.raises(ParameterError) as refusal:
+    with pytest.raises(PlannerError) as refusal:
         Settings.from_values({name: "nonsense"})
     for choice in BY_NAME[name].choices:
         assert repr(choice) in str(refusal.value)
@@ -104,13 +104,13 @@ def test_text_that_is_none_of_the_choices_is_refused_with_the_choices(name: str)
     ],
 )
 def test_limits_of_other_joints_and_quantities_are_refused(name: str, words: str) -> None:
-    with pytest.raises(ParameterError, match=words):
+    with pytest.raises(PlannerError, match=words):
         check_limit_names(["duration", "limits.elbow.max_jerk", name], ["elbow"])
 
 
 @pytest.mark.parametrize("text", ["effrt", "effort=-1", "jerk=nan", "effort,effort", "jerk=x", ""])
 def test_objective_that_is_no_weighted_sum_is_refused(text: str) -> None:
-    with pytest.raises(ParameterError, match="parameter 'objective'"):
+    with pytest.raises(PlannerError, match="parameter 'objective'"):
         Settings.from_values({"objective": text})
 
 
@@ -125,7 +125,7 @@ def test_limits_of_the_joints_are_declared_one_by_one() -> None:
 )
 @pytest.mark.parametrize("collision", [False, True])
 def test_missing_files_of_collisions_are_refused_whether_they_are_used_or_not(values, collision):
-    with pytest.raises(ParameterError, match="there is no (file|folder) '/"):
+    with pytest.raises(PlannerError, match="there is no (file|folder) '/"):
         Settings(collision=collision, **values)
 
 
@@ -145,7 +145,7 @@ def test_missing_files_of_collisions_are_refused_whether_they_are_used_or_not(va
     ],
 )
 def test_text_of_several_values_is_refused_with_the_form_that_is_accepted(name, value, words):
-    with pytest.raises(ParameterError, match=f"'{name}'.*{words}"):
+    with pytest.raises(PlannerError, match=f"'{name}'.*{words}"):
         Settings(**{name: value})
 
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 
 import pytest
 from patience import HANG
 
 from mp_pca_planner.execution.threads import (
-    CancelledError,
     IsCancelled,
     PreemptiveWorker,
 )

@@ -14,8 +14,8 @@ from patience import NODE_EVER
 
 pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 
-from mp_pca_planner.exceptions import LearningError
-from mp_pca_planner.execution.parameters import ParameterError, Settings
+from mp_pca_planner.exceptions import LearningError, PlannerError
+from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.serving.assembly import Model, assemble_model
 from mp_pca_planner.execution.serving.trial_store import ServedTrial, TrialStore
 from mp_pca_planner.files import config_file
@@ -173,5 +173,5 @@ def test_trials_that_cannot_be_continued_are_refused(model: Model, tmp_path: Pat
 
 
 def test_learning_without_a_folder_is_refused() -> None:
-    with pytest.raises(ParameterError, match="'save_folder' to a folder first"):
+    with pytest.raises(PlannerError, match="'save_folder' to a folder first"):
         Settings(learn_trials=True)

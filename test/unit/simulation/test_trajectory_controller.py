@@ -12,6 +12,7 @@ from numpy.polynomial import Polynomial
 
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.simulation.controller import (
+    RESULT_CODES,
     TrajectoryController,
     TrajectoryMessage,
     TrajectoryPoint,
@@ -39,7 +40,9 @@ class Loop:
 
     @property
     def results(self):
-        return [(r.goal, r.outcome, r.code) for r in self.controller.results]
+        """The goals that have ended, each with its outcome and the code of that."""
+        ended = self.controller.results
+        return [(goal, outcome, RESULT_CODES[outcome]) for goal, outcome, _ in ended]
 
     def cycle(self, n=1, period=MS):
         """Run cycles; the last command as rows q, v, a."""
@@ -245,15 +248,16 @@ def test_reference_is_the_command_of_the_cycle_before_with_its_time_on_the_traje
     loop = Loop()
     loop.send(moving(0.0, *A), moving(0.5, *B))
     last = loop.cycle(100)
-    state = loop.controller.state(loop.now)
-    assert state.since_ns == 99 * MS
+    _, since_ns = loop.controller.stated()
+    assert since_ns == 99 * MS
     loop.cycle()
-    state = loop.controller.state(loop.now)
-    assert np.allclose(state.reference, last)
+    reference, _ = loop.controller.stated()
+    assert np.allclose(reference, last)
     loop.controller.speed_scaling = 0.5
     loop.cycle(10)
-    assert loop.controller.state(loop.now).since_ns == 105 * MS
-    assert loop.controller.state(loop.now).speed_scaling == 0.5
+    _, since_ns = loop.controller.stated()
+    assert since_ns == 105 * MS
+    assert loop.controller.speed_scaling == 0.5
 
 
 def test_goal_of_the_action_ends_once_by_its_end_its_successor_or_its_cancellation():

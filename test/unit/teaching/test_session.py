@@ -16,13 +16,9 @@ from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.synthetic import write_example_recording
 from mp_pca_planner.teaching.dialogue import KEYS, PlayedBag, SessionWords, hold_dialogue
-from mp_pca_planner.teaching.session import SessionFiles, TeachingSession
+from mp_pca_planner.teaching.session import TeachingSession
 
 GOALS = (0.0, 1.0, 0.2, 0.9)
-
-
-def files(folder: Path) -> SessionFiles:
-    return SessionFiles.beside(folder / "taught.npz")
 
 
 def played(folder: Path, positions: np.ndarray, bag_format: str = "mcap") -> PlayedBag:
@@ -31,7 +27,7 @@ def played(folder: Path, positions: np.ndarray, bag_format: str = "mcap") -> Pla
 
 
 def session(folder: Path) -> TeachingSession:
-    return TeachingSession(files(folder), "/joint_states", None)
+    return TeachingSession(folder / "taught.npz", "/joint_states", None)
 
 
 def spans(motions: tuple[Demonstration, ...]) -> list[tuple[float, float]]:
@@ -48,8 +44,10 @@ def test_motions_are_those_that_are_cut_offline(tmp_path: Path) -> None:
     source, found = PlayedBag(bag), list[Demonstration]()
     with session(tmp_path) as taught:
         while source.feed(taught.record):
-            found += taught.update().found
-        found += taught.update(is_over=True).found
+            new, _, _ = taught.update()
+            found += new
+        new, _, _ = taught.update(is_over=True)
+        found += new
         expected = load_recordings(bag).demonstrations
         assert spans(taught.motions) == spans(expected)
         for own, other in zip(taught.motions, expected, strict=True):
@@ -66,7 +64,7 @@ def test_joint_states_of_every_format_are_recorded(tmp_path: Path, bag_format: s
         feed_all(source, taught)
         taught.update(is_over=True)
         assert len(taught.motions) == 3
-    assert len(load_recordings(files(tmp_path).bag).demonstrations) == 3
+    assert len(load_recordings(tmp_path / "taught.mcap").demonstrations) == 3
 
 
 def test_a_motion_is_shown_when_the_arm_rests(tmp_path: Path) -> None:
@@ -75,7 +73,8 @@ def test_a_motion_is_shown_when_the_arm_rests(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
         for message in stamped_messages(tmp_path, positions):
             taught.record([message])
-            shown.append(len(taught.update().found))
+            found, _, _ = taught.update()
+            shown.append(len(found))
     (step,) = np.flatnonzero(shown)
     assert 250 < step < 290
     assert shown[step] == 1
@@ -99,9 +98,11 @@ def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path:
         assert len(kept) == 2 and last.start_time > kept[-1][1]
     for _ in range(2):
         with session(tmp_path) as taught:
-            assert spans(taught.update().found) == kept
+            found, _, _ = taught.update()
+            assert spans(found) == kept
             taught.write_segments()
-    table = load_recordings(files(tmp_path).bag, segments_csv=files(tmp_path).segments)
+    segments = tmp_path / "taught_segments.csv"
+    table = load_recordings(tmp_path / "taught.mcap", segments_csv=segments)
     np.testing.assert_allclose(spans(table.demonstrations), kept, rtol=0.0, atol=1e-6)
 
 
@@ -111,17 +112,19 @@ def test_discarding_ends_with_the_first_motion(tmp_path: Path) -> None:
         feed_all(played(tmp_path, reaching(GOALS)), taught)
         taught.update(is_over=True)
         assert [taught.discard_last() is not None for _ in range(4)] == [True] * 3 + [False]
-        assert taught.update(is_over=True).found == ()
+        found, _, _ = taught.update(is_over=True)
+        assert found == ()
 
 
 def test_a_motion_that_the_recording_cuts_off_is_left_out(tmp_path: Path) -> None:
     positions = reaching(GOALS)[:-150]  # ends within the last motion
     with session(tmp_path) as taught:
         feed_all(played(tmp_path, positions), taught)
-        assert taught.update().found == ()
-        update = taught.update(is_over=True)
-    assert len(update.found) == 2
-    assert "lacks the start or the end" in update.notes[0]
+        found, _, _ = taught.update()
+        assert found == ()
+        found, _, notes = taught.update(is_over=True)
+    assert len(found) == 2
+    assert "lacks the start or the end" in notes[0]
 
 
 def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
@@ -129,11 +132,9 @@ def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
     positions = np.concatenate([reaching(GOALS[:2]), np.column_stack([small, -0.5 * small])])
     with session(tmp_path) as taught:
         feed_all(played(tmp_path, positions), taught)
-        update = taught.update(is_over=True)
-    assert len(update.found) == 1
-    assert update.notes == (
-        "1 motions over less than 10% of the extent of the largest are left out",
-    )
+        found, _, notes = taught.update(is_over=True)
+    assert len(found) == 1
+    assert notes == ("1 motions over less than 10% of the extent of the largest are left out",)
 
 
 def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Path) -> None:
@@ -144,12 +145,14 @@ def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Pa
 
 
 def test_tables_that_are_damaged_are_refused(tmp_path: Path) -> None:
-    files(tmp_path).discarded.write_text("recording,start_time_s,end_time_s\nother,1,2\n")
+    discarded = tmp_path / "taught_discarded.csv"
+    discarded.write_text("recording,start_time_s,end_time_s\nother,1,2\n")
     with pytest.raises(RecordingError, match="no recording is called 'other'"):
         session(tmp_path)
-    files(tmp_path).discarded.unlink()
+    discarded.unlink()
     with session(tmp_path) as taught:
-        assert taught.update().notes == ()
+        _, _, notes = taught.update()
+        assert notes == ()
 
 
 class Silent:
@@ -215,5 +218,7 @@ def test_a_key_without_a_meaning_is_named(tmp_path: Path) -> None:
 def test_reasons_are_not_given_while_more_follows(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
         feed_all(played(tmp_path, np.zeros((5, 2))), taught)
-        assert taught.update(explains=False).notes == ()
-        assert "5 usable samples" in taught.update().notes[0]
+        _, _, notes = taught.update(explains=False)
+        assert notes == ()
+        _, _, notes = taught.update()
+        assert "5 usable samples" in notes[0]

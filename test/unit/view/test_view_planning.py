@@ -14,7 +14,7 @@ from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import first_ends
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
-from mp_pca_planner.view.planning import FIXED, InteractivePlanner, PlanSettings, ViewRequest
+from mp_pca_planner.view.planning import FIXED, InteractivePlanner, ViewRequest
 
 FRAME = "wrist"
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
@@ -92,19 +92,19 @@ def test_vias_are_passed():
 
 @pytest.mark.parametrize("timing", ["demonstrated", "shortest", "free"])
 def test_every_timing_is_served(timing):
-    answer = planner().answer(ViewRequest(START, GOAL, settings=PlanSettings(timing=timing)))
+    answer = planner().answer(ViewRequest(START, GOAL, timing=timing))
     assert answer.problem == ""
 
 
 def test_a_fixed_duration_is_kept():
-    settings = PlanSettings(timing=FIXED, duration=2.5)
-    assert planner().answer(ViewRequest(START, GOAL, settings=settings)).plan.duration == 2.5
+    request = ViewRequest(START, GOAL, timing=FIXED, duration=2.5)
+    assert planner().answer(request).plan.duration == 2.5
 
 
 def test_splines_are_compared_only_on_request():
     subject = planner()
     assert subject.answer(ViewRequest(START, GOAL)).comparison is None
-    other = subject.answer(ViewRequest(START, GOAL, settings=PlanSettings(compares=True)))
+    other = subject.answer(ViewRequest(START, GOAL, compares=True))
     assert other.comparison.n_components_used == 0
     np.testing.assert_allclose(other.comparison.trajectory.positions[-1], GOAL)
 
@@ -112,8 +112,7 @@ def test_splines_are_compared_only_on_request():
 def test_less_naturalness_needs_less_effort():
     subject = planner()
     natural, free = (
-        subject.answer(ViewRequest(START, GOAL, settings=PlanSettings(naturalness=rho)))
-        for rho in (10.0, 0.01)
+        subject.answer(ViewRequest(START, GOAL, naturalness=rho)) for rho in (10.0, 0.01)
     )
     assert free.plan.effort_cost < natural.plan.effort_cost
 

@@ -86,10 +86,10 @@ def test_a_tab_shows_its_subject_and_no_handle_of_another(page):
         page.open(name)
         assert (page.plan.handle.visible, via.visible, obstacle.visible) == handles
         assert [folder for folder, one in page._folders.items() if one.visible] == [name]
-        assert page.components._bent._lines.visible == (name == "Components")
+        assert page.components._bent.visible == (name == "Components")
         is_planned = name in ("Plan", "World")
         assert page.plan._ghost.visible == is_planned
-        assert page.plan._path._lines.visible == is_planned
+        assert page.plan._path.visible == is_planned
         shown = page.player.playback.motion
         subject = {
             "Components": page.components.motion,
@@ -107,7 +107,7 @@ def test_an_answer_does_not_replace_the_motion_of_another_tab(page):
     page.plan.submit(start=page.plan._home[1])
     until(lambda: page.plan.is_settled)
     assert page.player.playback.motion is page.components.motion
-    assert not page.plan._path._lines.visible
+    assert not page.plan._path.visible
 
 
 # Widgets
