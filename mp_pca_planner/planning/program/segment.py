@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -457,13 +457,6 @@ class SegmentProgram:
         by_row = self._states.values(x)
         by_joint = by_row.reshape(N_RATES, self.unknowns.n_joints, self.tables.n_nodes)
         return by_joint.transpose(0, 2, 1)
-
-
-class Term(Protocol):
-    """One piece of the objective of a segment."""
-
-    def at(self, course: Course) -> Quadratic:
-        """Its value for a motion, with derivatives by the unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
