@@ -150,26 +150,7 @@ def measured_motions(path: Path, joint_names: Sequence[str]) -> list[MeasuredMot
     return found
 
 
-@dataclass(frozen=True)
-class MeasuredExecution:
-    """One execution of a trajectory.
-
-    Attributes
-    ----------
-    effort : float
-        Measured ½∫‖τ‖²dt over the time of the motion [N²·m²·s].
-    tracking_error : float
-        RMS over time of the distance ‖q − q_desired‖ [rad or m].
-    started : float
-        Start of the motion after the first joint state of the recording [s].
-    """
-
-    effort: float
-    tracking_error: float
-    started: float
-
-
-def measure_execution(path: Path, trajectory: Trajectory) -> MeasuredExecution:
+def measure_execution(path: Path, trajectory: Trajectory) -> tuple[float, float, float]:
     """Find a trajectory's execution in a recording, and measure it.
 
     It starts where the recorded positions follow the desired ones best.
@@ -180,6 +161,15 @@ def measure_execution(path: Path, trajectory: Trajectory) -> MeasuredExecution:
         The recording, with one topic of joint states with efforts.
     trajectory : Trajectory
         The executed motion.
+
+    Returns
+    -------
+    effort : float
+        Measured ½∫‖τ‖²dt over the time of the motion [N²·m²·s].
+    tracking_error : float
+        RMS over time of the distance ‖q − q_desired‖ [rad or m].
+    started : float
+        Start of the motion after the first joint state of the recording [s].
 
     Raises
     ------
@@ -202,9 +192,7 @@ def measure_execution(path: Path, trajectory: Trajectory) -> MeasuredExecution:
     grid = np.union1d(desired.times + starts[best], times)
     grid = grid[(grid >= starts[best]) & (grid <= starts[best] + duration)]
     squares = np.sum(_at(grid, times, tau) ** 2, axis=1)
-    return MeasuredExecution(
-        0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best])
-    )
+    return 0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best])
 
 
 def _distance(times: FloatArray, q: FloatArray, when: FloatArray, desired: FloatArray) -> float:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -117,14 +116,15 @@ def report_page(
     left_out = _evenly(len(motions), min(_MAX_LEFT_OUT, affordable))
     angles = primitive.metadata["angle_variance_ratio"]
     errors, why_no_errors = _held_out(motions, options, left_out)
-    verdict = verdict_on(primitive, errors, left_out, robot)
+    good, weak, is_weak = verdict_on(primitive, errors, left_out, robot)
     return render(
         "report.html",
         title=f"Movement primitive '{primitive.name}'",
         max_rows=_MAX_ROWS,
         primitive=primitive,
-        verdict=verdict,
-        goals=None if robot is None else _goals_address(primitive, robot, verdict),
+        good=good,
+        weak=weak,
+        goals=None if robot is None else _goals_address(primitive, robot, is_weak),
         motions=motions,
         unit=primitive_unit(primitive),
         residual=_rms(primitive.fit_residual),
@@ -160,7 +160,7 @@ def _shapes_address(
     )
 
 
-def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: PrimitiveVerdict) -> str:
+def _goals_address(primitive: MovementPrimitive, robot: Robot, is_weak: NDArray[np.bool_]) -> str:
     """The figure of the robot among the goals of its demonstrations."""
     tip = robot.end_effector
     ends = primitive.boundary_states[:, [0, 3]]
@@ -169,8 +169,8 @@ def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: Primitiv
     chain = robot.chain_positions(primitive.reproduction(int(typical), times), tip)
     shown = {
         "goals in span": goals_in_span(primitive),
-        "goals, predicted well": ends[~verdict.is_weak, 1],
-        "goals, predicted badly": ends[verdict.is_weak, 1],
+        "goals, predicted well": ends[~is_weak, 1],
+        "goals, predicted badly": ends[is_weak, 1],
     }
     places = {name: robot.frame_positions(q, [tip])[:, 0] for name, q in shown.items()}
     motions = {"a demonstration": chain}
@@ -361,29 +361,12 @@ _N_SAMPLED = 3000
 _REACH = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class PrimitiveVerdict:
-    """What a primitive is good for.
-
-    Attributes
-    ----------
-    good, weak : list of str
-        Sentences.
-    is_weak : array of bool, shape (n_demonstrations,)
-        Whether a motion was left out and predicted badly.
-    """
-
-    good: list[str]
-    weak: list[str]
-    is_weak: NDArray[np.bool_]
-
-
 def verdict_on(
     primitive: MovementPrimitive,
     errors: HeldOutErrors | None,
     left_out: Sequence[int],
     robot: Robot | None = None,
-) -> PrimitiveVerdict:
+) -> tuple[list[str], list[str], NDArray[np.bool_]]:
     """Judge a primitive by its errors on left-out demonstrations and by the ranges of its goals.
 
     Parameters
@@ -396,6 +379,13 @@ def verdict_on(
         Indices of these motions.
     robot : Robot, optional
         The robot of its joints, which gives goals a place in space.
+
+    Returns
+    -------
+    good, weak : list of str
+        Sentences on what it is good for, and on its weaknesses.
+    is_weak : array of bool, shape (n_demonstrations,)
+        Whether a motion was left out and predicted badly.
     """
     is_weak = np.zeros(len(primitive.durations), dtype=bool)
     good, weak = [], []
@@ -428,7 +418,7 @@ def verdict_on(
     weak.append("goals outside: the in-span score of a plan says how far (above 3: unlike)")
     if is_weak.size < _FEW:
         weak.append(f"there are only {is_weak.size} demonstrations: record ten to thirty")
-    return PrimitiveVerdict(good, weak, is_weak)
+    return good, weak, is_weak
 
 
 def goals_in_span(primitive: MovementPrimitive) -> FloatArray:
