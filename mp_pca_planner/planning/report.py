@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from operator import attrgetter
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -681,33 +681,24 @@ def table(plan: Plan) -> str:
     return "\n".join(lines)
 
 
-class AnyPlan(Protocol):
-    """Common interface of all kinds of plans."""
-
-    @property
-    def status(self) -> str:
-        """Status of the plan."""
-
-    @property
-    def message(self) -> str:
-        """One sentence."""
-
-    @property
-    def in_span_score(self) -> float:
-        """How far outside the demonstrations the request lies."""
-
-    @property
-    def limit_check(self) -> LimitCheck | None:
-        """Its comparison with the limits."""
-
-
-def remarks(plan: AnyPlan) -> list[str]:
+def remarks(plan: Plan) -> list[str]:
     """Sentences on unusual properties of a plan; none for a usual one."""
     found = [plan.message] if plan.status == STOPPED_EARLY else []
-    if plan.in_span_score > UNUSUAL_IN_SPAN_SCORE:
-        found.append(SENTENCES["unusual"].format(score=plan.in_span_score))
-    if isinstance(plan, Plan) and plan.outside:
-        found.append(plan.outside)
-    if plan.limit_check is not None and plan.limit_check.remark:
-        found.append(plan.limit_check.remark)
-    return found
+    return found + motion_remarks(plan.in_span_score, plan.limit_check, plan.outside)
+
+
+def motion_remarks(score: float, check: LimitCheck | None, outside: str = "") -> list[str]:
+    """Sentences on an unusual request and on limits that a motion does not keep.
+
+    Parameters
+    ----------
+    score : float
+        In-span score of the request.
+    check : LimitCheck or None
+        Comparison of the motion with the limits.
+    outside : str
+        Joints whose start or goal is far outside the demonstrations, see :class:`.Plan`.
+    """
+    unusual = SENTENCES["unusual"].format(score=score) if score > UNUSUAL_IN_SPAN_SCORE else ""
+    beyond = "" if check is None else check.remark
+    return [sentence for sentence in (unusual, outside, beyond) if sentence]

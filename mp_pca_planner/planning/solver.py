@@ -51,23 +51,12 @@ _NORMAL_SHARE = 0.8
 _DEPENDENT = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class SolverMemory:
-    """State of a solver, for a warm start.
+SolverMemory = tuple[FloatArray, float, NDArray[np.intp]]
+"""State of a solver, for a warm start.
 
-    Attributes
-    ----------
-    curvature : array, shape (n, n)
-        Estimate S of the unknown part of the Lagrangian's Hessian.
-    radius : float
-        Radius of the trust region.
-    sides : array of int, shape (n_active,)
-        Sides of the inequalities that were active, see :class:`Step`.
-    """
-
-    curvature: FloatArray
-    radius: float
-    sides: NDArray[np.intp]
+The estimate S of the unknown part of the Lagrangian's Hessian, shape (n, n); the radius of the
+trust region; the sides of the inequalities that were active, shape (n_active,), see :class:`Step`.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +137,7 @@ def solve(
         iterations=search.iterations,
         kkt_residual=float(np.linalg.norm(search.pull)) / max(here.cost, TINY),
         start_cost=search.start_cost,
-        memory=SolverMemory(search.curvature, search.radius, search.sides),
+        memory=(search.curvature, search.radius, search.sides),
     )
 
 
@@ -430,8 +419,8 @@ class _Search:
         if memory is None:
             curved = bool(self.here.equalities.size)
             radius = options.first_radius_to_equalities if curved else options.first_radius
-            memory = SolverMemory(self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp))
-        self.curvature, self.radius, self.sides = memory.curvature, memory.radius, memory.sides
+            memory = self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp)
+        self.curvature, self.radius, self.sides = memory
 
     def run(self) -> bool:
         """Take steps until one is negligible, or time or iterations run out.
