@@ -15,6 +15,8 @@ A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknow
 configuration, a log duration, …) are to be scaled so that usual steps are of order 1, its
 inequalities to shares of their bounds, its equalities to SI units. Inequalities of one limit along
 a motion are neighbours: of several adjacent violations, only the largest is needed as a constraint.
+The solver reads nothing of a :class:`.MotionProgram` but `lower`, `upper`, `evaluate` and
+`equalities_at`, and all but `linear` of a :class:`.MotionPoint`.
 """
 
 from __future__ import annotations
