@@ -451,7 +451,7 @@ def judge(name: str, folder: Path) -> Outcome:
     named: set[str] = set()
     if loaded.demonstrations:
         statistics = MotionStatistics.of(loaded.demonstrations, options)
-        named = {one.recording for one in foreign_recordings(statistics, options.n_phases)}
+        named = {name for name, _ in foreign_recordings(statistics, options.n_phases)}
     said = (*(reason for reason in reasons.values()), loaded.report)
     return Outcome(
         n_whole=sum(len(one.spans) for one in recorded) - truth.lost,

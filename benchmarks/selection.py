@@ -82,7 +82,7 @@ def choose_and_plan(robot: Robot, counts: Sequence[int], n_goals: int) -> dict[s
         library = moved_library(count, spread)
         requests = requests_of(library, robot, n_goals)
         selector = Selector(robot, library)
-        choices = [selector.choose(*ends).considered[0].name for ends in requests]
+        choices = [name_of_first(selector, ends) for ends in requests]
         by_all = [chosen_of_all(robot, library, selector, ends) for ends in requests]
         same = np.mean([a == b for a, b in zip(choices, by_all, strict=True)])
         scale = np.sqrt(np.median(np.diagonal(library.precisions, axis1=1, axis2=2), axis=0))[:-1]
@@ -124,7 +124,13 @@ def chosen_of_all(robot: Robot, library: PrimitiveLibrary, selector: Selector, e
     scores = selector.scores(*ends)
     nearest = np.argsort(scores, kind="stable")[: SelectionOptions.max_considered]
     near = [library[i] for i in nearest[is_near(scores[nearest])]]
-    return Selector(robot, near).choose(*ends).considered[0].name
+    return name_of_first(Selector(robot, near), ends)
+
+
+def name_of_first(selector: Selector, ends: Ends) -> str:
+    """Name of the primitive with the least expected cost."""
+    (first, *_), _ = selector.choose(*ends)
+    return first.name
 
 
 def in_order_of_tree(tree: cKDTree, scale: np.ndarray, *ends: np.ndarray) -> object:

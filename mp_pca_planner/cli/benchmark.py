@@ -86,7 +86,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     facts, notes = (_in_free_space if arguments.scenes is None else _in_scenes)(arguments)
     tables = facts["tables"]
-    facts["tables"] = {title: one._asdict() for title, one in tables.items()}
+    facts["tables"] = {
+        title: {"header": header, "rows": rows} for title, (header, rows) in tables.items()
+    }
     lines = []
     for title, (header, rows) in tables.items():
         lines += [title, "", *text_table(rows, header=header).splitlines(), ""]
@@ -201,7 +203,7 @@ def _in_scenes(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]
         "time_limit_s": max_time,
         "summary": summaries,
         "tables": {
-            group: Table(
+            group: (
                 ["method", *_SCENE_COLUMNS],
                 [[name, *cells(values, _SCENE_COLUMNS)] for name, values in summary.items()],
             )
@@ -282,7 +284,7 @@ def _table(summaries: Mapping[str, Any], compared: Mapping[str, Any]) -> Table:
         values = summary | compared[name]
         counts = f"{values['n_feasible']} / {values['n_solved']} / {values['n_problems']}"
         rows.append([name, counts, *cells(values, _COLUMNS)])
-    return Table(["method", "feasible / solved / of", *_COLUMNS], rows)
+    return ["method", "feasible / solved / of", *_COLUMNS], rows
 
 
 def _draw(

@@ -31,7 +31,7 @@ from ..plotting.text import (
 from ..primitives.build import PrimitiveOptions, build_from_statistics, options_to_update
 from ..primitives.build_library import origin
 from ..primitives.file import load_primitive, save_primitive
-from ..primitives.foreign import Foreign, foreign_recordings
+from ..primitives.foreign import foreign_recordings
 from ..primitives.kinds import KindErrors, KindOptions, choose_kinds
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import MovementPrimitive
@@ -214,7 +214,7 @@ def _print(
     foreign, kinds = _foreign(primitive), _kinds(primitive)
     if arguments.json:
         further = {
-            "foreign": [asdict(one) for one in foreign],
+            "foreign": [{"recording": name, "reason": why} for name, why in foreign],
             "kinds_left_out": None if kinds is None else asdict(kinds),
         }
         print_json({**_facts(recordings, primitive, output), **further})
@@ -222,10 +222,8 @@ def _print(
         say(*_text(recordings, primitive, kinds, output))
     for refusal in recordings.refused:
         complain(f"rejected {refusal.recording}: {refusal.reason}")
-    for one in foreign:
-        complain(
-            f"warning: {one.recording}: {one.reason}; look at it, and leave it out if it is wrong"
-        )
+    for recording, reason in foreign:
+        complain(f"warning: {recording}: {reason}; look at it, and leave it out if it is wrong")
     if not primitive.n_components:
         complain(_without_components(primitive))
 
@@ -318,8 +316,8 @@ def _text(
     ]
 
 
-def _foreign(primitive: MovementPrimitive) -> tuple[Foreign, ...]:
-    """Recordings whose motions are far from those of the others."""
+def _foreign(primitive: MovementPrimitive) -> list[tuple[str, str]]:
+    """Recordings whose motions are far from those of the others, and why."""
     assert primitive.statistics is not None
     return foreign_recordings(primitive.statistics, options_to_update(primitive).n_phases)
 

@@ -159,9 +159,9 @@ def _write_and_print(
 
 def _measured_cost(arguments: argparse.Namespace, learner: TrialLearner) -> float:
     trajectory = learner.propose().trajectory
-    execution = measure_execution(arguments.executed, trajectory)
-    missed = execution.tracking_error**2 * float(trajectory.times[-1])
-    return execution.effort + float(arguments.tracking_price) * missed
+    effort, tracking_error, _ = measure_execution(arguments.executed, trajectory)
+    missed = tracking_error**2 * float(trajectory.times[-1])
+    return effort + float(arguments.tracking_price) * missed
 
 
 def _facts(request: PlannedRequest, accepted: AcceptedMotion) -> dict[str, Any]:

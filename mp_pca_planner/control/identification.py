@@ -27,7 +27,7 @@ from ..motion.trajectory import Trajectory
 from ..recordings.bags import JOINT_STATE, Bag, Stored, choose_topic, open_bag
 from ..recordings.joint_states import NS_PER_S
 from ..recordings.repair import Piece
-from ..recordings.segmentation import smooth
+from ..recordings.segmentation import SmoothPiece, smooth
 from ..robot.model import Robot
 
 # Samples and seconds of a part that is used, and the gap that ends a part in usual intervals.
@@ -36,24 +36,11 @@ _MIN_SAMPLES, _MIN_SECONDS, _MAX_GAP = 50, 1.0, 5.0
 _STEP = 0.005
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredMotion:
-    """A part of a recording with efforts, without interruption.
+MeasuredMotion = tuple[SmoothPiece, FloatArray]
+"""A part of a recording without interruption; its efforts [N·m or N], shape (n_steps, n_joints).
 
-    Attributes
-    ----------
-    positions, velocities, accelerations, efforts : array, shape (n_steps, n_joints)
-        Joint positions [rad or m], derivatives of the same curve, and efforts [N·m or N]. Efforts
-        pass through the same low-pass as positions.
-    rate : float
-        Samples per second [Hz].
-    """
-
-    positions: FloatArray
-    velocities: FloatArray
-    accelerations: FloatArray
-    efforts: FloatArray
-    rate: float
+Efforts pass through the same low-pass as positions.
+"""
 
 
 def measured_states(
@@ -140,8 +127,7 @@ def measured_motions(path: Path, joint_names: Sequence[str]) -> list[MeasuredMot
         if part.size >= _MIN_SAMPLES and times[part[-1]] - times[part[0]] >= _MIN_SECONDS:
             curve = smooth(Piece(times[part], angles[part]), rate)
             effort = smooth(Piece(times[part], efforts[part]), rate).positions
-            states = curve.positions, curve.velocities, curve.accelerations
-            found.append(MeasuredMotion(*states, effort, curve.rate))
+            found.append((curve, effort))
     if not found:
         raise RecordingError(
             f"'{path}' has no joint states for {_MIN_SECONDS:g} s without a gap; record longer "
@@ -150,26 +136,7 @@ def measured_motions(path: Path, joint_names: Sequence[str]) -> list[MeasuredMot
     return found
 
 
-@dataclass(frozen=True)
-class MeasuredExecution:
-    """One execution of a trajectory.
-
-    Attributes
-    ----------
-    effort : float
-        Measured ½∫‖τ‖²dt over the time of the motion [N²·m²·s].
-    tracking_error : float
-        RMS over time of the distance ‖q − q_desired‖ [rad or m].
-    started : float
-        Start of the motion after the first joint state of the recording [s].
-    """
-
-    effort: float
-    tracking_error: float
-    started: float
-
-
-def measure_execution(path: Path, trajectory: Trajectory) -> MeasuredExecution:
+def measure_execution(path: Path, trajectory: Trajectory) -> tuple[float, float, float]:
     """Find a trajectory's execution in a recording, and measure it.
 
     It starts where the recorded positions follow the desired ones best.
@@ -180,6 +147,15 @@ def measure_execution(path: Path, trajectory: Trajectory) -> MeasuredExecution:
         The recording, with one topic of joint states with efforts.
     trajectory : Trajectory
         The executed motion.
+
+    Returns
+    -------
+    effort : float
+        Measured ½∫‖τ‖²dt over the time of the motion [N²·m²·s].
+    tracking_error : float
+        RMS over time of the distance ‖q − q_desired‖ [rad or m].
+    started : float
+        Start of the motion after the first joint state of the recording [s].
 
     Raises
     ------
@@ -202,9 +178,7 @@ def measure_execution(path: Path, trajectory: Trajectory) -> MeasuredExecution:
     grid = np.union1d(desired.times + starts[best], times)
     grid = grid[(grid >= starts[best]) & (grid <= starts[best] + duration)]
     squares = np.sum(_at(grid, times, tau) ** 2, axis=1)
-    return MeasuredExecution(
-        0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best])
-    )
+    return 0.5 * float(trapezoid(squares, grid)), errors[best], float(starts[best])
 
 
 def _distance(times: FloatArray, q: FloatArray, when: FloatArray, desired: FloatArray) -> float:
@@ -298,16 +272,16 @@ def identify(robot: Robot, motions: Sequence[MeasuredMotion]) -> Identification:
         If a moving link has no valid inertia.
     """
     robot.require_inertias("the identification of friction")
-    v = np.concatenate([motion.velocities for motion in motions])
-    a = np.concatenate([motion.accelerations for motion in motions])
+    curves = [curve for curve, _ in motions]
+    v = np.concatenate([curve.velocities for curve in curves])
+    a = np.concatenate([curve.accelerations for curve in curves])
     rest = np.concatenate(
         [
-            motion.efforts
-            - robot.inverse_dynamics(motion.positions, motion.velocities, motion.accelerations)
-            for motion in motions
+            efforts - robot.inverse_dynamics(curve.positions, curve.velocities, curve.accelerations)
+            for curve, efforts in motions
         ]
     )
-    n, rate, rejected = robot.n_joints, motions[0].rate, dict[str, str]()
+    n, rate, rejected = robot.n_joints, curves[0].rate, dict[str, str]()
     values, errors, unexplained = (np.full(shape, np.nan) for shape in ((3, n), (3, n), n))
     for j, name in enumerate(robot.joint_names):
         slow = max(_MOVING, _MOVING_SHARE * float(np.abs(v[:, j]).max()))

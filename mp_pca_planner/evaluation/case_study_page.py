@@ -80,7 +80,7 @@ def table_2(study: CaseStudy) -> Table:
     for row in rows:
         paper = TABLE_2.get(row[0], ())
         row += [*percents(paper, 4), percent(sum(paper)) if paper else ""]
-    return Table(["joint", *columns, *(f"paper {name}" for name in columns)], rows)
+    return ["joint", *columns, *(f"paper {name}" for name in columns)], rows
 
 
 def table_2_by_activity(study: CaseStudy) -> Table:
@@ -89,7 +89,7 @@ def table_2_by_activity(study: CaseStudy) -> Table:
         [activity, *(f"{percent(x)} + {percent(y)}" for x, y in shares[:, :2])]
         for activity, shares in study.shares_by_activity.items()
     ]
-    return Table(["activity", *study.motions[0].joint_names], rows)
+    return ["activity", *study.motions[0].joint_names], rows
 
 
 def less_than_paper(study: CaseStudy) -> list[str]:
@@ -112,7 +112,7 @@ def table_3(study: CaseStudy) -> Table:
     for name in paper:
         rows.append(_effort_row(name, paper[name], paper["paper: B-spline"]))
         rows[-1][1:3] = ["not stated", "not stated"]
-    return Table(_EFFORTS, rows)
+    return _EFFORTS, rows
 
 
 def _effort_row(name: str, found: Prediction, base: Prediction) -> list[str]:
@@ -157,7 +157,7 @@ def table_3_all_motions(study: CaseStudy) -> Table:
                 f"{1e3 * held_out.rms(name, 'tip'):.0f}",
             ]
         )
-    return Table([*_EFFORTS, "angle error [deg]", "tip path error [mm]"], rows)
+    return [*_EFFORTS, "angle error [deg]", "tip path error [mm]"], rows
 
 
 def starts_table(study: CaseStudy) -> Table:
@@ -188,7 +188,7 @@ def starts_table(study: CaseStudy) -> Table:
             )
     columns = ["effort [N²m²s]", "effort / same ends", "time / same ends", "time / one start"]
     columns += ["least effort found [%]", "by two starts [%]"]
-    return Table(["method", "ends", "starts", *columns], rows)
+    return ["method", "ends", "starts", *columns], rows
 
 
 def naturalness(comparison: Comparison) -> Table:
@@ -209,7 +209,7 @@ def naturalness(comparison: Comparison) -> Table:
         rows.append(row)
     errors = ["in time [deg]", "aligned [deg]", "in path [deg]"]
     columns = [name for error in errors for name in (error, "interval")]
-    return Table(["method", *columns, "tip [mm]", "peak", "deviation", "effort ratio"], rows)
+    return ["method", *columns, "tip [mm]", "peak", "deviation", "effort ratio"], rows
 
 
 def summary(study: CaseStudy) -> str:
@@ -217,7 +217,8 @@ def summary(study: CaseStudy) -> str:
     found, below = tables(study), notes(study)
     texts = []
     for name in _PRINTED:
-        texts.append(f"{_TITLES[name]}\n{text_table(found[name].rows, header=found[name].header)}")
+        header, rows = found[name]
+        texts.append(f"{_TITLES[name]}\n{text_table(rows, header=header)}")
         texts[-1] += "".join(f"\n{line}" for line in below.get(name, ()))
     return "\n\n".join(["\n".join(verdict(study)), *texts])
 
@@ -281,7 +282,10 @@ def facts(study: CaseStudy, source: str) -> dict[str, Any]:
     other = study.other_activities
     return {
         "source": source,
-        "tables": {_TITLES[name]: found._asdict() for name, found in tables(study).items()},
+        "tables": {
+            _TITLES[name]: {"header": header, "rows": rows}
+            for name, (header, rows) in tables(study).items()
+        },
         "n_motions": len(study.motions),
         "motions": [
             {"recording": m.recording, "start_time_s": m.start_time, "label": m.label}

@@ -193,23 +193,12 @@ class MarkerTrajectories:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class BodySamples:
-    """Recorded poses of one body.
+BodySamples = tuple[IntArray, FloatArray, str]
+"""Recorded poses of one body.
 
-    Attributes
-    ----------
-    stamps : array of int, shape (n_samples, 2)
-        Header stamps and times of reception [ns].
-    poses : array, shape (n_samples, 7)
-        Positions [m] and quaternions (x, y, z, w), which may be 0.
-    frame : str
-        The frame in which they are given.
-    """
-
-    stamps: IntArray
-    poses: FloatArray
-    frame: str
+The header stamps and times of reception [ns], shape (n_samples, 2); the positions [m] and
+quaternions (x, y, z, w), which may be 0, shape (n_samples, 7); the frame in which they are given.
+"""
 
 
 def read_markers(
@@ -295,11 +284,11 @@ def _marker_array(bag: Bag, stored: Iterator[Stored]) -> dict[str, BodySamples]:
     samples: dict[str, BodySamples] = {}
     for (space, number), (frame, poses) in found.items():
         _fill(poses, len(all_stamps))
-        new = BodySamples(all_stamps, np.array(poses).reshape(-1, 7), frame)
+        new = np.array(poses).reshape(-1, 7)
         name = f"{space}/{number}" if space in several else space or str(number)
-        own = samples.setdefault(name, new)
-        seen = ~np.isnan(new.poses).all(axis=1)
-        own.poses[seen] = new.poses[seen]
+        _, own, _ = samples.setdefault(name, (all_stamps, new, frame))
+        seen = ~np.isnan(new).all(axis=1)
+        own[seen] = new[seen]
     return samples
 
 
@@ -348,7 +337,7 @@ def _bodies(bag: Bag, names: Mapping[str, str], stored: Iterator[Stored]) -> dic
             stamps.extend((_nanoseconds(header.stamp), receive))
             poses.extend(_pose(*pose))
     return {
-        name: BodySamples(np.array(stamps).reshape(-1, 2), np.array(poses).reshape(-1, 7), frame)
+        name: (np.array(stamps).reshape(-1, 2), np.array(poses).reshape(-1, 7), frame)
         for name, (frame, stamps, poses) in found.items()
     }
 
@@ -377,16 +366,16 @@ def _has_position(poses: FloatArray) -> NDArray[np.bool_]:
 def _chosen(samples: Mapping[str, BodySamples], marker: MarkerPlacement, path: Path) -> BodySamples:
     if marker.body not in samples:
         raise RecordingError(unknown_name("recorded marker", marker.body, sorted(samples)))
-    found = samples[marker.body]
-    if not _has_position(found.poses).any():
+    found = _, poses, _ = samples[marker.body]
+    if not _has_position(poses).any():
         raise RecordingError(f"marker '{marker.body}' has no finite position in '{path}'")
     return found
 
 
 def _refuse_mixed_frames(bodies: Mapping[str, BodySamples]) -> None:
     frames: dict[str, list[str]] = {}
-    for body, samples in bodies.items():
-        frames.setdefault(samples.frame, []).append(body)
+    for body, (_, _, frame) in bodies.items():
+        frames.setdefault(frame, []).append(body)
     if len(frames) > 1:
         where = "; ".join(f"'{frame}': {quote_names(own)}" for frame, own in frames.items())
         raise RecordingError(
@@ -398,14 +387,14 @@ def _assemble(
     bodies: Mapping[str, BodySamples], max_step: float
 ) -> tuple[IntArray, IntArray, dict[str, FloatArray]]:
     """Interpolate all bodies at the stamps of the one with most samples."""
-    base = max((samples.stamps for samples in bodies.values()), key=len)
+    base = max((stamps for stamps, _, _ in bodies.values()), key=len)
     # Header stamps if all are set, else times of reception.
-    column = 0 if all(samples.stamps[:, 0].all() for samples in bodies.values()) else 1
+    column = 0 if all(stamps[:, 0].all() for stamps, _, _ in bodies.values()) else 1
     poses = {
-        body: samples.poses
-        if np.array_equal(samples.stamps, base)
-        else _resampled(samples.stamps[:, column], samples.poses, base[:, column], max_step)
-        for body, samples in bodies.items()
+        body: own
+        if np.array_equal(stamps, base)
+        else _resampled(stamps[:, column], own, base[:, column], max_step)
+        for body, (stamps, own, _) in bodies.items()
     }
     return base[:, 0].copy(), base[:, 1].copy(), poses
 

@@ -7,9 +7,9 @@ All sentences about plans are in this module.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from operator import attrgetter
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from .search.candidate import Candidate
 from .search.detours import missing_planner
 from .search.search import Outcome
 from .search.stop_and_go import brakes
-from .selection import Selection
+from .selection import Considered
 
 if TYPE_CHECKING:
     from .planner import Planner
@@ -205,8 +205,8 @@ def report(context: Context, outcome: Outcome, goal: Goal, began: float, planner
         motions=motions,
         primitives=tuple(map(attrgetter("primitive.name"), request.segments)),
         solution=best.solution,
-        considered=max(map(len, map(attrgetter("selection.considered"), request.segments))),
-        selection=_selection(context, goal, outcome),
+        considered=max(map(len, map(attrgetter("considered"), request.segments))),
+        selection=_selection(context, goal, outcome, len(planner.primitives)),
         in_span_score=score,
         outside=outside,
         expected_error=error,
@@ -506,37 +506,45 @@ def collision_words(collision: CollisionModel | None, trajectory: Trajectory) ->
     return text if collision.checks_links else f"{text}; {SENTENCES['links_unchecked']}"
 
 
-def _selection(context: Context, goal: Goal, outcome: Outcome) -> str:
+def _selection(context: Context, goal: Goal, outcome: Outcome, n_primitives: int) -> str:
     """The reason for the choice of the primitives."""
     request, n_named = outcome.best.request, context.options.selection.max_named
     if goal.primitive is not None:
         return SENTENCES["named"].format(name=goal.primitive)
     if request.mode:
         reasons = [
-            selection_reason(one.selection, one.primitive.name, {one.primitive.name: None}, n_named)
+            selection_reason(one.considered, n_primitives, name, {name: None}, n_named)
             for one in request.segments
+            for name in [one.primitive.name]
         ]
         return "; ".join(dict.fromkeys(reasons))
     segment = request.segments[0]
-    solved: dict[str, float | None] = {segment.primitive.name: None}
+    winner = segment.primitive.name
+    solved: dict[str, float | None] = {winner: None}
     if len(outcome.found) > 1:
         solved = {
             one.request.segments[0].primitive.name: one.solution.cost if one.is_valid else None
             for one in outcome.found
             if one.request.goal is request.goal
         }
-    return selection_reason(segment.selection, segment.primitive.name, solved, n_named)
+    return selection_reason(segment.considered, n_primitives, winner, solved, n_named)
 
 
 def selection_reason(
-    selection: Selection, winner: str, solved: Mapping[str, float | None], n_named: int
+    considered: Sequence[Considered],
+    n_primitives: int,
+    winner: str,
+    solved: Mapping[str, float | None],
+    n_named: int,
 ) -> str:
     """The reason for the choice of a primitive, one sentence.
 
     Parameters
     ----------
-    selection : Selection
-        The primitives that were compiled.
+    considered : sequence of Considered
+        The primitives that were compiled, the one with the least expected cost first.
+    n_primitives : int
+        Number of available primitives.
     winner : str
         Name of the chosen one.
     solved : mapping of str to float or None
@@ -544,12 +552,12 @@ def selection_reason(
     n_named : int
         Number of primitives that are named at most.
     """
-    if selection.n_primitives == 1:
+    if n_primitives == 1:
         return SENTENCES["only_primitive"].format(winner=winner)
-    considered, first = selection.considered, selection.considered[0]
+    first = considered[0]
     if len(considered) == 1:
         return SENTENCES["only_near"].format(
-            n=selection.n_primitives, winner=winner, score=first.expected.in_span_score
+            n=n_primitives, winner=winner, score=first.expected.in_span_score
         )
     names = quote_names([one.name for one in considered[:n_named]])
     if len(considered) > n_named:
@@ -567,7 +575,7 @@ def selection_reason(
             winner=winner, n=len(solved), costs=", ".join(costs)
         )
     return SENTENCES["were_near"].format(
-        n=selection.n_primitives, near=len(considered), names=names, reason=reason
+        n=n_primitives, near=len(considered), names=names, reason=reason
     )
 
 
@@ -681,33 +689,24 @@ def table(plan: Plan) -> str:
     return "\n".join(lines)
 
 
-class AnyPlan(Protocol):
-    """Common interface of all kinds of plans."""
-
-    @property
-    def status(self) -> str:
-        """Status of the plan."""
-
-    @property
-    def message(self) -> str:
-        """One sentence."""
-
-    @property
-    def in_span_score(self) -> float:
-        """How far outside the demonstrations the request lies."""
-
-    @property
-    def limit_check(self) -> LimitCheck | None:
-        """Its comparison with the limits."""
-
-
-def remarks(plan: AnyPlan) -> list[str]:
+def remarks(plan: Plan) -> list[str]:
     """Sentences on unusual properties of a plan; none for a usual one."""
     found = [plan.message] if plan.status == STOPPED_EARLY else []
-    if plan.in_span_score > UNUSUAL_IN_SPAN_SCORE:
-        found.append(SENTENCES["unusual"].format(score=plan.in_span_score))
-    if isinstance(plan, Plan) and plan.outside:
-        found.append(plan.outside)
-    if plan.limit_check is not None and plan.limit_check.remark:
-        found.append(plan.limit_check.remark)
-    return found
+    return found + motion_remarks(plan.in_span_score, plan.limit_check, plan.outside)
+
+
+def motion_remarks(score: float, check: LimitCheck | None, outside: str = "") -> list[str]:
+    """Sentences on an unusual request and on limits that a motion does not keep.
+
+    Parameters
+    ----------
+    score : float
+        In-span score of the request.
+    check : LimitCheck or None
+        Comparison of the motion with the limits.
+    outside : str
+        Joints whose start or goal is far outside the demonstrations, see :class:`.Plan`.
+    """
+    unusual = SENTENCES["unusual"].format(score=score) if score > UNUSUAL_IN_SPAN_SCORE else ""
+    beyond = "" if check is None else check.remark
+    return [sentence for sentence in (unusual, outside, beyond) if sentence]

@@ -25,7 +25,7 @@ from ..primitives.primitive import MovementPrimitive
 from .options import AUTO, DEMONSTRATED, FREE, PlannerOptions
 
 if TYPE_CHECKING:
-    from .selection import Selection
+    from .selection import Considered
 
 
 NATURAL = 1.0
@@ -44,8 +44,8 @@ class RequestSegment:
         The pose to reach, if the target is one.
     stops : bool
         Whether the motion rests at the target, or ends there.
-    selection : Selection
-        Reason for the choice of the primitive.
+    considered : tuple of Considered
+        The primitives that it was chosen from, see :meth:`.Selector.choose`.
     primitive : MovementPrimitive
         The primitive of the motion.
     expected : ConditionalDistribution
@@ -58,7 +58,7 @@ class RequestSegment:
     goal: JointState
     pose: Pose | None
     stops: bool
-    selection: Selection
+    considered: tuple[Considered, ...]
     primitive: MovementPrimitive
     expected: ConditionalDistribution
     duration: float

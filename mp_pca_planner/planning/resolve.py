@@ -132,20 +132,19 @@ def _requests(
 ) -> tuple[Request, ...]:
     """Requests for one configuration, which differ in their primitives."""
     pose = goal.pose if isinstance(goal, PoseGoal) else None
-    selection = selector.choose(here.positions, there.positions, goal.duration)
+    considered, contenders = selector.choose(here.positions, there.positions, goal.duration)
     # Several primitives are tried for one configuration, but not in the search for the shortest
     # duration, nor for each of several configurations.
     one_each = pose is not None or (goal.duration is None and context.options.timing == SHORTEST)
     groups, found = (((0,), goal.duration is not None),), []
     # The same for all primitives, so that the costs of their motions can be compared.
-    contenders = selection.contenders
     score = min(map(attrgetter("expected.in_span_score"), contenders))
     naturalness = naturalness_for(context.options, score)
     timing = timing_for(context.options, score)
     for one in contenders[: 1 if one_each else None]:
         duration = one.expected.duration
         segment = RequestSegment(
-            here, there, pose, True, selection, one.primitive, one.expected, duration
+            here, there, pose, True, considered, one.primitive, one.expected, duration
         )
         found.append(Request((segment,), groups, "", naturalness, timing))
     return tuple(found)
@@ -225,21 +224,21 @@ def _sequence(
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
     states = _route(context, selector, targets, here, n_passed + 1)
-    chosen = [selector.choose(a.positions, b.positions) for a, b in pairwise(states)]
-    usual = [selection.considered[0].expected.duration for selection in chosen]
+    ranked = [selector.choose(a.positions, b.positions) for a, b in pairwise(states)]
+    usual = [first.expected.duration for (first, *_), _ in ranked]
     durations = fit_durations(usual, times)
     check_duration(context, "the sequence would take", sum(durations))
     check_duration(context, "a segment of the sequence would take", min(durations))
     segments = []
-    for i, selection in enumerate(chosen):
-        pose, first = targets[i], selection.considered[0]
+    for i, (considered, _) in enumerate(ranked):
+        pose, first = targets[i], considered[0]
         segments.append(
             RequestSegment(
                 states[i],
                 states[i + 1],
                 pose if isinstance(pose, Pose) else None,
                 stops[i],
-                selection,
+                considered,
                 first.primitive,
                 first.expected,
                 durations[i],

@@ -55,25 +55,6 @@ class Considered:
         return self.primitive.name
 
 
-@dataclass(frozen=True, eq=False)
-class Selection:
-    """The primitives that were compiled.
-
-    Attributes
-    ----------
-    considered : tuple of Considered
-        Those that passed the filter, the one with the least expected cost first.
-    contenders : tuple of Considered
-        The first of these, whose expected costs are too close to each other to be ranked.
-    n_primitives : int
-        Number of available primitives.
-    """
-
-    considered: tuple[Considered, ...]
-    contenders: tuple[Considered, ...]
-    n_primitives: int
-
-
 class Selector:
     """Chooses among primitives of the same joints.
 
@@ -138,7 +119,7 @@ class Selector:
 
     def choose(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
-    ) -> Selection:
+    ) -> tuple[tuple[Considered, ...], tuple[Considered, ...]]:
         """Rank the primitives for a motion from rest to rest.
 
         Parameters
@@ -147,6 +128,13 @@ class Selector:
             End points [rad or m].
         duration : float, optional
             Duration [s]; the one that each primitive predicts unless given.
+
+        Returns
+        -------
+        considered : tuple of Considered
+            Those that passed the filter, the one with the least expected cost first.
+        contenders : tuple of Considered
+            The first of these, whose expected costs are too close to each other to be ranked.
         """
         chosen = np.zeros(1, dtype=np.intp)
         if len(self.primitives) > 1:
@@ -166,7 +154,7 @@ class Selector:
             found.sort(key=lambda one: rank_of(one.cost))
             near = (1.0 + self._options.usual_error) * found[0].cost
             n_close += sum(one.cost <= near for one in found[1 : self._options.max_contenders])
-        return Selection(tuple(found), tuple(found[:n_close]), len(self.primitives))
+        return tuple(found), tuple(found[:n_close])
 
     def _cost(
         self, i: int, start: FloatArray, goal: FloatArray, expected: ConditionalDistribution

@@ -15,6 +15,8 @@ A program is: minimise f(x) subject to l ≤ c(x) ≤ u and e(x) = 0. Its unknow
 configuration, a log duration, …) are to be scaled so that usual steps are of order 1, its
 inequalities to shares of their bounds, its equalities to SI units. Inequalities of one limit along
 a motion are neighbours: of several adjacent violations, only the largest is needed as a constraint.
+The solver reads nothing of a :class:`.MotionProgram` but `lower`, `upper`, `evaluate` and
+`equalities_at`, and all but `linear` of a :class:`.MotionPoint`.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ import math
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,9 @@ from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from .options import SolverOptions
+
+if TYPE_CHECKING:
+    from .program.motion_program import MotionPoint, MotionProgram
 
 FEASIBLE = 1e-6
 """Sum of constraint violations that counts as rounding, in shares of the limits and SI units."""
@@ -48,85 +53,12 @@ _NORMAL_SHARE = 0.8
 _DEPENDENT = 1e-9
 
 
-class Point(Protocol):
-    """Everything about a program at one x of n unknowns."""
+SolverMemory = tuple[FloatArray, float, NDArray[np.intp]]
+"""State of a solver, for a warm start.
 
-    @property
-    def cost(self) -> float:
-        """Objective f."""
-
-    @property
-    def gradient(self) -> FloatArray:
-        """∇f, shape (n,)."""
-
-    @property
-    def hessian(self) -> FloatArray:
-        """The part of ∇²f that is known, shape (n, n), symmetric.
-
-        RᵀR of sums of squares, exact Hessians of quadratic terms. The solver estimates the rest,
-        the curvature of the constraints included, from the gradients.
-        """
-
-    @property
-    def inequalities(self) -> FloatArray:
-        """c, shape (n_inequalities,); there may be thousands."""
-
-    def inequality_rows(
-        self, chosen: NDArray[np.intp], values: FloatArray | None = None
-    ) -> FloatArray:
-        """∂c/∂x of the chosen ones, shape (n_chosen, n).
-
-        With other values of them, shape (n_chosen,), derivatives such that steps within these
-        values to first order are within them altogether, where the program can provide them.
-        """
-
-    def inequalities_after(self, step: FloatArray) -> FloatArray:
-        """Prediction of all of them, correct to first order, shape (n_inequalities,)."""
-
-    @property
-    def equalities(self) -> FloatArray:
-        """e, shape (n_equalities,), fewer than unknowns."""
-
-    @property
-    def equality_rows(self) -> FloatArray:
-        """∂e/∂x, shape (n_equalities, n)."""
-
-
-class Program(Protocol):
-    """A nonlinear program."""
-
-    @property
-    def lower(self) -> FloatArray:
-        """Lower bounds l of the inequalities, shape (n_inequalities,); may be −∞."""
-
-    @property
-    def upper(self) -> FloatArray:
-        """Upper bounds u of the inequalities, shape (n_inequalities,); may be ∞."""
-
-    def evaluate(self, x: FloatArray) -> Point:
-        """Value and derivatives at x, shape (n,)."""
-
-    def equalities_at(self, x: FloatArray) -> FloatArray:
-        """Only e at x."""
-
-
-@dataclass(frozen=True, eq=False)
-class SolverMemory:
-    """State of a solver, for a warm start.
-
-    Attributes
-    ----------
-    curvature : array, shape (n, n)
-        Estimate S of the unknown part of the Lagrangian's Hessian.
-    radius : float
-        Radius of the trust region.
-    sides : array of int, shape (n_active,)
-        Sides of the inequalities that were active, see :class:`Step`.
-    """
-
-    curvature: FloatArray
-    radius: float
-    sides: NDArray[np.intp]
+The estimate S of the unknown part of the Lagrangian's Hessian, shape (n, n); the radius of the
+trust region; the sides of the inequalities that were active, shape (n_active,), see :class:`Step`.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +97,7 @@ class Solution:
 
 
 def solve(
-    program: Program,
+    program: MotionProgram,
     start: FloatArray,
     options: SolverOptions = SolverOptions(),
     memory: SolverMemory | None = None,
@@ -175,7 +107,7 @@ def solve(
 
     Parameters
     ----------
-    program : Program
+    program : MotionProgram
         The program to solve.
     start : array, shape (n,)
         Unknowns to start from; they may violate constraints.
@@ -207,29 +139,30 @@ def solve(
         iterations=search.iterations,
         kkt_residual=float(np.linalg.norm(search.pull)) / max(here.cost, TINY),
         start_cost=search.start_cost,
-        memory=SolverMemory(search.curvature, search.radius, search.sides),
+        memory=(search.curvature, search.radius, search.sides),
     )
 
 
-class Tangent(NamedTuple):
-    """Steps that meet linearised equalities: normal + directions · y for any y."""
+def _tangent(here: MotionPoint, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The steps normal + directions · y, for any y, that meet the linearised equalities.
 
-    normal: FloatArray
-    directions: FloatArray
-    # E⁺ of the equalities' rows E, shape (n, n_equalities).
-    pseudo_inverse: FloatArray
-
-    @classmethod
-    def at(cls, here: Point, radius: float) -> Tangent:
-        """The steps at a point, with a normal step inside the trust region."""
-        left, singular, right = np.linalg.svd(here.equality_rows)
-        rank = int(np.count_nonzero(singular > _DEPENDENT * singular[0]))
-        inverse = right[:rank].T @ (left[:, :rank] / singular[:rank]).T
-        normal = -inverse @ here.equalities
-        # Far from the equalities, the step is shortened to the trust region.
-        length = float(np.linalg.norm(normal))
-        normal *= min(1.0, _NORMAL_SHARE * radius / max(length, TINY))
-        return cls(normal, right[rank:].T, inverse)
+    Returns
+    -------
+    normal : array, shape (n,)
+        The normal step, inside the trust region.
+    directions : array, shape (n, n_free)
+        Orthonormal directions along the equalities.
+    pseudo_inverse : array, shape (n, n_equalities)
+        E⁺ of the equalities' rows E.
+    """
+    left, singular, right = np.linalg.svd(here.equality_rows)
+    rank = int(np.count_nonzero(singular > _DEPENDENT * singular[0]))
+    inverse = right[:rank].T @ (left[:, :rank] / singular[:rank]).T
+    normal = -inverse @ here.equalities
+    # Far from the equalities, the step is shortened to the trust region.
+    length = float(np.linalg.norm(normal))
+    normal *= min(1.0, _NORMAL_SHARE * radius / max(length, TINY))
+    return normal, right[rank:].T, inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,9 +226,9 @@ class Subproblem:
 
     Parameters
     ----------
-    program : Program
+    program : MotionProgram
         The program.
-    here : Point
+    here : MotionPoint
         The point.
     hessian : array, shape (n, n)
         Hessian of the Lagrangian.
@@ -307,14 +240,14 @@ class Subproblem:
 
     def __init__(
         self,
-        program: Program,
-        here: Point,
+        program: MotionProgram,
+        here: MotionPoint,
         hessian: FloatArray,
         radius: float,
         sides: NDArray[np.intp],
     ) -> None:
         self._program, self._here, self._whole = program, here, hessian
-        self._tangent = Tangent.at(here, radius) if here.equalities.size else None
+        self._tangent = _tangent(here, radius) if here.equalities.size else None
         self._hessian, self._gradient, self._radius = hessian, here.gradient, radius
         if self._tangent is not None:
             normal, directions, _ = self._tangent
@@ -343,7 +276,8 @@ class Subproblem:
         """
         pull = self._here.gradient + self._first.multipliers @ self._rows
         if self._tangent is not None:
-            pull = pull @ self._tangent.directions
+            _, directions, _ = self._tangent
+            pull = pull @ directions
         if not self._first.is_within:
             return math.inf, pull
         change = self._lifted(self._first.step)
@@ -379,7 +313,8 @@ class Subproblem:
         pull = here.gradient + multipliers @ rows[holding]
         equality_multipliers, missed = np.zeros(0), 0.0
         if self._tangent is not None:
-            equality_multipliers = -self._tangent.pseudo_inverse.T @ (pull + curved)
+            _, _, pseudo_inverse = self._tangent
+            equality_multipliers = -pseudo_inverse.T @ (pull + curved)
             missed = float(np.abs(here.equalities + here.equality_rows @ change).sum())
             pull = pull + equality_multipliers @ here.equality_rows
         return Step(
@@ -409,7 +344,8 @@ class Subproblem:
     def _lifted(self, y: FloatArray) -> FloatArray:
         if self._tangent is None:
             return y
-        return np.asarray(self._tangent.normal + self._tangent.directions @ y)
+        normal, directions, _ = self._tangent
+        return np.asarray(normal + directions @ y)
 
     @cached_property
     def _free(self) -> tuple[FloatArray, float]:
@@ -450,7 +386,7 @@ class Subproblem:
 
 
 def _at_sides(
-    program: Program, at: Point, sides: NDArray[np.intp]
+    program: MotionProgram, at: MotionPoint, sides: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of sides of inequalities, with signs such that all are bounded above.
 
@@ -469,7 +405,7 @@ class _Search:
 
     def __init__(
         self,
-        program: Program,
+        program: MotionProgram,
         start: FloatArray,
         options: SolverOptions,
         memory: SolverMemory | None,
@@ -485,8 +421,8 @@ class _Search:
         if memory is None:
             curved = bool(self.here.equalities.size)
             radius = options.first_radius_to_equalities if curved else options.first_radius
-            memory = SolverMemory(self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp))
-        self.curvature, self.radius, self.sides = memory.curvature, memory.radius, memory.sides
+            memory = self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp)
+        self.curvature, self.radius, self.sides = memory
 
     def run(self) -> bool:
         """Take steps until one is negligible, or time or iterations run out.
@@ -570,7 +506,7 @@ class _Search:
             change = change + back
         return step
 
-    def _learned(self, step: Step, there: Point) -> FloatArray:
+    def _learned(self, step: Step, there: MotionPoint) -> FloatArray:
         """The estimate S of the curvature after the Dennis–Gay–Welsch update along a step."""
         if not np.isfinite(there.cost):
             return self.curvature
@@ -605,13 +541,13 @@ class _Search:
         return np.asarray(curvature + cross + cross.T)
 
 
-def infeasibility(program: Program, at: Point) -> float:
+def infeasibility(program: MotionProgram, at: MotionPoint) -> float:
     """Sum of the violations of all constraints."""
     outside = outside_bounds(program, at.inequalities)
     return sum_of_peaks(outside) + float(np.abs(at.equalities).sum())
 
 
-def outside_bounds(program: Program, values: FloatArray) -> FloatArray:
+def outside_bounds(program: MotionProgram, values: FloatArray) -> FloatArray:
     """Distances of inequalities beyond their nearer bounds, negative within them."""
     outside: FloatArray = values - program.upper
     return np.maximum(outside, program.lower - values, out=outside)
@@ -626,7 +562,9 @@ def sum_of_peaks(outside: FloatArray) -> float:
     return float(np.maximum.reduceat(outside[where], starts).sum())
 
 
-def violated_sides(program: Program, values: FloatArray, outside: FloatArray) -> NDArray[np.intp]:
+def violated_sides(
+    program: MotionProgram, values: FloatArray, outside: FloatArray
+) -> NDArray[np.intp]:
     """Sides of inequalities at peaks of violation, and of their neighbours.
 
     The neighbours are included because a constrained peak often moves by one point. Side 2i is the

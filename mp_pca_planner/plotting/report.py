@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -117,14 +116,15 @@ def report_page(
     left_out = _evenly(len(motions), min(_MAX_LEFT_OUT, affordable))
     angles = primitive.metadata["angle_variance_ratio"]
     errors, why_no_errors = _held_out(motions, options, left_out)
-    verdict = verdict_on(primitive, errors, left_out, robot)
+    good, weak, is_weak = verdict_on(primitive, errors, left_out, robot)
     return render(
         "report.html",
         title=f"Movement primitive '{primitive.name}'",
         max_rows=_MAX_ROWS,
         primitive=primitive,
-        verdict=verdict,
-        goals=None if robot is None else _goals_address(primitive, robot, verdict),
+        good=good,
+        weak=weak,
+        goals=None if robot is None else _goals_address(primitive, robot, is_weak),
         motions=motions,
         unit=primitive_unit(primitive),
         residual=_rms(primitive.fit_residual),
@@ -160,7 +160,7 @@ def _shapes_address(
     )
 
 
-def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: PrimitiveVerdict) -> str:
+def _goals_address(primitive: MovementPrimitive, robot: Robot, is_weak: NDArray[np.bool_]) -> str:
     """The figure of the robot among the goals of its demonstrations."""
     tip = robot.end_effector
     ends = primitive.boundary_states[:, [0, 3]]
@@ -169,8 +169,8 @@ def _goals_address(primitive: MovementPrimitive, robot: Robot, verdict: Primitiv
     chain = robot.chain_positions(primitive.reproduction(int(typical), times), tip)
     shown = {
         "goals in span": goals_in_span(primitive),
-        "goals, predicted well": ends[~verdict.is_weak, 1],
-        "goals, predicted badly": ends[verdict.is_weak, 1],
+        "goals, predicted well": ends[~is_weak, 1],
+        "goals, predicted badly": ends[is_weak, 1],
     }
     places = {name: robot.frame_positions(q, [tip])[:, 0] for name, q in shown.items()}
     motions = {"a demonstration": chain}
@@ -314,32 +314,30 @@ def recording_figure(
     PlannerError
         If the report has no overview.
     """
-    overview = report.overview
-    if overview is None:
+    if report.overview is None:
         raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
+    times, positions, speed = report.overview
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]
     unit = unit_of(report.joint_names, prismatic)
     figure.set_size_inches(12.0, 3.6)
     add_header(figure, "", [*joints, LINES["motion"], LINES["rest"]])
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-    for values, style in zip(overview.positions.T, joints, strict=True):
-        above.plot(overview.times, unit.factor * values, **style)
-    below.plot(overview.times, unit.factor * overview.speed, color=BLACK, linewidth=1.4)
+    for values, style in zip(positions.T, joints, strict=True):
+        above.plot(times, unit.factor * values, **style)
+    below.plot(times, unit.factor * speed, color=BLACK, linewidth=1.4)
     for threshold in (report.thresholds.rest, report.thresholds.moving):
         below.axhline(unit.factor * threshold, color=GREY, linestyle="--", linewidth=1.0)
-    at_rest = overview.speed <= report.thresholds.rest
+    at_rest = speed <= report.thresholds.rest
     for axes in (above, below):
         whole: Line = {"transform": axes.get_xaxis_transform(), "linewidth": 0}
-        axes.fill_between(
-            overview.times, 0.0, 1.0, where=at_rest, color=LINES["rest"]["color"], **whole
-        )
+        axes.fill_between(times, 0.0, 1.0, where=at_rest, color=LINES["rest"]["color"], **whole)
         for motion in report.motions:
             span = motion.start, motion.end
             axes.axvspan(*span, color=LINES["motion"]["color"], alpha=0.6, linewidth=0)
             for cut in span:
                 axes.axvline(cut, color=COLOURS[0], linewidth=1.0)
     above.set(ylabel=f"position [{unit.name}]")
-    above.set_xlim(np.nanmin(overview.times), np.nanmax(overview.times))
+    above.set_xlim(np.nanmin(times), np.nanmax(times))
     below.set(xlabel="time [s]", ylabel=f"speed [{unit.speed}]")
     below.set_ylim(bottom=0.0)
 
@@ -361,29 +359,12 @@ _N_SAMPLED = 3000
 _REACH = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class PrimitiveVerdict:
-    """What a primitive is good for.
-
-    Attributes
-    ----------
-    good, weak : list of str
-        Sentences.
-    is_weak : array of bool, shape (n_demonstrations,)
-        Whether a motion was left out and predicted badly.
-    """
-
-    good: list[str]
-    weak: list[str]
-    is_weak: NDArray[np.bool_]
-
-
 def verdict_on(
     primitive: MovementPrimitive,
     errors: HeldOutErrors | None,
     left_out: Sequence[int],
     robot: Robot | None = None,
-) -> PrimitiveVerdict:
+) -> tuple[list[str], list[str], NDArray[np.bool_]]:
     """Judge a primitive by its errors on left-out demonstrations and by the ranges of its goals.
 
     Parameters
@@ -396,6 +377,13 @@ def verdict_on(
         Indices of these motions.
     robot : Robot, optional
         The robot of its joints, which gives goals a place in space.
+
+    Returns
+    -------
+    good, weak : list of str
+        Sentences on what it is good for, and on its weaknesses.
+    is_weak : array of bool, shape (n_demonstrations,)
+        Whether a motion was left out and predicted badly.
     """
     is_weak = np.zeros(len(primitive.durations), dtype=bool)
     good, weak = [], []
@@ -428,7 +416,7 @@ def verdict_on(
     weak.append("goals outside: the in-span score of a plan says how far (above 3: unlike)")
     if is_weak.size < _FEW:
         weak.append(f"there are only {is_weak.size} demonstrations: record ten to thirty")
-    return PrimitiveVerdict(good, weak, is_weak)
+    return good, weak, is_weak
 
 
 def goals_in_span(primitive: MovementPrimitive) -> FloatArray:

@@ -86,11 +86,8 @@ TABLE_2 = {
 """[P] Table 2: shares of the first four components, joint by joint of the paper's arm."""
 
 
-class Table(NamedTuple):
-    """A header and rows of text."""
-
-    header: list[str]
-    rows: list[list[str]]
+Table = tuple[list[str], list[list[str]]]
+"""A header and rows of text."""
 
 
 def percent(share: float) -> str:
@@ -121,7 +118,7 @@ def variance_table(shares: Mapping[str, Sequence[float]], n_components: int | No
     """
     n = max(map(len, shares.values()), default=0) if n_components is None else n_components
     rows = [[name, *percents(values, n), percent(sum(values))] for name, values in shares.items()]
-    return Table(["", *(f"PC{k + 1}" for k in range(n)), "sum"], rows)
+    return ["", *(f"PC{k + 1}" for k in range(n)), "sum"], rows
 
 
 def percents(values: Sequence[float], n: int) -> list[str]:

@@ -298,7 +298,7 @@ def build_from_statistics(
     """
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
-    found = fit_shapes(statistics, options)
+    mean, directions, explained, total, weights, residual = fit_shapes(statistics, options)
     stored = asdict(options)
     for key in _NUMBERS:
         stored[key] = stored.pop(f"n_{key}")
@@ -308,11 +308,11 @@ def build_from_statistics(
         "demonstrations": MotionSources(statistics.sources, as_facts=True),
     }
     # The prediction is fitted to some of the motions, and knows the spread of all requests.
-    some, rows = statistics.thinned(), found.directions.reshape(-1, found.mean.size)
+    some, rows = statistics.thinned(), directions.reshape(-1, mean.size)
     model = ConditionalModel.fit(
         some.requests(),
         some.both_shapes() @ rows.T,
-        -rows @ found.mean.ravel(),
+        -rows @ mean.ravel(),
         np.array([some.paces, reversed_paces(some.paces)]),
         some.labels(),
         request_precision(statistics.requests()),
@@ -324,15 +324,15 @@ def build_from_statistics(
         joint_names=statistics.joint_names,
         coupling=options.coupling,
         metadata=facts | dict(metadata or {}),
-        mean_coefficients=found.mean @ series,
-        component_coefficients=found.directions @ series,
-        explained_variance=found.explained_variance,
-        total_variance=found.total_variance,
-        weights=found.weights,
+        mean_coefficients=mean @ series,
+        component_coefficients=directions @ series,
+        explained_variance=explained,
+        total_variance=total,
+        weights=weights,
         boundary_states=statistics.boundary_states,
         durations=statistics.durations,
         warps=statistics.warps,
-        fit_residual=found.fit_residual,
+        fit_residual=residual,
         model=model,
         statistics=statistics,
     )

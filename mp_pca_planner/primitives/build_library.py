@@ -18,6 +18,7 @@ from ..arrays import FloatArray, as_list
 from ..exceptions import PrimitiveError, quote_names, shown
 from ..files import as_path
 from ..recordings.demonstration import Demonstration
+from ..recordings.recording_set import RecordingSet
 from ..robot.model import Robot
 from .build import PrimitiveOptions, build_from_statistics
 from .file import load_primitive, write_primitive
@@ -34,7 +35,7 @@ from .kinds import (
 from .library import Change, VersionedLibrary, require_locks
 from .motion_statistics import MotionStatistics, indices_of
 from .prediction import left_out_squares
-from .primitive import DemonstrationSet, MovementPrimitive
+from .primitive import MovementPrimitive
 
 Joints = tuple[str, ...]
 
@@ -146,7 +147,7 @@ class ExistingLibraries:
 
 
 def build_library(
-    motions: Sequence[Demonstration] | DemonstrationSet | Sequence[MotionStatistics],
+    motions: Sequence[Demonstration] | RecordingSet | Sequence[MotionStatistics],
     folder: str | Path,
     *,
     options: PrimitiveOptions | None = None,

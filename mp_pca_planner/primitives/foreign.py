@@ -10,7 +10,6 @@ ends and shapes. The distances of the other recordings, each from the rest, show
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -20,73 +19,33 @@ from ..arrays import FloatArray
 from ..exceptions import quote_names
 from .motion_statistics import MotionStatistics
 
+# Fewer recordings don't show what is usual.
+_MIN_RECORDINGS = 4
+# Of more recordings, each is compared with all, itself included.
+_MAX_LEFT_OUT = 200
+# Largest number of motions that are compared; of more an even choice is.
+_MAX_MOTIONS = 10_000
+# Variance in every direction, as a share of the variance of a joint.
+_PRIOR = 0.05
+# Robust standard deviations over which a recording is far: of the logarithmic distance of its usual
+# motion, and of its mean motion, which varies more; and the least standard deviation of these
+# logarithms.
+_FAR, _LEAST_DEVIATION = (3.5, 5.0), 0.15
+# Few recordings show less of what is usual: these thresholds grow by this over their number.
+_FEW = 3.0
+# Least difference of the logarithmic distances after two kinds of changes of which one is named.
+_CLEARLY = 0.2
+# Robust standard deviations of logarithmic durations over which a recording is slow or fast, and
+# the least standard deviation of these.
+_LONGER, _LEAST_SPREAD = 5.0, 0.2
+# RMS distance under which motions are the same [rad or m].
+_COPY = 0.005
 
-@dataclass(frozen=True)
-class ForeignOptions:
-    """Thresholds of the comparison.
-
-    Attributes
-    ----------
-    min_recordings : int
-        Fewer recordings don't show what is usual.
-    max_left_out : int
-        Of more recordings, each is compared with all, itself included.
-    max_motions : int
-        Largest number of motions that are compared; of more an even choice is.
-    prior : float
-        Variance in every direction, as a share of the variance of a joint.
-    usual, mean : float
-        Robust standard deviations over which a recording is far: of the logarithmic distance of its
-        usual motion, and of its mean motion, which varies more.
-    few : float
-        Few recordings show less of what is usual: these thresholds grow by this over their number.
-    clearly : float
-        Least difference of the logarithmic distances after two kinds of changes of which one is
-        named.
-    longer : float
-        Robust standard deviations of logarithmic durations over which a recording is slow or fast.
-    least_spread : float
-        Least standard deviation of these.
-    copy : float
-        RMS distance under which motions are the same [rad or m].
-    least_deviation : float
-        Least standard deviation of these logarithms.
-    """
-
-    min_recordings: int = 4
-    max_left_out: int = 200
-    max_motions: int = 10_000
-    prior: float = 0.05
-    usual: float = 3.5
-    mean: float = 5.0
-    few: float = 3.0
-    clearly: float = 0.2
-    longer: float = 5.0
-    least_spread: float = 0.2
-    copy: float = 0.005
-    least_deviation: float = 0.15
+_Others = tuple[FloatArray, FloatArray]
+"""Mean and precision of a Gaussian of the motions of the other recordings."""
 
 
-_OPTIONS = ForeignOptions()
-
-
-@dataclass(frozen=True)
-class Foreign:
-    """A recording whose motions are far from those of the others or copied, and why it is named."""
-
-    recording: str
-    reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class _Others:
-    """Gaussian of the motions of the other recordings."""
-
-    mean: FloatArray
-    precision: FloatArray
-
-
-def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[Foreign, ...]:
+def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> list[tuple[str, str]]:
     """Recordings whose motions are far from those of all others, or copies of them.
 
     Parameters
@@ -95,10 +54,15 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[For
         Motions of recordings. Among fewer than four, none is far.
     n_phases :
         Number of phases of their shapes.
+
+    Returns
+    -------
+    found :
+        The names of these recordings, each with the reason why it is named.
     """
     n_motions = len(statistics.durations)
-    if n_motions > _OPTIONS.max_motions:
-        chosen = np.linspace(0, n_motions - 1, _OPTIONS.max_motions).round().astype(np.intp)
+    if n_motions > _MAX_MOTIONS:
+        chosen = np.linspace(0, n_motions - 1, _MAX_MOTIONS).round().astype(np.intp)
         statistics = statistics.chosen(chosen)
     rows: dict[str, list[int]] = {}
     for row, motion in enumerate(statistics.motions):
@@ -108,37 +72,37 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> tuple[For
         [ends.transpose(0, 2, 1) / np.sqrt(2.0), statistics.shapes / np.sqrt(n_phases)], axis=2
     )
     copies = _copies(curves, [motion.recording for motion in statistics.motions])
-    for copy in copies:
-        del rows[copy.recording]
-    if len(rows) < _OPTIONS.min_recordings:
-        return copies
+    for name in copies:
+        del rows[name]
+    if len(rows) < _MIN_RECORDINGS:
+        return list(copies.items())
     n_ends = 2 * len(statistics.joint_names)
-    models = _models(curves.reshape(len(curves), -1), list(rows.values()), _OPTIONS.prior / n_ends)
+    models = _models(curves.reshape(len(curves), -1), list(rows.values()), _PRIOR / n_ends)
     pairs = list(zip(rows.values(), models, strict=True))
     table = np.array([_distances(curves[own], others) for own, others in pairs])
     times = np.array([np.median(statistics.durations[own]) for own in rows.values()])
-    found = list(copies)
+    found = list(copies.items())
     for i, (name, (own, others)) in enumerate(zip(rows, pairs, strict=True)):
         usual = np.delete(table, i, axis=0)
         deviations = _deviations(table[i], usual)
         ratios = np.delete(times[i] / times, i)
         if _slowness(ratios) > _most(usual):
-            found.append(Foreign(name, _unusual_time(float(np.median(ratios)))))
+            found.append((name, _unusual_time(float(np.median(ratios)))))
         if deviations.max() > _most(usual):
             worst = int(deviations.argmax())
             ratio = float(np.exp(table[i, worst] - np.median(usual[:, worst])))
             cause = _cause(curves[own], others, usual, statistics.joint_names)
             far = f"its motions are {ratio:.1f} times as far from those of the others as is usual"
-            found.append(Foreign(name, far + cause))
-    return tuple(found)
+            found.append((name, far + cause))
+    return found
 
 
-def _copies(curves: FloatArray, recordings: Sequence[str]) -> tuple[Foreign, ...]:
-    """Recordings that hold a motion of another one, but for noise or another rate."""
+def _copies(curves: FloatArray, recordings: Sequence[str]) -> dict[str, str]:
+    """Recordings that hold a motion of another one, but for noise or another rate, and why."""
     points = curves.reshape(len(curves), -1) / np.sqrt(curves.shape[1])
     n_nearest = min(4, len(points))
     apart, nearest = cKDTree(points).query(
-        points, range(1, n_nearest + 1), distance_upper_bound=_OPTIONS.copy
+        points, range(1, n_nearest + 1), distance_upper_bound=_COPY
     )
     found: dict[str, str] = {}
     for row, k in np.argwhere(np.isfinite(apart))[::-1].tolist():
@@ -146,7 +110,7 @@ def _copies(curves: FloatArray, recordings: Sequence[str]) -> tuple[Foreign, ...
         if own != other and other not in found:
             by = f"{1e3 * apart[row, k]:.2g} mrad (or mm) RMS"
             found[own] = f"a motion of it is {by} from one of '{other}': a copy counts twice"
-    return tuple(Foreign(name, reason) for name, reason in found.items())
+    return found
 
 
 def _models(values: FloatArray, groups: list[list[int]], prior: float) -> list[_Others]:
@@ -155,7 +119,7 @@ def _models(values: FloatArray, groups: list[list[int]], prior: float) -> list[_
     values = values - centre
     every = values[np.concatenate(groups)]
     total, squares = every.sum(axis=0), every.T @ every
-    if len(groups) > _OPTIONS.max_left_out:
+    if len(groups) > _MAX_LEFT_OUT:
         return [_gaussian(centre, total, squares, len(every), prior)] * len(groups)
     return [
         _gaussian(
@@ -177,24 +141,25 @@ def _gaussian(
     precision = np.linalg.inv(
         covariance + (prior * np.trace(covariance) + 1e-12) * np.eye(len(mean))
     )
-    return _Others(centre + mean, precision)
+    return centre + mean, precision
 
 
 def _distances(curves: FloatArray, others: _Others) -> FloatArray:
     """Logarithms of the distances of the usual motion and of the mean motion."""
-    y = curves.reshape(len(curves), -1) - others.mean
-    single = np.sqrt(np.sum((y @ others.precision) * y, axis=1))
+    centre, precision = others
+    y = curves.reshape(len(curves), -1) - centre
+    single = np.sqrt(np.sum((y @ precision) * y, axis=1))
     mean = y.mean(axis=0)
-    of_mean = np.sqrt(mean @ others.precision @ mean)
+    of_mean = np.sqrt(mean @ precision @ mean)
     found = np.array([np.median(single), of_mean])
     return np.asarray(np.log(np.maximum(found, 1e-9)))
 
 
 def _offsets(curves: FloatArray, others: _Others) -> FloatArray:
     """Most likely offset of each joint [rad or m]."""
-    directions = _directions(curves)
-    weighted = directions @ others.precision
-    y = curves.reshape(len(curves), -1).mean(axis=0) - others.mean
+    directions, (centre, precision) = _directions(curves), others
+    weighted = directions @ precision
+    y = curves.reshape(len(curves), -1).mean(axis=0) - centre
     return np.asarray(weighted @ y / np.einsum("ij,ij->i", weighted, directions))
 
 
@@ -209,15 +174,15 @@ def _directions(curves: FloatArray) -> FloatArray:
 
 def _most(usual: FloatArray) -> float:
     """Deviation over which a recording is far, as a share of the thresholds."""
-    return 1.0 + _OPTIONS.few / len(usual)
+    return 1.0 + _FEW / len(usual)
 
 
 def _slowness(ratios: FloatArray) -> float:
     """Deviation of a duration, given its ratios to the others, as a share of the threshold."""
     logs = np.log(ratios)
     centre = np.median(logs)
-    spread = max(1.4826 * float(np.median(np.abs(logs - centre))), _OPTIONS.least_spread)
-    return float(abs(centre) / spread / _OPTIONS.longer)
+    spread = max(1.4826 * float(np.median(np.abs(logs - centre))), _LEAST_SPREAD)
+    return float(abs(centre) / spread / _LONGER)
 
 
 def _unusual_time(ratio: float) -> str:
@@ -230,8 +195,8 @@ def _deviations(own: FloatArray, usual: FloatArray) -> FloatArray:
     """Robust standard deviations of distances from the usual ones, as shares of the thresholds."""
     centre = np.median(usual, axis=0)
     spread = 1.4826 * np.median(np.abs(usual - centre), axis=0)
-    deviations = (own - centre) / np.maximum(spread, _OPTIONS.least_deviation)
-    return np.asarray(deviations / [_OPTIONS.usual, _OPTIONS.mean])
+    deviations = (own - centre) / np.maximum(spread, _LEAST_DEVIATION)
+    return np.asarray(deviations / _FAR)
 
 
 def _cause(
@@ -244,7 +209,7 @@ def _cause(
         if _deviations(distances, usual).max() < _most(usual):
             best[kind] = min(best.get(kind, (np.inf, "")), (float(distances[0]), text))
     first, *rivals = sorted(best.values()) or [(np.inf, "")]
-    is_clear = not rivals or rivals[0][0] - first[0] > _OPTIONS.clearly
+    is_clear = not rivals or rivals[0][0] - first[0] > _CLEARLY
     return first[1] if is_clear else ""
 
 

@@ -130,12 +130,8 @@ class Kinds:
         return np.flatnonzero(self.assigned == kind)
 
 
-class _Group(NamedTuple):
-    """Number, mean and scatter of feature vectors."""
-
-    n: int
-    mean: FloatArray
-    scatter: FloatArray
+_Group = tuple[int, FloatArray, FloatArray]
+"""Number, mean and scatter of feature vectors."""
 
 
 class _Division(NamedTuple):
@@ -270,11 +266,11 @@ class _Tree:
 
     def density(self, features: FloatArray, members: FloatArray, n_motions: int) -> FloatArray:
         """Logarithms of the density that a kind predicts, times its share of the motions."""
-        group = _group(members) if len(members) else None
         n, weight = len(members), self._options.prior_weight + len(members)
         center, scatter = np.zeros(len(self._prior)), self._prior
-        if group is not None:
-            center = group.n * group.mean / weight
+        if n:
+            group = _, mean, _ = _group(members)
+            center = n * mean / weight
             scatter = self._posterior_scatter(group)
         freedom = self._freedom + n - len(center) + 1.0
         shape = scatter * (weight + 1.0) / (weight * freedom)
@@ -282,21 +278,21 @@ class _Tree:
         return np.asarray(multivariate_t(center, shape, df=freedom).logpdf(features) + log_share)
 
     def _posterior_scatter(self, group: _Group) -> FloatArray:
-        weight = self._options.prior_weight
-        pull = weight * group.n / (weight + group.n)
-        return self._prior + group.scatter + pull * np.outer(group.mean, group.mean)
+        (n, mean, scatter), weight = group, self._options.prior_weight
+        pull = weight * n / (weight + n)
+        return self._prior + scatter + pull * np.outer(mean, mean)
 
     def _evidence(self, group: _Group) -> float:
         """Logarithm of the evidence of one kind, up to a term that all divisions share.
 
         Murphy, "Machine Learning: A Probabilistic Perspective", 2012, equation 5.29.
         """
-        size, weight = len(self._prior), self._options.prior_weight
-        after = self._freedom + group.n
+        (n, _, _), size, weight = group, len(self._prior), self._options.prior_weight
+        after = self._freedom + n
         log_ratio = multigammaln(after / 2.0, size) - multigammaln(self._freedom / 2.0, size)
         log_before = np.linalg.slogdet(self._prior)[1]
         log_after = np.linalg.slogdet(self._posterior_scatter(group))[1]
-        shrinkage = np.log(weight / (weight + group.n))
+        shrinkage = np.log(weight / (weight + n))
         halves = self._freedom * log_before - after * log_after + size * shrinkage
         return float(log_ratio + halves / 2.0)
 
@@ -383,15 +379,15 @@ def _log_shares(node: ClusterNode) -> float:
 def _group(features: FloatArray) -> _Group:
     mean = features.mean(axis=0)
     deviations = features - mean
-    return _Group(len(features), mean, deviations.T @ deviations)
+    return len(features), mean, deviations.T @ deviations
 
 
 def _joined(first: _Group, second: _Group) -> _Group:
-    n = first.n + second.n
-    apart = second.mean - first.mean
-    between = first.n * second.n / n * np.outer(apart, apart)
-    mean = first.mean + second.n / n * apart
-    return _Group(n, mean, first.scatter + second.scatter + between)
+    (n_first, mean, scatter), (n_second, other_mean, other_scatter) = first, second
+    n = n_first + n_second
+    apart = other_mean - mean
+    between = n_first * n_second / n * np.outer(apart, apart)
+    return n, mean + n_second / n * apart, scatter + other_scatter + between
 
 
 @dataclass(frozen=True)

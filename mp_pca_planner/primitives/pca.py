@@ -96,14 +96,15 @@ def components_for_share(components: PrincipalComponents, share: float) -> int:
     return min(int(np.searchsorted(reached, share - 1e-12)) + 1, len(reached))
 
 
-@dataclass(frozen=True, eq=False)
-class ShapeComponents:
-    """Components of the shapes of demonstrations, and what they reproduce of these.
+def fit_shapes(
+    statistics: MotionStatistics, options: PrimitiveOptions
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Find the components of the shapes, and the weights of the demonstrations.
 
     Shapes are given by the coefficients of :func:`.shape_functions`.
 
-    Attributes
-    ----------
+    Returns
+    -------
     mean : array, shape (n_joints, n_functions)
         Mean shape.
     directions : array, shape (n_components, n_joints, n_functions)
@@ -117,17 +118,6 @@ class ShapeComponents:
     fit_residual : array, shape (n_demonstrations, n_joints)
         RMS over the phases of what the weights leave of each, with smoothed components.
     """
-
-    mean: FloatArray
-    directions: FloatArray
-    explained_variance: FloatArray
-    total_variance: FloatArray
-    weights: FloatArray
-    fit_residual: FloatArray
-
-
-def fit_shapes(statistics: MotionStatistics, options: PrimitiveOptions) -> ShapeComponents:
-    """Find the components of the shapes, and the weights of the demonstrations."""
     shapes, remainders = statistics.shapes, statistics.shape_remainders
     n, n_joints, n_functions = shapes.shape
     mean = row_mean(shapes)
@@ -151,7 +141,8 @@ def fit_shapes(statistics: MotionStatistics, options: PrimitiveOptions) -> Shape
         weights[:] = np.tensordot(some - mean, directions, axes=((-2, -1), (1, 2)))
         rest = some - (mean + np.tensordot(weights, directions, axes=1)) @ smoother
         residual[:] = np.sqrt((np.sum(rest**2, axis=2) + left) / options.n_phases)
-    return ShapeComponents(mean, directions, np.concatenate(variances), total, *arrays.values())
+    explained = np.concatenate(variances)
+    return mean, directions, explained, total, arrays["weights"], arrays["residual"]
 
 
 def angle_shares(statistics: MotionStatistics) -> dict[str, list[float]]:

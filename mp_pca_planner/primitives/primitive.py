@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from html import escape
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,20 +31,13 @@ from .timing import aligned_phases, time_scaling
 
 if TYPE_CHECKING:
     from ..recordings.demonstration import Demonstration
+    from ..recordings.recording_set import RecordingSet
     from .motion_statistics import MotionStatistics
 
 
 _MAX_DRAWS = 10_000
 # Joints hardly turn further [rad]: more looks like degrees, as in demonstrations.
 _MAX_ANGLE = 12.0
-
-
-class DemonstrationSet(Protocol):
-    """A value with demonstrations, such as loaded recordings."""
-
-    @property
-    def demonstrations(self) -> Sequence[Demonstration]:
-        """The motions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +184,7 @@ class MovementPrimitive:
     @names_options(PrimitiveError)
     def fit(
         cls,
-        demonstrations: Sequence[Demonstration] | DemonstrationSet | Sequence[ArrayLike],
+        demonstrations: Sequence[Demonstration] | RecordingSet | Sequence[ArrayLike],
         *,
         times: ArrayLike | Sequence[ArrayLike] | None = None,
         joint_names: Sequence[str] | None = None,
@@ -280,7 +273,7 @@ class MovementPrimitive:
 
     def errors(
         self,
-        demonstrations: Sequence[Demonstration] | DemonstrationSet | Sequence[ArrayLike],
+        demonstrations: Sequence[Demonstration] | RecordingSet | Sequence[ArrayLike],
         *,
         times: ArrayLike | Sequence[ArrayLike] | None = None,
     ) -> FloatArray:

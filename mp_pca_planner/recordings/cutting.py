@@ -100,20 +100,11 @@ class Cut:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothRecording:
-    """A repaired recording, its smoothed pieces, and the speeds of its rests and motions."""
-
-    clean: CleanRecording
-    pieces: list[SmoothPiece]
-    thresholds: SpeedThresholds
-
-    @classmethod
-    def of(cls, clean: CleanRecording) -> SmoothRecording:
-        """Smooth a repaired recording."""
-        pieces = [smooth(piece, clean.sample_rate) for piece in clean.pieces]
-        speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
-        return cls(clean, pieces, speed_thresholds(speed))
+def smoothed(clean: CleanRecording) -> tuple[list[SmoothPiece], SpeedThresholds]:
+    """The smoothed pieces of a repaired recording, and the speeds of its rests and motions."""
+    pieces = [smooth(piece, clean.sample_rate) for piece in clean.pieces]
+    speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
+    return pieces, speed_thresholds(speed)
 
 
 def cut_joint_states(
@@ -142,17 +133,20 @@ def cut_joint_states(
         joints = [name for name in joints if name in raw.listed_joints] or joints
         still = repair(raw, joints).still_joints
         joints = [name for name in joints if name not in still]
-    recording, options = SmoothRecording.of(repair(raw, joints)), SegmentationOptions()
-    cuts, clean = cut_motions(recording, options)
+    repaired, options = repair(raw, joints), SegmentationOptions()
+    pieces, thresholds = smoothed(repaired)
+    cuts, clean = cut_motions(repaired, pieces, thresholds, options)
     extents = [cut.extent for cut in cuts]
     least = least_extent_of_set(extents) if cuts else 0.0
     if cuts and min(extents) <= least:
-        cuts, clean = cut_motions(recording, options, least)
+        cuts, clean = cut_motions(repaired, pieces, thresholds, options, least)
     return cuts, clean
 
 
 def cut_motions(
-    recording: SmoothRecording,
+    clean: CleanRecording,
+    pieces: Sequence[SmoothPiece],
+    thresholds: SpeedThresholds,
     options: SegmentationOptions,
     least_of_set: float = 0.0,
     *,
@@ -162,8 +156,10 @@ def cut_motions(
 
     Parameters
     ----------
-    recording :
-        The recording.
+    clean :
+        The repaired recording.
+    pieces, thresholds :
+        Its smoothed pieces, and the speeds of its rests and motions, see :func:`smoothed`.
     options :
         Shortest rest and motion.
     least_of_set :
@@ -183,14 +179,13 @@ def cut_motions(
     RecordingError
         If all movements are within the extent of noise and sway.
     """
-    clean, thresholds = recording.clean, recording.thresholds
     if is_whole:
-        spans = [(piece, trim(piece, thresholds)) for piece in recording.pieces]
+        spans = [(piece, trim(piece, thresholds)) for piece in pieces]
         found = large = [Cut(piece, *span) for piece, span in spans if span is not None]
     else:
         found = [
             Cut(piece, *span)
-            for piece in recording.pieces
+            for piece in pieces
             for span in find_motions(piece, thresholds, options)
         ]
         largest = max((cut.extent for cut in found), default=0.0)
@@ -245,14 +240,16 @@ def without_cut_off(
     return kept
 
 
-def count_short_halves(recording: SmoothRecording, cuts: Sequence[Cut]) -> int:
+def count_short_halves(
+    pieces: Sequence[SmoothPiece], thresholds: SpeedThresholds, cuts: Sequence[Cut]
+) -> int:
     """Number of motions at ends of pieces of which too little is left to be one of the cuts."""
     ends = {(id(cut.piece), step) for cut in cuts for step in (cut.first, cut.last)}
     n = 0
-    for piece in recording.pieces:
+    for piece in pieces:
         speed = joint_speed(piece.velocities)
         for step in (0, speed.size - 1):
-            is_half = speed[step] > recording.thresholds.moving
+            is_half = speed[step] > thresholds.moving
             n += bool(is_half and (id(piece), step) not in ends)
     return n
 
@@ -317,7 +314,7 @@ def far_moving(who: str, largest: float, absurd: float) -> str:
 
 
 def overview(pieces: Sequence[SmoothPiece]) -> Overview:
-    """About 1000 samples of a recording, the resolution of a figure."""
+    """About 1000 samples of a recording, the resolution of a figure, see `Overview`."""
     k = max(1, sum(piece.times.size for piece in pieces) // 1000)
     parts = []
     for piece in pieces:
@@ -327,7 +324,7 @@ def overview(pieces: Sequence[SmoothPiece]) -> Overview:
         parts.append(np.column_stack(columns))
         parts.append(np.full((1, parts[0].shape[1]), np.nan))
     table = np.concatenate(parts)
-    return Overview(table[:, 0], table[:, 1:-1], table[:, -1])
+    return table[:, 0], table[:, 1:-1], table[:, -1]
 
 
 COLUMNS = ("recording", "start_time_s", "end_time_s")

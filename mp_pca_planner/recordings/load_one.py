@@ -22,7 +22,13 @@ from .joint_trajectories import read_trajectories, repair_trajectories
 from .recording_set import MarkerResidual, RecordingReport, RecordingSet, Refusal, Segment
 from .repair import CleanRecording, repair
 from .repair.motion import LARGEST_ANGLE
-from .segmentation import ABSURD_EXTENT, SegmentationOptions, extent
+from .segmentation import (
+    ABSURD_EXTENT,
+    SegmentationOptions,
+    SmoothPiece,
+    SpeedThresholds,
+    extent,
+)
 from .tables import FORMATS, read_table, whole_episodes
 
 SEGMENTATIONS = ("auto", "none")
@@ -152,8 +158,8 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
     """Load the file or folder of a recording; one that can't be used raises a RecordingError."""
     options = task.options
     clean, residuals = _clean(path, options, progress)
-    smoothed = cutting.SmoothRecording.of(clean)
-    cuts, clean = _cut(task, smoothed)
+    pieces, thresholds = cutting.smoothed(clean)
+    cuts, clean = _cut(task, clean, pieces, thresholds)
     checksum = options.cache.checksum(path)
     motions = [
         replace(
@@ -176,9 +182,9 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
         checksum=checksum,
         repairs=clean.repairs,
         motions=tuple(segments),
-        thresholds=smoothed.thresholds,
+        thresholds=thresholds,
         notes=(*clean.notes, *task.notes, *beyond),
-        overview=cutting.overview(smoothed.pieces) if options.overviews else None,
+        overview=cutting.overview(pieces) if options.overviews else None,
         marker_residuals=residuals,
         still_joints=clean.still_joints,
         fingerprint=clean.fingerprint,
@@ -218,19 +224,24 @@ def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tu
 
 
 def _cut(
-    task: LoadTask, recording: cutting.SmoothRecording
+    task: LoadTask,
+    clean: CleanRecording,
+    pieces: Sequence[SmoothPiece],
+    thresholds: SpeedThresholds,
 ) -> tuple[list[cutting.Cut], CleanRecording]:
     """Motions of a recording, and the recording with further repairs and notes."""
-    options, clean = task.options.segmentation, recording.clean
+    options = task.options.segmentation
     if task.segments is not None:
-        cuts = [cutting.cut_row(recording.pieces, row) for row in task.segments]
+        cuts = [cutting.cut_row(pieces, row) for row in task.segments]
     else:
         is_whole = clean.pieces_are_motions or task.options.segment == "none"
-        found, clean = cutting.cut_motions(recording, options, task.least_extent, is_whole=is_whole)
+        found, clean = cutting.cut_motions(
+            clean, pieces, thresholds, options, task.least_extent, is_whole=is_whole
+        )
         cuts = found
         if not clean.pieces_are_motions:
-            cuts = cutting.without_cut_off(found, recording.pieces, whole=is_whole)
-            n_short = 0 if is_whole else cutting.count_short_halves(recording, found)
+            cuts = cutting.without_cut_off(found, pieces, whole=is_whole)
+            n_short = 0 if is_whole else cutting.count_short_halves(pieces, thresholds, found)
             clean = cutting.counted(clean, "cut_off", len(found) - len(cuts) + n_short)
     if not cuts:
         raise RecordingError("no motion was found in it")

@@ -52,23 +52,13 @@ class Segment:
     where: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Overview:
-    """A whole recording in few samples, for a figure.
+Overview = tuple[FloatArray, FloatArray, FloatArray]
+"""A whole recording in few samples, for a figure.
 
-    Attributes
-    ----------
-    times : array, shape (n_samples,)
-        Times since the recording's first message [s]; NaN between the pieces.
-    positions : array, shape (n_samples, n_joints)
-        Joint positions [rad or m].
-    speed : array, shape (n_samples,)
-        Highest norm of the joint velocities up to the next sample [rad/s or m/s].
-    """
-
-    times: FloatArray
-    positions: FloatArray
-    speed: FloatArray
+Its times since the first message [s], shape (n_samples,), NaN between the pieces; its joint
+positions [rad or m], shape (n_samples, n_joints); the highest norm of the joint velocities up to
+the next sample [rad/s or m/s], shape (n_samples,).
+"""
 
 
 @dataclass(frozen=True)

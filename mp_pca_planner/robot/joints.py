@@ -129,9 +129,9 @@ class LockedModel:
             for name, x in locked.items()
         }
         following = {
-            name: mimic.multiplier * given[mimic.joint] + mimic.offset
-            for name, mimic in description.mimics.items()
-            if mimic.joint in given and name not in joint_names
+            name: multiplier * given[followed] + offset
+            for name, (followed, multiplier, offset) in description.mimics.items()
+            if followed in given and name not in joint_names
         }
         self.known: Mapping[str, float] = {**following, **given}
         for name, position in self.known.items():

@@ -222,7 +222,7 @@ class Robot:
         for name in self.movable_joints:
             followed = name
             while followed in mimics and followed not in self.joint_names:
-                followed = mimics[followed].joint
+                followed, _, _ = mimics[followed]
             if followed != name and followed in self.joint_names:
                 found[name] = followed
         return found

@@ -128,12 +128,11 @@ def numbers_of(
     return values
 
 
-class Mimic(NamedTuple):
-    """How a joint follows another one: its position is the multiple of that, plus the offset."""
+Mimic = tuple[str, float, float]
+"""How a joint follows another one: its position is the multiple of that one's, plus the offset.
 
-    joint: str
-    multiplier: float
-    offset: float
+The other joint, the multiplier and the offset [rad or m].
+"""
 
 
 @dataclass(frozen=True)
@@ -212,8 +211,10 @@ def read_description(urdf: str, source: str) -> Description:
             # Pinocchio.
             if mimic is not None and name in joints and mimic.get("joint") in every:
                 pairs = (("multiplier", "1"), ("offset", "0"))
-                numbers = (float(numbers_of(mimic, key, 1, usual)[0]) for key, usual in pairs)
-                mimics[name] = Mimic(mimic.get("joint", ""), *numbers)
+                multiplier, offset = (
+                    float(numbers_of(mimic, key, 1, usual)[0]) for key, usual in pairs
+                )
+                mimics[name] = mimic.get("joint", ""), multiplier, offset
         except RobotError as error:
             raise RobotError(f"{source}: joint '{name}': {error}") from None
     _check_mimics(mimics, source)
@@ -308,7 +309,8 @@ def _check_mimics(mimics: Mapping[str, Mimic], source: str) -> None:
     for name in mimics:
         chain = [name]
         while chain[-1] in mimics and chain.count(name) < 2 and len(chain) <= len(mimics):
-            chain.append(mimics[chain[-1]].joint)
+            followed, _, _ = mimics[chain[-1]]
+            chain.append(followed)
         if chain.count(name) > 1:
             circle = " mimics ".join(f"'{one}'" for one in chain)
             raise RobotError(f"{source}: joints mimic each other in a circle: {circle}")

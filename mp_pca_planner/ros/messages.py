@@ -24,7 +24,6 @@ from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
-from ..planning.report import remarks
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.joint_states import NS_PER_S
 from .serialised import read_message
@@ -139,7 +138,7 @@ def to_plan_report(
     missing_obstacle : str
         Why an obstacle that was given is not avoided; empty if all are.
     """
-    found = remarks(plan)
+    found = plan.remarks
     if missing_obstacle:
         found.append(f"an obstacle is not avoided: {missing_obstacle}")
     if ignored_joints:

@@ -167,7 +167,8 @@ class SimulatedRobot:
         write_joint_states(
             bag, "mcap", JOINT_NAMES, stamps + 10**18, positions, efforts=efforts, overwrite=True
         )
-        return measure_execution(bag, trajectory).effort
+        effort, _, _ = measure_execution(bag, trajectory)
+        return effort
 
 
 def plan_by_node(client, robot: SimulatedRobot, start: JointState, goal: JointState) -> Trajectory:

@@ -74,19 +74,21 @@ def test_refined_motion_keeps_clear_of_obstacles(primitive, tmp_path):
 
 def test_execution_is_found_and_measured(tmp_path):
     trajectory, times, held, tau = executed()
-    found = measure_execution(write_execution(tmp_path / "run", times, held, tau), trajectory)
-    assert found.started == pytest.approx(0.5, abs=0.01)
-    assert found.tracking_error < 1e-3
+    bag = write_execution(tmp_path / "run", times, held, tau)
+    effort, tracking_error, started = measure_execution(bag, trajectory)
+    assert started == pytest.approx(0.5, abs=0.01)
+    assert tracking_error < 1e-3
     during = (times >= 0.0) & (times <= trajectory.times[-1])
     wanted = 0.5 * trapezoid(np.sum(tau[during] ** 2, axis=1), times[during])
-    assert found.effort == pytest.approx(wanted, rel=0.01)
+    assert effort == pytest.approx(wanted, rel=0.01)
 
 
 def test_tracking_error_is_the_distance_from_what_was_wanted(tmp_path):
     trajectory, times, held, tau = executed(offset=0.01)
-    found = measure_execution(write_execution(tmp_path / "run", times, held, tau), trajectory)
+    bag = write_execution(tmp_path / "run", times, held, tau)
+    _, tracking_error, _ = measure_execution(bag, trajectory)
     # Each of four joints is 0.01 rad away all the time; a little of that passes for lateness.
-    assert found.tracking_error == pytest.approx(0.02, rel=0.1)
+    assert tracking_error == pytest.approx(0.02, rel=0.1)
 
 
 def test_execution_without_efforts_or_cut_short_is_refused(tmp_path):

@@ -25,6 +25,7 @@ from ...motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
 from ...planning.plan import SOLVED, Plan
+from ...planning.report import motion_remarks
 from ..options import Serving
 from ..threads import BusyError, IsCancelled
 from ..tracking.following import UnconfirmedError
@@ -67,6 +68,11 @@ class AdaptedPlan:
     solve_time: float
     status: ClassVar[str] = SOLVED
     message: ClassVar[str] = "the motion is continued to the new goal"
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences on what is unusual about it, as of a plan."""
+        return motion_remarks(self.in_span_score, self.limit_check)
 
     def summary(self) -> dict[str, str | float | int]:
         """Scalar facts, by the names of the package's public interface."""

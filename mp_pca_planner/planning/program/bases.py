@@ -61,69 +61,6 @@ class MotionBasis:
         return cls(tables, tables.basis.scales, None, 0, ())
 
 
-class PathFollower:
-    """Motions of a primitive along paths.
-
-    Parameters
-    ----------
-    primitive : MovementPrimitive
-        The primitive.
-    options : PlannerOptions
-        Options of planning.
-    """
-
-    def __init__(self, primitive: MovementPrimitive, options: PlannerOptions) -> None:
-        detours = options.detours
-        self._least_naturalness, self._spread = detours.min_naturalness, detours.spread
-        n = detours.n_control_points
-        splines = BSplineBasis(primitive.n_joints, n)
-        basis = SumBasis(primitive.basis, splines, detours.spread)
-        self._tables, self._n_splines = Tables(basis, options.n_nodes), splines.n_weights
-        self._phases = np.linspace(0.0, 1.0, detours.n_phases)[1:-1]
-        # All joints have the same splines.
-        self._fit = np.linalg.pinv(splines.functions(self._phases)[:, 0, :n])
-
-    def basis(self, segment: RequestSegment, path: FloatArray, naturalness: float) -> MotionBasis:
-        """The components and B-splines; the path takes the place of the prediction.
-
-        Parameters
-        ----------
-        segment : RequestSegment
-            The segment.
-        path : array, shape (n_points, n_joints)
-            Points with straight lines between them.
-        naturalness : float
-            ρ of the motion.
-        """
-        natural, s = segment.expected, self._phases
-        expected = np.append(natural.weights, np.zeros(self._n_splines))
-        line = Motion(segment.start, segment.goal, segment.duration, self._tables.basis, expected)
-        lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-        # Minimum jerk along the path.
-        along = lengths[-1] * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
-        points = np.stack([np.interp(along, lengths, q) for q in path.T], axis=1)
-        off = points - line.evaluate(s * line.duration)[0]
-        weights = expected.copy()
-        weights[natural.weights.size :] = (self._fit @ off).T.ravel()
-        # The path is no demonstration: it counts as little at any naturalness.
-        share = self._least_naturalness / max(naturalness, self._least_naturalness)
-        of_path = np.eye(self._n_splines) * (share / self._spread**2)
-        precision = block_diag(natural.precision, of_path)
-        n_components = natural.weights.size
-        return MotionBasis(
-            self._tables, weights, precision, n_components, (weights,), is_detour=True
-        )
-
-    def rates(self, segment: RequestSegment, basis: MotionBasis) -> FloatArray:
-        """Velocities, accelerations and jerks by phase, shape (3, n_phases, n_joints)."""
-        s = np.append(0.0, np.append(self._phases, 1.0))
-        line = Motion(
-            segment.start, segment.goal, segment.duration, basis.tables.basis, basis.expected
-        )
-        shapes = basis.tables.basis.shapes(basis.expected, s, 3)
-        return np.asarray((quintics(s, line.boundary, 3) + shapes)[1:])
-
-
 class BasisStore:
     """The bases of segments, with the tables that are the same for all requests.
 
@@ -138,10 +75,11 @@ class BasisStore:
         self._tables = lru_cache(options.search.n_kept_tables)(
             lambda primitive: Tables(primitive.basis, options.n_nodes)
         )
-        self.follower = lru_cache(64)(lambda primitive: PathFollower(primitive, options))
+        self._along_paths = lru_cache(64)(lambda primitive: _path_tables(primitive, options))
         self._splines = lru_cache(8)(
             lambda n_joints: Tables(BSplineBasis(n_joints), options.n_nodes)
         )
+        self._phases = _path_phases(options)
 
     @property
     def n_widths(self) -> int:
@@ -200,6 +138,51 @@ class BasisStore:
         )
         return components if width == 0 else self._corrected(components, primitive)
 
+    def along_path(
+        self, segment: RequestSegment, path: FloatArray, naturalness: float
+    ) -> MotionBasis:
+        """The components and B-splines; the path takes the place of the prediction.
+
+        Parameters
+        ----------
+        segment : RequestSegment
+            The segment.
+        path : array, shape (n_points, n_joints)
+            Points with straight lines between them.
+        naturalness : float
+            ρ of the motion.
+        """
+        tables, fit = self._along_paths(segment.primitive)
+        natural, s, detours = segment.expected, self._phases, self._options.detours
+        n_splines = tables.basis.n_weights - natural.weights.size
+        expected = np.append(natural.weights, np.zeros(n_splines))
+        line = Motion(segment.start, segment.goal, segment.duration, tables.basis, expected)
+        lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+        # Minimum jerk along the path.
+        along = lengths[-1] * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
+        points = np.stack([np.interp(along, lengths, q) for q in path.T], axis=1)
+        off = points - line.evaluate(s * line.duration)[0]
+        weights = expected.copy()
+        weights[natural.weights.size :] = (fit @ off).T.ravel()
+        # The path is no demonstration: it counts as little at any naturalness.
+        share = detours.min_naturalness / max(naturalness, detours.min_naturalness)
+        of_path = np.eye(n_splines) * (share / detours.spread**2)
+        precision = block_diag(natural.precision, of_path)
+        n_components = natural.weights.size
+        return MotionBasis(tables, weights, precision, n_components, (weights,), is_detour=True)
+
+    def rates(self, segment: RequestSegment, basis: MotionBasis) -> FloatArray:
+        """Derivatives by phase of the expected motion along a path.
+
+        Velocities, accelerations and jerks, shape (3, n_phases, n_joints).
+        """
+        s = np.append(0.0, np.append(self._phases, 1.0))
+        line = Motion(
+            segment.start, segment.goal, segment.duration, basis.tables.basis, basis.expected
+        )
+        shapes = basis.tables.basis.shapes(basis.expected, s, 3)
+        return np.asarray((quintics(s, line.boundary, 3) + shapes)[1:])
+
     def _corrected(self, narrow: MotionBasis, primitive: MovementPrimitive) -> MotionBasis:
         """The components with B-splines of every joint added."""
         usual = float(np.sqrt(np.mean(primitive.fit_residual**2)))
@@ -215,3 +198,22 @@ class BasisStore:
             narrow.n_components,
             tuple(np.append(start, none) for start in narrow.starts),
         )
+
+
+def _path_phases(options: PlannerOptions) -> FloatArray:
+    """Phases between the ends at which motions are fitted to paths."""
+    return np.linspace(0.0, 1.0, options.detours.n_phases)[1:-1]
+
+
+def _path_tables(
+    primitive: MovementPrimitive, options: PlannerOptions
+) -> tuple[Tables, FloatArray]:
+    """The basis of a primitive's motions along paths, and the fit of its B-splines to points.
+
+    The fit has the shape (n_control_points, n_phases). All joints have the same splines.
+    """
+    n = options.detours.n_control_points
+    splines = BSplineBasis(primitive.n_joints, n)
+    basis = SumBasis(primitive.basis, splines, options.detours.spread)
+    fit = np.linalg.pinv(splines.functions(_path_phases(options))[:, 0, :n])
+    return Tables(basis, options.n_nodes), np.asarray(fit)

@@ -10,7 +10,7 @@ write a class as in :mod:`..path_constraints`; for any other, a class as :class:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -26,7 +26,7 @@ from ...robot.model import Robot
 from ..motion import Tables
 from ..options import ClearanceOptions
 from ..path_constraints import PathConstraint
-from .segment import Course, StateMap, Unknowns, all_states, state_map
+from .segment import Course, Unknowns, all_states, state_map
 
 # Distance from the bound of a path constraint for the motion between the phases, at most half of
 # that of fixed ends.
@@ -36,46 +36,25 @@ Ends = tuple[JointState | None, JointState | None]
 """States at the start and the goal of a segment; None where the position is free."""
 
 
-class Linear(Protocol):
-    """Values of a constraint at one x, with their derivatives by the unknowns of its segment."""
-
-    @property
-    def values(self) -> FloatArray:
-        """The values, shape (n,)."""
-
-    def rows(self, chosen: NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
-        """Derivatives of the chosen values, shape (n_chosen, n_unknowns).
-
-        With bounds of them, derivatives such that steps within these bounds to first order are
-        within them altogether, where the constraint can provide them.
-        """
-
-    def after(self, step: FloatArray) -> FloatArray:
-        """Prediction of the values after a step, correct to first order."""
-
-
 @dataclass(frozen=True, eq=False)
-class Dense:
-    """Values with their Jacobian.
+class Linear:
+    """Values of a constraint at one x, with their derivatives by the unknowns of its segment.
 
     Attributes
     ----------
     values : array, shape (n,)
         The values.
-    jacobian : array, shape (n, n_unknowns)
-        Their derivatives.
+    rows : callable
+        Returns derivatives of the chosen values, shape (n_chosen, n_unknowns). With bounds of
+        them, derivatives such that steps within these bounds to first order are within them
+        altogether, where the constraint can provide them.
+    after : callable
+        Returns the prediction of the values after a step, correct to first order.
     """
 
     values: FloatArray
-    jacobian: FloatArray
-
-    def rows(self, chosen: NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
-        """The chosen rows of the Jacobian."""
-        return np.asarray(self.jacobian[chosen])
-
-    def after(self, step: FloatArray) -> FloatArray:
-        """The linear prediction."""
-        return np.asarray(self.values + self.jacobian @ step)
+    rows: Callable[[NDArray[np.intp], FloatArray | None], FloatArray]
+    after: Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,13 +152,18 @@ class AlongPath:
         self.lower = np.repeat(least, free.size)
         self.upper = np.full(self.lower.size, np.inf)
 
-    def at(self, course: Course) -> Dense:
-        """The values of a motion."""
+    def at(self, course: Course) -> Linear:
+        """The values of a motion, and their linear prediction."""
         q = self._states.values(course.x)
         by_unknown = self._states.slopes(course.x, q).rows().reshape(*q.shape, -1)
         values, slopes = self._constraint.values(self._robot, q.T)
-        rows = np.einsum("svj,jsx->vsx", slopes, by_unknown)
-        return Dense(values.T.ravel(), rows.reshape(values.size, -1))
+        by_value = values.T.ravel()
+        jacobian = np.einsum("svj,jsx->vsx", slopes, by_unknown).reshape(values.size, -1)
+        return Linear(
+            by_value,
+            lambda chosen, _: np.asarray(jacobian[chosen]),
+            lambda step: np.asarray(by_value + jacobian @ step),
+        )
 
     def refined(self, found: Findings) -> AlongPath:
         """With further phases, where a motion strays most between the present ones."""
@@ -324,55 +308,30 @@ class Clearance:
         phases = with_phases_of(found.collisions, self._phases, found.duration, n_more)
         return Clearance(*self._for, phases, self._least)
 
-    def at(self, course: Course) -> Distances:
-        """The distances of a motion."""
-        return Distances(self._states, self._for[0], course.x, self._for[4].reach)
-
-
-class Distances:
-    """Distances of all pairs at the phases of constraints (see :class:`.constraints.Linear`).
-
-    Parameters
-    ----------
-    states : StateMap
-        The positions at the phases.
-    model : CollisionModel
-        Computes the distances.
-    x : array, shape (n,)
-        The unknowns.
-    reach : float
-        Distance from which on changes are not predicted [m].
-
-    Attributes
-    ----------
-    values : array, shape (n_pairs * n_phases,)
-        The distances [m]; lower bounds beyond the reach of predictions.
-    """
-
-    def __init__(
-        self, states: StateMap, model: CollisionModel, x: FloatArray, reach: float
-    ) -> None:
-        q = states.values(x)
-        self._jacobian = states.slopes(x, q).rows().reshape(*q.shape, x.size)
-        self._near = near = model.near(q.T, reach)
-        self.values = near.bounds.T.ravel()
-        self._places = near.pairs * q.shape[1] + near.configurations
+    def at(self, course: Course) -> Linear:
+        """The distances of a motion [m]; lower bounds beyond the reach of predictions."""
+        q = self._states.values(course.x)
+        jacobian = self._states.slopes(course.x, q).rows().reshape(*q.shape, course.x.size)
+        near = self._for[0].near(q.T, self._for[4].reach)
+        values = near.bounds.T.ravel()
+        places = near.pairs * q.shape[1] + near.configurations
         # Number of the near entry of each distance, −1 if it is far.
-        self._entries = np.full(self.values.size, -1)
-        self._entries[self._places] = np.arange(self._places.size)
+        entries = np.full(values.size, -1)
+        entries[places] = np.arange(places.size)
 
-    def rows(self, chosen: NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
-        """Derivatives of the chosen distances by the unknowns, 0 for far ones."""
-        entries, near = self._entries[chosen], self._near
-        rows, is_near = np.zeros((chosen.size, self._jacobian.shape[2])), entries >= 0
-        entries = entries[is_near]
-        by_unknown = self._jacobian[:, near.configurations[entries]].transpose(1, 0, 2)
-        rows[is_near] = (near.rows[entries][:, None] @ by_unknown)[:, 0]
-        return rows
+        def rows(chosen: NDArray[np.intp], _: FloatArray | None) -> FloatArray:
+            """Derivatives of the chosen distances by the unknowns, 0 for far ones."""
+            own = entries[chosen]
+            found, is_near = np.zeros((chosen.size, jacobian.shape[2])), own >= 0
+            own = own[is_near]
+            by_unknown = jacobian[:, near.configurations[own]].transpose(1, 0, 2)
+            found[is_near] = (near.rows[own][:, None] @ by_unknown)[:, 0]
+            return found
 
-    def after(self, step: FloatArray) -> FloatArray:
-        """The linear prediction after a step of the unknowns."""
-        values, near = self.values.copy(), self._near
-        changes = (self._jacobian @ step)[:, near.configurations]
-        values[self._places] += np.einsum("ej,je->e", near.rows, changes)
-        return values
+        def after(step: FloatArray) -> FloatArray:
+            predicted = values.copy()
+            changes = (jacobian @ step)[:, near.configurations]
+            predicted[places] += np.einsum("ej,je->e", near.rows, changes)
+            return predicted
+
+        return Linear(values, rows, after)

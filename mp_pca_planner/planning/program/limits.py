@@ -21,7 +21,7 @@ from ...motion.validation import Violation
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..motion import N_LIMIT_POINTS, N_RATES, Tables, limit_phases
-from .constraints import Ends, Findings
+from .constraints import Ends, Findings, Linear
 from .segment import Course, StateMap, Unknowns
 
 # Margin between motions and limits, as a share of the limit. It leaves room for what the bounds of
@@ -163,65 +163,50 @@ class Limits:
         tighter._end_room = self._end_room - amount
         return tighter
 
-    def at(self, course: Course) -> LimitsAt:
-        """The bounded quantities of a motion."""
-        return LimitsAt(self, course)
+    def at(self, course: Course) -> Linear:
+        """The bounded quantities of a motion, as shares of their limits."""
+        states, slopes = np.zeros((0, 0)), None
+        if self.states is not None:
+            states = self.states.values(course.x)
+            slopes = self.states.slopes(course.x, states)
+        n_states = states.size
+        values = np.concatenate([states.ravel(), self._efforts(course.nodes.efforts)])
 
-    def efforts(self, node_efforts: FloatArray) -> FloatArray:
+        def rows(chosen: NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
+            """Derivatives of the chosen ones, see :meth:`.Slopes.rows`."""
+            of_states = chosen < n_states
+            found = np.empty((chosen.size, course.x.size))
+            if slopes is not None:
+                room = 0.0 if bounds is None else (bounds - values[chosen])[of_states]
+                found[of_states] = slopes.rows(chosen[of_states], room)
+            if not of_states.all():
+                found[~of_states] = self._effort_rows(course, chosen[~of_states] - n_states)
+            return found
+
+        def after(step: FloatArray) -> FloatArray:
+            """Their prediction, exact at a fixed duration but for the efforts."""
+            predicted = values.copy()
+            if slopes is not None:
+                predicted[:n_states] = slopes.after(values[:n_states], step)
+            if n_states < values.size:
+                predicted[n_states:] += self._efforts(course.slopes["efforts"] @ step)
+            return predicted
+
+        return Linear(values, rows, after)
+
+    def _efforts(self, node_efforts: FloatArray) -> FloatArray:
         """Bounded efforts from those at the nodes, shape (n_effort_joints * n_points,)."""
         if not self._effort_joints.size:
             return np.zeros(0)
         shares = node_efforts[:, self._effort_joints] / self._effort_units
         return np.asarray(shares.T @ self._tables.from_nodes().T).ravel()
 
-    def effort_rows(self, course: Course, chosen: NDArray[np.intp]) -> FloatArray:
+    def _effort_rows(self, course: Course, chosen: NDArray[np.intp]) -> FloatArray:
         """Derivatives of the chosen bounded efforts."""
         row, point = np.divmod(chosen, N_LIMIT_POINTS)
         from_nodes = self._tables.from_nodes()[point] / self._effort_units[row, None]
         by_joint = course.slopes["efforts"].transpose(1, 0, 2)[self._effort_joints[row]]
         return np.asarray((from_nodes[:, None] @ by_joint)[:, 0])
-
-
-class LimitsAt:
-    """The bounded quantities of a motion (see :class:`.constraints.Linear`).
-
-    Attributes
-    ----------
-    values : array, shape (n_inequalities,)
-        The quantities as shares of their limits.
-    """
-
-    def __init__(self, limits: Limits, course: Course) -> None:
-        self._limits, self._course = limits, course
-        states, map_ = np.zeros((0, 0)), limits.states
-        self._slopes = None
-        if map_ is not None:
-            states = map_.values(course.x)
-            self._slopes = map_.slopes(course.x, states)
-        self._n_states = states.size
-        self.values = np.concatenate([states.ravel(), limits.efforts(course.nodes.efforts)])
-
-    def rows(self, chosen: NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
-        """Derivatives of the chosen ones, see :meth:`.Slopes.rows`."""
-        of_states = chosen < self._n_states
-        rows = np.empty((chosen.size, self._course.x.size))
-        if self._slopes is not None:
-            room = 0.0 if bounds is None else (bounds - self.values[chosen])[of_states]
-            rows[of_states] = self._slopes.rows(chosen[of_states], room)
-        if not of_states.all():
-            efforts = chosen[~of_states] - self._n_states
-            rows[~of_states] = self._limits.effort_rows(self._course, efforts)
-        return rows
-
-    def after(self, step: FloatArray) -> FloatArray:
-        """Their prediction, exact at a fixed duration but for the efforts."""
-        values, n = self.values.copy(), self._n_states
-        if self._slopes is not None:
-            values[:n] = self._slopes.after(values[:n], step)
-        if n < values.size:
-            change = self._course.slopes["efforts"] @ step
-            values[n:] += self._limits.efforts(change)
-        return values
 
 
 def limit_shares(limits: JointLimits, states: FloatArray, efforts: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from ...motion.goal import JointState
 from ..motion import Motion
 from ..request import Request
 from .constraints import Clearance, Constraint, Findings, Linear, PoseTarget
-from .segment import END_SCALES, LOG_DURATION_SCALE, SegmentProgram, Term
+from .segment import END_SCALES, LOG_DURATION_SCALE, Naturalness, SegmentProgram
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,14 +179,14 @@ class Chain:
 
 
 class MotionProgram:
-    """A compiled request (see :class:`.solver.Program`).
+    """A compiled request, a nonlinear program (see :mod:`.solver`).
 
     Parameters
     ----------
     segments : sequence of SegmentProgram
         The segments with their running costs.
-    terms : sequence of (sequence of Term)
-        Further terms of each segment.
+    terms : sequence of (sequence of Naturalness)
+        Further terms of each segment, none or one.
     constraints : sequence of (sequence of Constraint)
         The constraints of each segment.
     targets : sequence of (PoseTarget or None)
@@ -199,13 +199,13 @@ class MotionProgram:
     Attributes
     ----------
     lower, upper : array, shape (n_inequalities,)
-        Bounds of the inequalities, segment after segment.
+        Bounds of the inequalities, segment after segment; may be infinite.
     """
 
     def __init__(
         self,
         segments: Sequence[SegmentProgram],
-        terms: Sequence[Sequence[Term]],
+        terms: Sequence[Sequence[Naturalness]],
         constraints: Sequence[Sequence[Constraint]],
         targets: Sequence[PoseTarget | None],
         links: Chain | None,
@@ -310,7 +310,7 @@ class MotionProgram:
 
 @dataclass(frozen=True, eq=False)
 class MotionPoint:
-    """A program at one x (see :class:`.solver.Point`).
+    """Everything about a program at one x of n unknowns.
 
     Attributes
     ----------
@@ -319,11 +319,13 @@ class MotionPoint:
     gradient : array, shape (n,)
         Its gradient.
     hessian : array, shape (n, n)
-        The part of its Hessian that is known.
+        The part of its Hessian that is known: RᵀR of sums of squares, exact Hessians of quadratic
+        terms. The solver estimates the rest, the curvature of the constraints included, from the
+        gradients.
     inequalities : array, shape (n_inequalities,)
-        Values of the constraints.
+        Values of the constraints; there may be thousands.
     equalities : array, shape (n_equalities,)
-        Errors of the targets.
+        Errors of the targets, fewer than unknowns.
     equality_rows : array, shape (n_equalities, n)
         Their derivatives.
     linear : tuple
@@ -342,7 +344,11 @@ class MotionPoint:
     def inequality_rows(
         self, chosen: NDArray[np.intp], bounds: FloatArray | None = None
     ) -> FloatArray:
-        """Derivatives of the chosen inequalities, shape (n_chosen, n)."""
+        """Derivatives of the chosen inequalities, shape (n_chosen, n).
+
+        With bounds of them, shape (n_chosen,), derivatives such that steps within these bounds to
+        first order are within them altogether, where a constraint can provide them.
+        """
         rows = np.zeros((chosen.size, self.gradient.size))
         for where, by_x, at_rows, at in self.linear:
             own = (chosen >= at_rows.start) & (chosen < at_rows.stop)
@@ -353,7 +359,7 @@ class MotionPoint:
         return rows
 
     def inequalities_after(self, step: FloatArray) -> FloatArray:
-        """Their linear prediction."""
+        """Prediction of all of them after a step, correct to first order."""
         after = np.empty(self.inequalities.size)
         for where, by_x, rows, at in self.linear:
             after[rows] = at.after(step[where] if by_x is None else by_x @ step[where])

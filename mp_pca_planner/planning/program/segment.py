@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,25 +141,13 @@ class Unknowns:
         return float(_MAX_LOG * np.arctanh(change) / LOG_DURATION_SCALE)
 
 
-class Timing(NamedTuple):
-    """The part of a free duration in :class:`Slopes`.
+Timing = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""The part of a free duration in :class:`Slopes`.
 
-    Attributes
-    ----------
-    growth : array, shape (n_linear,)
-        Factors of the columns.
-    rates : array, shape (n_states,)
-        Factors of the states.
-    by_duration : array, shape (n_states,)
-        Derivatives by the unknown of the duration.
-    decay : array, shape (n_states,)
-        Relative decrease of the states of given path with that unknown.
-    """
-
-    growth: FloatArray
-    rates: FloatArray
-    by_duration: FloatArray
-    decay: FloatArray
+The factors of the columns, shape (n_linear,). Then, of each state, shape (n_states,): its factor,
+its derivative by the unknown of the duration, and its relative decrease with that unknown on a
+given path.
+"""
 
 
 class Slopes(NamedTuple):
@@ -193,7 +181,8 @@ class Slopes(NamedTuple):
         """States after a step, by their values before: to first order but for powers of T."""
         after = values + self.changes(step)
         if self.timing is not None:
-            fallen = step[self.columns.shape[1]] * self.timing.decay
+            _, _, _, decay = self.timing
+            fallen = step[self.columns.shape[1]] * decay
             after += fallen * values
             after *= np.exp(-fallen)
         return np.asarray(after)
@@ -288,7 +277,7 @@ class StateMap:
         n_phases = self._mean.shape[1]
         decay = np.asarray(slope * np.repeat(self._orders, n_phases))
         of_states = np.repeat(rates[:, 0], n_phases)
-        timing = Timing(unknowns.growth(x), of_states, by_duration, decay)
+        timing = unknowns.growth(x), of_states, by_duration, decay
         return Slopes(self._columns, unknowns.scales.size, timing)
 
 
@@ -457,13 +446,6 @@ class SegmentProgram:
         by_row = self._states.values(x)
         by_joint = by_row.reshape(N_RATES, self.unknowns.n_joints, self.tables.n_nodes)
         return by_joint.transpose(0, 2, 1)
-
-
-class Term(Protocol):
-    """One piece of the objective of a segment."""
-
-    def at(self, course: Course) -> Quadratic:
-        """Its value for a motion, with derivatives by the unknowns."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -357,7 +357,8 @@ def _continued(
     if is_cut and not program.has_clearances:
         return list(zip(program.starts[:n_starts], repeat(None)))
     # The inequalities were renumbered.
-    memory = replace(best.memory, sides=best.memory.sides[:0])
+    curvature, radius, sides = best.memory
+    memory = curvature, radius, sides[:0]
     return [(best.unknowns, memory), (program.starts[0], None)]
 
 

@@ -69,10 +69,10 @@ def along_path(context: Context, request: Request, budget: Budget) -> Candidate 
 def _near_path(context: Context, request: Request, path: FloatArray, budget: Budget) -> Candidate:
     """The motion of least cost near a path, or else the one along it."""
     options, segment = context.options, request.segments[0]
-    follower = context.bases.follower(segment.primitive)
-    basis, duration = follower.basis(segment, path, request.naturalness), request.duration
+    basis = context.bases.along_path(segment, path, request.naturalness)
+    duration = request.duration
     if request.duration_is_free:
-        least = kinematic_stretch(context.limits, follower.rates(segment, basis))
+        least = kinematic_stretch(context.limits, context.bases.rates(segment, basis))
         at_least = 0.0 if request.timing == FREE else duration
         least *= options.search.scaling_margin
         duration = min(max(at_least, least), context.longest)

@@ -194,7 +194,7 @@ class Bag:
             If it does not hold such a message.
         """
         with self._damage_reported():
-            return self._decoded(Channel(topic.name, topic.type), data)
+            return self._decoded((topic.name, topic.type), data)
 
     def joint_states(
         self,
@@ -252,13 +252,13 @@ class Bag:
         found = []
         for topic in self.topics:
             with suppress(RecordingError), self._damage_reported():
-                types = self._own_types(Channel(topic.name, topic.type))
+                types = self._own_types((topic.name, topic.type))
                 found.append((topic.name, field_of_states(types, topic.type)))
         return [(name, field) for name, field in found if field]
 
     def _all_messages(self, topics: Collection[Topic]) -> Iterator[Stored]:
         """Messages, whose number must be that of the index."""
-        keys = {Channel(topic.name, topic.type): topic for topic in topics}
+        keys = {(topic.name, topic.type): topic for topic in topics}
         count = 0
         with self._damage_reported():
             for channel, stamp, data in self._stored(keys):
@@ -274,7 +274,7 @@ class Bag:
 
     def _before_damage(self, topics: Collection[Topic]) -> Iterator[Stored]:
         """Messages before the damage; the damage may also be within a message."""
-        keys = {Channel(topic.name, topic.type): topic for topic in topics}
+        keys = {(topic.name, topic.type): topic for topic in topics}
         count, reason = 0, "its index"
         try:
             for channel, stamp, data in self._stored(keys):
@@ -301,28 +301,29 @@ class Bag:
 
     def _decoded(self, channel: Channel, data: bytes) -> Any:
         """A message of a known type, else of a type that the bag defines."""
-        types = known_types(self.format)
-        if channel.type not in types.types:
+        types, (_, kind) = known_types(self.format), channel
+        if kind not in types.types:
             types = self._own_types(channel)
-        return decoder(types, self.format)(data, channel.type)
+        return decoder(types, self.format)(data, kind)
 
     def _own_types(self, channel: Channel) -> Types:
         """Types as the bag itself defines them."""
+        topic, kind = channel
         if channel not in self._defined:
             definitions = [file.definitions.get(channel) for file in self._files]
             text = next(filter(None, reversed(definitions)), None)
             if text is None:
                 raise RecordingError(
-                    f"'{channel.topic}' has messages of type {channel.type}, which the bag does "
+                    f"'{topic}' has messages of type {kind}, which the bag does "
                     "not define as .msg text: only fields of defined messages can be read"
                 )
-            self._defined[channel] = defined_types(text, channel.type)
+            self._defined[channel] = defined_types(text, kind)
         return self._defined[channel]
 
     def _field_reader(self, topic: Topic, field: str) -> Callable[[bytes], bytes]:
         """A function from a message to the joint states in a field of it, both serialised."""
         with self._damage_reported():
-            decode = decoder(self._own_types(Channel(topic.name, topic.type)), self.format)
+            decode = decoder(self._own_types((topic.name, topic.type)), self.format)
         encode = encoder(known_types(self.format), self.format)
 
         def extracted(data: bytes) -> bytes:

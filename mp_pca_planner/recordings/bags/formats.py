@@ -21,7 +21,7 @@ from contextlib import closing, contextmanager
 from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 from zlib import crc32
 
@@ -38,11 +38,8 @@ else:
 Buffer = bytes | mmap.mmap
 
 
-class Channel(NamedTuple):
-    """A topic and the type of its messages, as ROS 2 writes it (``pkg/msg/Name``)."""
-
-    topic: str
-    type: str
+Channel = tuple[str, str]
+"""A topic and the type of its messages, as ROS 2 writes it (``pkg/msg/Name``)."""
 
 
 StoredMessage = tuple[Channel, int, bytes]
@@ -313,7 +310,7 @@ class Rosbag1File(ChunkedFile):
     def _connection(self, fields: Fields, data: bytes) -> Channel:
         about = _fields(data)
         topic = re.sub("//+", "/", fields[b"topic"].decode())
-        channel = Channel(topic, ros2_type(about[b"type"].decode()))
+        channel = topic, ros2_type(about[b"type"].decode())
         self._define(channel, about.get(b"message_definition", b"").decode())
         return channel
 
@@ -443,7 +440,7 @@ class McapFile(ChunkedFile):
     def _channel(self, content: Buffer, start: int) -> tuple[int, Channel]:
         number, schema = struct.unpack_from("<HH", content, start)
         kind, definition = self._schemas[schema]
-        channel = Channel(mcap_text(content, start + 4)[0], kind)
+        channel = mcap_text(content, start + 4)[0], kind
         self._define(channel, definition)
         return number, channel
 
@@ -509,7 +506,7 @@ class Sqlite3File(StorageFile):
         for number, name, kind in database.execute("SELECT id, name, type FROM topics"):
             if (type(number), type(name), type(kind)) != (int, str, str):
                 raise DamageError(f"topic {number!r:.40} has a name or type that is no text")
-            channels[number] = Channel(name, ros2_type(kind))
+            channels[number] = name, ros2_type(kind)
             self._define(channels[number], definitions.get(kind, ""))
         return channels
 

@@ -17,7 +17,7 @@ from mp_pca_planner.planning.options import SelectionOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.report import selection_reason
-from mp_pca_planner.planning.selection import Considered, Selection, Selector
+from mp_pca_planner.planning.selection import Considered, Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 
@@ -49,10 +49,10 @@ def test_primitives_whose_demonstrations_are_far_away_are_not_compiled() -> None
     for motion in arm_demonstrations(10, 9):
         start, goal = motion.positions[0], motion.positions[-1]
         scores = selector.scores(start, goal)
-        selection = selector.choose(start, goal)
+        compiled, _ = selector.choose(start, goal)
         limit = max(1.25 * scores.min(), 1.0)
-        assert len(selection.considered) == np.count_nonzero(scores <= limit)
-        assert all(c.expected.in_span_score <= limit for c in selection.considered)
+        assert len(compiled) == np.count_nonzero(scores <= limit)
+        assert all(c.expected.in_span_score <= limit for c in compiled)
 
 
 def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
@@ -61,7 +61,7 @@ def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
     n_several = 0
     for motion in arm_demonstrations(10, 9):
         start, goal = motion.positions[[0, -1]]
-        found = selector.choose(start, goal).considered
+        found, _ = selector.choose(start, goal)
         if len(found) == 1:
             continue
         n_several += 1
@@ -82,10 +82,10 @@ def test_contenders_are_those_whose_expected_costs_are_near_the_least() -> None:
         options = SelectionOptions(usual_error=usual_error, max_contenders=3)
         selector = Selector(arm_robot(), library(), options=options)
         start, goal = arm_demonstrations(10, 9)[0].positions[[0, -1]]
-        selection = selector.choose(start, goal)
-        costs = [one.cost for one in selection.considered]
+        compiled, contenders = selector.choose(start, goal)
+        costs = [one.cost for one in compiled]
         near = [cost for cost in costs if cost <= (1.0 + usual_error) * costs[0]]
-        assert [one.cost for one in selection.contenders] == near[:3]
+        assert [one.cost for one in contenders] == near[:3]
         n_close.append(len(near))
     assert n_close[0] == 1
     assert n_close[-1] > 1
@@ -113,14 +113,14 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender_and_says_so() -> 
     n_contested = 0
     for motion in arm_demonstrations(6, 9):
         start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
-        selection = Selector(robot, primitives).choose(start.positions, goal.positions)
+        compiled, contenders = Selector(robot, primitives).choose(start.positions, goal.positions)
         plan = planner.plan(JointGoal(goal), start)
-        names = [c.name for c in selection.contenders]
+        names = [c.name for c in contenders]
         named = [planner.plan(JointGoal(goal, primitive=name), start) for name in names]
         cheapest = min(named, key=lambda one: one.solution.cost)
         assert plan.primitive == cheapest.primitive
         assert plan.solution.cost == pytest.approx(cheapest.solution.cost, rel=1e-6)
-        assert plan.considered == len(selection.considered)
+        assert plan.considered == len(compiled)
         assert all(f"'{name}'" in plan.selection for name in names)
         assert cheapest.selection == f"the goal names '{plan.primitive}'"
         if len(names) > 1:
@@ -134,7 +134,7 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender_and_says_so() -> 
 
 def test_a_motion_outside_of_the_limits_is_told_in_the_reason() -> None:
     two = considered(100.0), considered(101.0)
-    reason = selection_reason(Selection(two, two, 2), "b", {"a": None, "b": 12.5}, 8)
+    reason = selection_reason(two, 2, "b", {"a": None, "b": 12.5}, 8)
     assert "'b' has the least cost of the 2 planned: 'a' not within the limits, 'b' 12.5" in reason
 
 
@@ -160,8 +160,8 @@ def test_the_only_primitive_is_not_compiled_to_be_chosen() -> None:
     plan = Planner(robot, [arm_primitive()], robot.limits(), PATIENT).plan(JointGoal(goal), start)
     assert plan.summary()["selection"] == f"'{plan.primitive}' is the only primitive"
     assert plan.summary()["considered"] == 1
-    selection = Selector(robot, [arm_primitive()]).choose(start.positions, goal.positions)
-    assert np.isnan(selection.considered[0].cost)
+    (one,), _ = Selector(robot, [arm_primitive()]).choose(start.positions, goal.positions)
+    assert np.isnan(one.cost)
 
 
 def test_score_does_not_depend_on_whole_turns_of_a_joint_that_turns_without_end() -> None:
@@ -195,8 +195,9 @@ def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:
     for motion in arm_demonstrations(10, 9):
         ends = motion.positions[0], motion.positions[-1]
         scores = Selector(robot, primitives).scores(*ends)
-        strict = Selector(robot, primitives, max_score=float(scores.min()) + 1e-9).choose(*ends)
-        (only,) = strict.considered
+        strict = Selector(robot, primitives, max_score=float(scores.min()) + 1e-9)
+        (only,), _ = strict.choose(*ends)
         assert only.expected.in_span_score == pytest.approx(scores.min())
-        none = Selector(robot, primitives, max_score=0.5 * float(scores.min())).choose(*ends)
-        assert none.considered[0].expected.in_span_score == pytest.approx(scores.min())
+        none = Selector(robot, primitives, max_score=0.5 * float(scores.min()))
+        (first, *_), _ = none.choose(*ends)
+        assert first.expected.in_span_score == pytest.approx(scores.min())

@@ -32,7 +32,7 @@ from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import PHASES
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.recordings.recording_set import Overview, RecordingReport, Segment
+from mp_pca_planner.recordings.recording_set import RecordingReport, Segment
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
@@ -296,7 +296,7 @@ def test_legend_of_a_recording_names_every_joint_and_is_never_cut(
         motions=(Segment(1.0, 2.0), Segment(4.0, 6.0)),
         thresholds=SpeedThresholds(0.2, 0.5),
         notes=(),
-        overview=Overview(times, positions, np.abs(np.cos(times))),
+        overview=(times, positions, np.abs(np.cos(times))),
     )
     with styled_figure() as figure:
         recording_figure(figure, report)

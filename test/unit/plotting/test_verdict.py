@@ -24,11 +24,11 @@ def errors(expected: np.ndarray, straight: float = 0.1) -> HeldOutErrors:
 def test_region_of_weak_goals_is_named_with_its_counts() -> None:
     cut = float(np.quantile(GOALS[:, 1], 0.8))
     is_weak = GOALS[:, 1] > cut
-    found = verdict_on(
+    _, weak, is_found = verdict_on(
         arm_primitive(), errors(np.where(is_weak, 0.05, 0.01)), range(N), arm_robot()
     )
-    np.testing.assert_array_equal(found.is_weak, is_weak)
-    (sentence,) = (text for text in found.weak if "off by over" in text)
+    np.testing.assert_array_equal(is_found, is_weak)
+    (sentence,) = (text for text in weak if "off by over" in text)
     n = int(is_weak.sum())
     assert sentence.startswith("goals with shoulder2 above ")
     edges = np.rad2deg([GOALS[~is_weak, 1].max(), GOALS[is_weak, 1].min()])
@@ -42,30 +42,30 @@ def test_weak_goals_without_a_region_are_counted() -> None:
     order = np.argsort(GOALS[:, 0])
     expected = np.full(N, 0.01)
     expected[order[[0, N // 2, N - 1]]] = 0.05
-    found = verdict_on(arm_primitive(), errors(expected), range(N))
-    assert any(f"3 of {N} motions" in text for text in found.weak)
+    _, weak, _ = verdict_on(arm_primitive(), errors(expected), range(N))
+    assert any(f"3 of {N} motions" in text for text in weak)
 
 
 def test_ranges_are_those_of_the_goals_that_are_predicted_well() -> None:
     expected = np.full(N, 0.01)
     expected[GOALS[:, 0].argmin()] = 0.05
-    found = verdict_on(arm_primitive(), errors(expected), range(N))
+    good, _, _ = verdict_on(arm_primitive(), errors(expected), range(N))
     low, high = np.rad2deg([np.sort(GOALS[:, 0])[1], GOALS[:, 0].max()])
-    assert f"shoulder1 {low:.0f} to {high:.0f} deg" in found.good[-1]
+    assert f"shoulder1 {low:.0f} to {high:.0f} deg" in good[-1]
 
 
 def test_prediction_no_better_than_minimum_jerk_is_no_good() -> None:
-    worse = verdict_on(arm_primitive(), errors(np.full(N, 0.2)), range(N))
-    better = verdict_on(arm_primitive(), errors(np.full(N, 0.05)), range(N))
-    assert any("no nearer than by minimum-jerk" in text for text in worse.weak)
-    assert "50% nearer than by minimum-jerk" in better.good[0]
-    assert len(worse.good) == len(better.good) - 1
+    few, worse, _ = verdict_on(arm_primitive(), errors(np.full(N, 0.2)), range(N))
+    better, _, _ = verdict_on(arm_primitive(), errors(np.full(N, 0.05)), range(N))
+    assert any("no nearer than by minimum-jerk" in text for text in worse)
+    assert "50% nearer than by minimum-jerk" in better[0]
+    assert len(few) == len(better) - 1
 
 
 def test_nothing_is_said_of_errors_that_are_unknown() -> None:
-    found = verdict_on(arm_primitive(), None, [])
-    assert not found.is_weak.any()
-    assert not any("left-out" in text for text in [*found.good, *found.weak])
+    good, weak, is_weak = verdict_on(arm_primitive(), None, [])
+    assert not is_weak.any()
+    assert not any("left-out" in text for text in [*good, *weak])
 
 
 def test_goals_in_span_are_as_near_as_the_demonstrations() -> None:
