@@ -22,9 +22,10 @@ from scenes import scene_of
 from mp_pca_planner.arrays import text_table
 from mp_pca_planner.evaluation.problems import held_out_problems, robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.planning import solver
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.solver import cholesky, solve_quadratic, sqp
+from mp_pca_planner.planning.solver import cholesky, solve_quadratic
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
@@ -80,12 +81,12 @@ def occurring_programs(n_programs: int) -> list[Program]:
             kept.append((lower @ lower.T, *(x.copy() for x in rest)))
         return answer
 
-    sqp.solve_quadratic = keeping
+    solver.solve_quadratic = keeping
     try:
         for name in ROBOTS:
             plan_motions(name)
     finally:
-        sqp.solve_quadratic = solve_quadratic
+        solver.solve_quadratic = solve_quadratic
     chosen = np.unique(np.linspace(0, len(kept) - 1, n_programs).astype(int))
     return [kept[i] for i in chosen]
 

@@ -20,7 +20,7 @@ from tables import benchmark_parser, show
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
-from mp_pca_planner.planning.motion import Tables, cost_of
+from mp_pca_planner.planning.motion import Tables, cost_of, samples_of
 from mp_pca_planner.planning.objectives import Effort
 from mp_pca_planner.planning.plan import OPTIMAL, REAL_TIME, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -105,7 +105,7 @@ def beyond(plan: Plan) -> list[float]:
     """Largest overshoot of a joint beyond its positions at the ends of a segment [rad]."""
     found = []
     for motion in plan.motions:
-        q, _, _ = motion.sample(0.01)[1]
+        q, _, _ = samples_of(motion, 0.01)[1]
         low, high = np.minimum(q[0], q[-1]), np.maximum(q[0], q[-1])
         found.append(float(np.maximum(low - q, q - high).max()))
     return found

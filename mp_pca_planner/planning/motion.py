@@ -223,29 +223,30 @@ class Motion:
             states[:, phases == phase] = np.array(end.values)[:, None]
         return states
 
-    def sample(self, period: float) -> tuple[FloatArray, FloatArray]:
-        """Evenly spaced times from 0 to `duration`, at most `period` apart [s], and the states.
-
-        Returns
-        -------
-        times : array, shape (n_steps,)
-            [s].
-        states : array, shape (3, n_steps, n_joints)
-            See :meth:`evaluate`.
-        """
-        n_steps = max(math.ceil(self.duration / period - 1e-9), 1)
-        phases = np.linspace(0.0, 1.0, n_steps + 1)
-        states = self._at(phases)
-        for i, end in ((0, self.start), (-1, self.goal)):
-            states[:, i] = end.values
-        return self.duration * phases, states
-
     def _at(self, phases: FloatArray) -> FloatArray:
         states = quintics(phases, self.boundary, 2)
         states += self.basis.shapes(self.weights, phases, 2)
         states[1] /= self.duration
         states[2] /= self.duration**2
         return states
+
+
+def samples_of(motion: Motion, period: float) -> tuple[FloatArray, FloatArray]:
+    """Evenly spaced times from 0 to the duration, at most `period` apart [s], and the states.
+
+    Returns
+    -------
+    times : array, shape (n_steps,)
+        [s].
+    states : array, shape (3, n_steps, n_joints)
+        See :meth:`Motion.evaluate`.
+    """
+    n_steps = max(math.ceil(motion.duration / period - 1e-9), 1)
+    phases = np.linspace(0.0, 1.0, n_steps + 1)
+    states = motion._at(phases)
+    for i, end in ((0, motion.start), (-1, motion.goal)):
+        states[:, i] = end.values
+    return motion.duration * phases, states
 
 
 def rank_of(cost: float) -> float:

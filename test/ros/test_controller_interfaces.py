@@ -236,8 +236,8 @@ def test_goal_before_a_stop_that_is_rejected_or_not_answered_is_cancelled(monkey
     thread.start()
     moving, stop = object(), object()
 
-    def hear(sent, answer):
-        heard.append((sent, answer.text))
+    def hear(sent, text, failure):
+        heard.append((sent, text))
         return sent is stop
 
     action = controller.ControllerAction(node, hear)

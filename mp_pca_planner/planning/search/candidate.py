@@ -21,7 +21,7 @@ from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
 from ..configurations import POSE_TOLERANCE, nearest_configuration
 from ..context import Budget, Context, check_duration
-from ..motion import Motion, rank_of
+from ..motion import Motion, rank_of, samples_of
 from ..options import AUTO
 from ..plan import NOT_SOLVED, MotionSolution
 from ..program.bases import MotionBasis
@@ -127,7 +127,7 @@ def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, Li
     check_duration(context, "the motion would take", sum(map(attrgetter("duration"), motions)))
     times, states, end = [], [], 0.0
     for i, motion in enumerate(motions):
-        own, values = motion.sample(context.options.sample_period)
+        own, values = samples_of(motion, context.options.sample_period)
         end += motion.duration
         times.append(end - motion.duration + own[min(i, 1) :])
         states.append(values[:, min(i, 1) :])

@@ -7,7 +7,7 @@ import pytest
 from arm import JOINTS, arm_primitive
 
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.planning.motion import Motion
+from mp_pca_planner.planning.motion import Motion, samples_of
 from mp_pca_planner.primitives.basis import BSplineBasis
 
 
@@ -46,7 +46,7 @@ def test_velocities_and_accelerations_are_time_derivatives(motion):
 
 @pytest.mark.parametrize("period", [0.01, 0.03, 0.83, 5.0, 0.83 / 7])
 def test_samples_cover_the_motion_evenly_and_no_wider_than_asked(motion, period):
-    times, states = motion.sample(period)
+    times, states = samples_of(motion, period)
     assert times[0] == 0.0 and times[-1] == motion.duration
     steps = np.diff(times)
     assert steps.max() <= period * (1.0 + 1e-9)

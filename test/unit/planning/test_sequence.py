@@ -19,6 +19,7 @@ from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.context import Budget
+from mp_pca_planner.planning.motion import samples_of
 from mp_pca_planner.planning.options import SolverOptions
 from mp_pca_planner.planning.plan import MODES, OPTIMAL, REAL_TIME, Plan
 from mp_pca_planner.planning.planner import Planner
@@ -220,7 +221,7 @@ def test_optimal_motion_does_not_swing_further_than_the_joined_one_by_much() -> 
         for seed in range(4):
             start, *targets = (JointState(JOINTS, q) for q in configurations(5, seed))
             for motion in planner().plan(SequenceGoal(tuple(targets)), start, mode).motions:
-                q = motion.sample(0.01)[1][0]
+                q = samples_of(motion, 0.01)[1][0]
                 low, high = np.minimum(q[0], q[-1]), np.maximum(q[0], q[-1])
                 found.append(np.maximum(low - q, q - high).max())
         furthest[mode] = np.mean(found)

@@ -15,6 +15,7 @@ from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import Violation, check_limits
+from mp_pca_planner.planning.motion import samples_of
 from mp_pca_planner.planning.program.limits import limit_shares
 from mp_pca_planner.planning.search.stop_and_go import FixedShape, StopAndGo, stop_and_go
 from mp_pca_planner.planning.time_scaling import (
@@ -278,7 +279,7 @@ def test_motion_that_breaks_a_limit_is_slowed_until_it_does_not():
     hasty, lasted = replace(route, legs=0.7 * route.legs), []
     for _ in range(10):
         (motion,) = hasty.motions(hasty.durations, [len(hasty.durations)])
-        times, states = motion.sample(STEP)
+        times, states = samples_of(motion, STEP)
         check = check_limits(Trajectory(JOINTS, times, *states), arm_robot(), limits)
         lasted.append(motion.duration)
         if not check.violations:

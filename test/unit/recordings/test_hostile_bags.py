@@ -22,14 +22,14 @@ from test_salvage import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.input_limits import INPUT_LIMITS, InputLimits
-from mp_pca_planner.recordings.bags import bag, storage, write_joint_states
+from mp_pca_planner.recordings.bags import bag, formats, write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.load_one import inspect_recording
 
 MB = 1 << 20
 ZEROS = bytes(400 * MB)
 COMPRESS: dict[str, Callable[[bytes], bytes]] = {
-    "zstd": storage.zstd.compress,
+    "zstd": formats.zstd.compress,
     "lz4": compress_lz4,
     "bz2": bz2.compress,
 }
@@ -108,13 +108,13 @@ def test_chunk_of_ros_1_unpacks_to_what_it_declares(tmp_path: Path, compression:
 def test_bomb_of_any_compression_is_unpacked_to_the_limit_only(compression: str) -> None:
     stored = COMPRESS[compression](ZEROS[: 40 * MB])
     tracemalloc.start()
-    with pytest.raises(storage.DamageError, match="more than 1,000 bytes"):
-        storage.unpacked(compression, stored, 1000)
+    with pytest.raises(formats.DamageError, match="more than 1,000 bytes"):
+        formats.unpacked(compression, stored, 1000)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 10 * MB
     twice = 2 * COMPRESS[compression](b"ab")
-    assert storage.unpacked(compression, twice) == b"abab"
+    assert formats.unpacked(compression, twice) == b"abab"
 
 
 @pytest.mark.parametrize("salvage", [False, True])
@@ -122,13 +122,13 @@ def test_file_that_is_compressed_as_a_whole_does_not_fill_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, salvage: bool
 ) -> None:
     (tmp_path / "bomb").mkdir()
-    (tmp_path / "bomb" / "bomb_0.mcap.zstd").write_bytes(storage.zstd.compress(ZEROS))
-    monkeypatch.setattr(storage, "INPUT_LIMITS", InputLimits(unpacked_bytes=MB))
+    (tmp_path / "bomb" / "bomb_0.mcap.zstd").write_bytes(formats.zstd.compress(ZEROS))
+    monkeypatch.setattr(formats, "INPUT_LIMITS", InputLimits(unpacked_bytes=MB))
     sizes: list[int] = []
 
     def watched(source: Path, target: Path) -> None:
         try:
-            storage.copy_unpacked(source, target)
+            formats.copy_unpacked(source, target)
         finally:
             sizes.append(target.stat().st_size)
 

@@ -21,9 +21,9 @@ from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics
 from mp_pca_planner.primitives.motion_statistics import MotionStatistics
 from mp_pca_planner.recordings.bags import (
+    discovery,
     find_recordings,
     recording_names,
-    remote,
     write_joint_states,
 )
 from mp_pca_planner.recordings.load import load_recordings
@@ -222,7 +222,7 @@ def test_urls_that_cannot_be_used_are_refused_in_one_sentence(
 def test_a_server_that_does_not_answer_is_named_without_secrets(
     access: Proxy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remote, "_WAITS", (0.0,))
+    monkeypatch.setattr(discovery, "_WAITS", (0.0,))
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = unused.getsockname()[1]
     url = f"http://127.0.0.1:{port}/x.mcap?signature={SECRET}"
@@ -305,7 +305,7 @@ def test_a_file_without_an_end_is_rejected(
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     for constant, value in changed.items():
-        monkeypatch.setattr(remote, constant, value)
+        monkeypatch.setattr(discovery, constant, value)
     (refused,) = load_recordings(f"{endless}/{name}").refused
     assert re.search(reason, refused.reason)
     assert not list(tmp_path.iterdir())
