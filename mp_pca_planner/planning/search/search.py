@@ -36,7 +36,7 @@ from ..request import Request
 from ..time_scaling import slowdown
 from .candidate import Candidate, Violation, attempt, checked, collides, sampled
 from .detours import along_path, missing_planner
-from .stop_and_go import Slow, slow_motion
+from .stop_and_go import slow_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,7 +383,8 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
     budget : Budget
         The time for all of it.
     """
-    every, found, tried, slow, ran_out = list[Candidate](), list[Candidate](), [], Slow(), False
+    every, found, tried, ran_out = list[Candidate](), list[Candidate](), [], False
+    slow, feasible, no_slow, is_blocked = None, float("nan"), "", False
     requests = iter(requests)
     for request in requests:
         tried.append(request)
@@ -413,27 +414,29 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
         best = min(found, key=lambda one: (one.violation, rank_of(one.solution.cost)))
     if not (best.is_valid or best.is_hopeless or budget.is_cancelled()):
         ran_out = first.is_over()
-        slow = slow_motion(context, chain(tried, requests), best, every, budget)
-        best = slow.candidate or best
+        slow, feasible, no_slow, is_blocked = slow_motion(
+            context, chain(tried, requests), best, every, budget
+        )
+        best = slow or best
     stated, is_shortest, optimised, mode = float("nan"), True, None, ""
     if not best.is_valid:
-        stated, is_shortest = feasible_duration(context, best, slow, budget)
+        stated, is_shortest = feasible_duration(context, best, feasible, budget)
     elif case.first.is_shortest:
         stated = best.duration
     if request.mode:
-        is_joined = best is slow.candidate or len(case.found) > 1 or request.mode == REAL_TIME
+        is_joined = best is slow or len(case.found) > 1 or request.mode == REAL_TIME
         mode = REAL_TIME if is_joined else OPTIMAL
         optimised = case.found[0] if is_joined and request.mode == OPTIMAL else None
-    is_slow = best is slow.candidate
+    is_slow = best is slow
     if not np.isfinite(best.solution.objective_cost):
         best = with_costs(context, best)
-    is_blocked = slow.is_blocked or bool(best.collisions)
+    is_blocked |= bool(best.collisions)
     return Outcome(
         best,
         is_slow,
         tuple(found),
         optimised,
-        slow.reason,
+        no_slow,
         is_blocked,
         ran_out,
         stated,
@@ -443,12 +446,20 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
 
 
 def feasible_duration(
-    context: Context, best: Candidate, slow: Slow, budget: Budget
+    context: Context, best: Candidate, known: float, budget: Budget
 ) -> tuple[float, bool]:
-    """A feasible duration to report [s], NaN if none is known, and whether it is the shortest."""
+    """A feasible duration to report [s], and whether it is the shortest.
+
+    Parameters
+    ----------
+    context, best, budget
+        Of the planner; the best candidate; the time for this.
+    known : float
+        A feasible duration that is known, or NaN [s].
+    """
     request, search = best.request, context.options.search
     if request.duration_is_free or best.is_hopeless or budget.is_over() or request.mode:
-        return slow.duration, False
+        return known, False
     segment, groups = request.segments[0], (((0,), False),)
     start, goal, model = request.start, request.goal, segment.primitive.model
     ends = model.turned(start.positions, goal.positions, context.robot.continuous)
@@ -464,8 +475,8 @@ def feasible_duration(
         if found.is_valid:
             seconds, is_shortest = found.duration, found.solution.converged
             seconds *= search.duration_margin
-            return (slow.duration, False) if slow.duration < seconds else (seconds, is_shortest)
-    return slow.duration, False
+            return (known, False) if known < seconds else (seconds, is_shortest)
+    return known, False
 
 
 def with_costs(context: Context, found: Candidate) -> Candidate:

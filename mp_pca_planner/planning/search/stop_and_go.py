@@ -335,36 +335,13 @@ Corners = tuple[FloatArray, ...]
 """Points between the ends of each segment at which a motion rests, shape (n_corners, n_joints)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Slow:
-    """Result of a search for a slow motion.
-
-    Attributes
-    ----------
-    candidate : Candidate or None
-        The motion, within the limits and without collisions; None if there is none with the
-        requested duration.
-    duration : float
-        A feasible duration [s]; NaN if none is known.
-    reason : str
-        Why there is no motion in any duration; empty if there is one.
-    is_blocked : bool
-        Whether a collision is the reason.
-    """
-
-    candidate: Candidate | None = None
-    duration: float = float("nan")
-    reason: str = ""
-    is_blocked: bool = False
-
-
 def slow_motion(
     context: Context,
     requests: Iterable[Request],
     failed: Candidate,
     earlier: Sequence[Candidate],
     budget: Budget,
-) -> Slow:
+) -> tuple[Candidate | None, float, str, bool]:
     """Find a slow motion for the first request that has one.
 
     Parameters
@@ -379,6 +356,18 @@ def slow_motion(
         All of them, with corners of paths that are known.
     budget : Budget
         The time for further paths.
+
+    Returns
+    -------
+    candidate : Candidate or None
+        The motion, within the limits and without collisions; None if there is none with the
+        requested duration.
+    feasible : float
+        A feasible duration [s]; NaN if none is known.
+    reason : str
+        Why there is no motion in any duration; empty if there is one.
+    is_blocked : bool
+        Whether a collision is the reason.
     """
     feasible, reason, is_blocked, done = float("inf"), "", False, list[JointState]()
     for request in requests:
@@ -408,11 +397,11 @@ def slow_motion(
                 continue
             asked = float(usual.sum())
             if request.duration_is_free or found.duration <= asked * (1.0 + 1e-9):
-                return Slow(found)
+                return found, float("nan"), "", False
             feasible = min(feasible, found.duration)
     if np.isfinite(feasible):
-        return Slow(duration=feasible)
-    return Slow(reason=reason, is_blocked=is_blocked)
+        return None, feasible, "", False
+    return None, float("nan"), reason, is_blocked
 
 
 def _usual_durations(context: Context, request: Request) -> list[FloatArray]:
