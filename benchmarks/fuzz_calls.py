@@ -340,7 +340,6 @@ def calls(folder: Path) -> list[Call]:
         Call("PrimitiveLibrary.named", planner.primitives.named, {"name": "reach"}),
         Call("PrimitiveLibrary.check_name", planner.primitives.check_name, {"name": "reach"}),
         Call("Motion.evaluate", plan.motion.evaluate, {"times": times}),
-        Call("Motion.sample", plan.motion.sample, {"period": 0.1}),
         Call("Plan", mp.Plan, {one.name: getattr(plan, one.name) for one in fields(plan)}),
         Call("show", mp.show, {"planner": None, "plan": plan, "port": "x"}, free=False),
         Call("Plan.show", plan.show, {"port": "x"}, free=False),

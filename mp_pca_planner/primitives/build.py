@@ -124,9 +124,11 @@ def build_primitive(
     Raises
     ------
     PrimitiveError
-        If there is no demonstration, something else is among them, they have different joints, or
-        nothing moves.
+        If the name is not a text, there is no demonstration, something else is among them, they
+        have different joints, or nothing moves.
     """
+    if not isinstance(name, str):
+        raise PrimitiveError(f"the name of a primitive must be a str, got {shown(name)}")
     check_demonstrations(demonstrations, f"primitive '{name}' can't be built")
     if not demonstrations:
         raise PrimitiveError(f"primitive '{name}' can't be built: there is no demonstration")

@@ -208,6 +208,7 @@ class Demonstration:
         from .repair import Piece
         from .segmentation import smooth
 
+        check_type(recording, "the recording of a motion", RecordingError, str)
         names = unique_names(joint_names, f"joints of '{recording}'", RecordingError)
         t = frozen_array(times, (None,), f"times of '{recording}'", RecordingError)
         shape = (t.size, len(names))
