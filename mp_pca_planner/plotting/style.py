@@ -69,11 +69,13 @@ def given_axes(axes: object) -> NDArray[Any]:
     """
     from matplotlib.axes import Axes
 
-    try:
-        given = np.atleast_1d(np.asarray(axes, dtype=object))
-    except Exception:  # methods of others
-        given = np.zeros(0, dtype=object)
-    if not given.size or not all(isinstance(one, Axes) for one in given.ravel()):
+    given = axes if isinstance(axes, np.ndarray) else np.zeros(0, dtype=object)
+    # Element by element: NumPy crashes on a list that contains itself.
+    several = [axes] if isinstance(axes, Axes) else axes
+    if isinstance(several, (list, tuple)) and all(isinstance(one, Axes) for one in several):
+        given = np.empty(len(several), dtype=object)
+        given[:] = several
+    if not given.size or not all(isinstance(one, Axes) for one in given.flat):
         raise PlannerError(f"axes must be Axes of Matplotlib, got {shown(axes)}")
     return given
 

@@ -562,7 +562,10 @@ def test_axes_that_do_not_fit_are_rejected_in_one_sentence(pyplot: Any, plan: Pl
         other.plot(panels)
     with pytest.raises(PlannerError, match="one to three Axes.*got 4 Axes"):
         other.plot(pyplot.subplots(4)[1])
-    for wrong in ("figure", [1, 2], panels[0, 0].figure, []):
+    endless: list[Any] = []
+    endless.append(endless)
+    huge = np.broadcast_to(0.0, 10**12)
+    for wrong in ("figure", [1, 2], panels[0, 0].figure, [], endless, huge):
         with pytest.raises(PlannerError, match="^axes must be Axes of Matplotlib"):
             other.plot(wrong)
 
