@@ -27,7 +27,7 @@ ROS_COMMANDS = ["cli.demo", "cli.send_goal", "cli.simulate"]
 SOURCES = sorted((ROOT / PACKAGE).rglob("*.py"))
 
 LAYERS = [
-    {"exceptions", "arrays", "files", "input_limits", "resources", "rows"},
+    {"exceptions", "arrays", "files", "input_limits"},
     {"robot"},
     {"motion"},
     {"recordings", "mocap", "primitives"},
@@ -411,6 +411,6 @@ def files_below(path: Path) -> dict[str, bytes]:
 
 
 def test_installed_package_finds_its_own_configuration(prefix: Path, tmp_path: Path) -> None:
-    code = f"from {PACKAGE}.resources import config_file; print(config_file('planner.yaml'))"
+    code = f"from {PACKAGE}.files import config_file; print(config_file('planner.yaml'))"
     result = run([prefix / "bin/python3", "-c", code], cwd=tmp_path, PYTHONPATH="")
     assert result.stdout.strip() == str(prefix / f"share/{PACKAGE}/config/planner.yaml")
