@@ -41,9 +41,9 @@ class InputLimits:
         Duration of a recorded trajectory message [s].
     goal_items : int
         Joints, and points, of a goal of the node.
-    state_bytes : int
-        Message of joint states to the node, in which a thousand joints fit: the thread that stops
-        the robot reads it.
+    state_bytes, state_joints : int
+        Message of joint states to the node, and its joints: the thread that stops the robot reads
+        it.
     primitive_bytes : int
         Content of a primitive file; thousands of demonstrations have a few MB.
     primitive_value, primitive_precision : float
@@ -99,6 +99,7 @@ class InputLimits:
     commanded_duration: float = 1000.0
     goal_items: int = 1000
     state_bytes: int = 2**16
+    state_joints: int = 1000
     primitive_bytes: int = 1 << 28
     primitive_value: float = 1e6
     primitive_precision: float = 1e15

@@ -26,14 +26,17 @@ from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.joint_states import NS_PER_S
-from .serialised import read_message
+from .serialised import CdrReader, read_message
 
 
 def read_states(content: bytes) -> JointStateMessage:
     """Deserialise joint states; a message that is malformed or far too large has no joints."""
     if len(content) <= INPUT_LIMITS.state_bytes:
         with suppress(GoalError), reading("a state", GoalError):
-            return read_message(content, JointStateMessage)
+            reader = CdrReader(content)
+            _stamp, _frame = reader.numbers("iI"), reader.text()
+            if reader.count(1) <= INPUT_LIMITS.state_joints:
+                return read_message(content, JointStateMessage)
     return JointStateMessage()
 
 
