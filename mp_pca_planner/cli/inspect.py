@@ -23,7 +23,7 @@ from ..plotting.text import (
 from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
-from ..recordings.load_one import RecordingInspection, inspect_recording
+from ..recordings.reading import RecordingInspection, inspect_recording
 from ..recordings.repair import REPAIRS
 from .common import print_json
 from .terminal import DONE, PROGRAM, REFUSED, complain, say

@@ -19,7 +19,7 @@ from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.differences import MEASURES, leave_one_out
 from mp_pca_planner.recordings.bags import find_recordings, write_joint_states
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.recordings.load_one import inspect_recording
+from mp_pca_planner.recordings.reading import inspect_recording
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
 
 build = partial(command_line.result, "build_primitives")

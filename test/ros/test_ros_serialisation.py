@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.recordings.bags import open_bag
-from mp_pca_planner.recordings.joint_trajectories import read_trajectories
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.recordings.reading import read_trajectories
 
 NAMES = ["a", "bc", "d"]
 NUMBERS = [0.1, 0.2, 0.3]

@@ -384,7 +384,7 @@ def test_trajectory_comes_back_as_one_message(tmp_path: Path, name: str) -> None
 def test_reading_needs_no_ros(tmp_path: Path) -> None:
     path = own_bag(tmp_path / "x", "mcap")
     code = (
-        "import sys; from mp_pca_planner.recordings.load_one import inspect_recording; "
+        "import sys; from mp_pca_planner.recordings.reading import inspect_recording; "
         f"inspect_recording({str(path)!r}); "
         "sys.exit(any(m == 'rclpy' or m.endswith('_msgs') for m in sys.modules))"
     )

@@ -24,7 +24,7 @@ from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.input_limits import INPUT_LIMITS, InputLimits
 from mp_pca_planner.recordings.bags import bag, formats, write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.load_one import inspect_recording
+from mp_pca_planner.recordings.reading import inspect_recording
 
 MB = 1 << 20
 ZEROS = bytes(400 * MB)

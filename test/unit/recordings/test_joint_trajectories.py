@@ -22,9 +22,12 @@ from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.motion.interpolation import interpolate_at, segment_ends
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.recordings.bags import open_bag, write_joint_trajectory
-from mp_pca_planner.recordings.joint_trajectories import read_trajectories, repair_trajectories
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.load_one import inspect_recording
+from mp_pca_planner.recordings.reading import (
+    inspect_recording,
+    read_trajectories,
+    repair_trajectories,
+)
 from mp_pca_planner.recordings.repair import CleanRecording
 
 KIND = "trajectory_msgs/msg/JointTrajectory"

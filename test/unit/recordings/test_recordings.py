@@ -18,7 +18,7 @@ from conftest import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import bag, find_recordings, stored_size
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.load_one import inspect_recording
+from mp_pca_planner.recordings.reading import inspect_recording
 
 REACHES = reaching([0.1, 1.1, 0.3])
 """Rest for 1 s and reach for 1 s in turn, 5 s in all: reaches at 1 s and at 3 s."""

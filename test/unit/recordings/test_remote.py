@@ -27,7 +27,7 @@ from mp_pca_planner.recordings.bags import (
     write_joint_states,
 )
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.load_one import inspect_recording
+from mp_pca_planner.recordings.reading import inspect_recording
 from mp_pca_planner.recordings.recording_set import RecordingSet
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
 

@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.joint_states import RawJointStates
-from mp_pca_planner.recordings.load_one import inspect_recording
+from mp_pca_planner.recordings.reading import inspect_recording
 
 N = 1000
 POSITIONS = np.random.default_rng(5).normal(size=(N, 2))
