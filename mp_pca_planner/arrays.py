@@ -125,7 +125,7 @@ def float_array(
     if not is_fitting:
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape or ()) + ")"
         raise error(f"{what} must have the shape {expected}, got {given.shape}")
-    if prod(given.shape) > MAX_SIZE:
+    if given.size > MAX_SIZE:
         raise error(
             f"{what} must be at most {MAX_SIZE} numbers, got an array of shape {given.shape}"
         )

@@ -178,9 +178,10 @@ def interpolate_at(
     q, v, a : array, shape (n_samples, n_joints)
         Positions, velocities and accelerations [rad or m, /s, /s²].
     """
-    segment = np.clip(np.searchsorted(times, instants, side="right") - 1, 0, len(ends) - 1)
-    steps = np.diff(times)[segment]
-    phases = (instants - times[segment]) / steps
+    segment = np.searchsorted(times[1:-1], instants, side="right")
+    begin = times[segment]
+    steps = times[segment + 1] - begin
+    phases = (instants - begin) / steps
     functions = np.vander(phases, 6, increasing=True) @ _coefficients()[:3]
     q, v, a = (functions[:, :, None] @ ends[segment])[:, :, 0]
     return q, v / steps[:, None], a / steps[:, None] ** 2

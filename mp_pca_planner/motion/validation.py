@@ -160,7 +160,7 @@ def nearest_start(positions: FloatArray, limits: JointLimits) -> FloatArray:
 
     Parameters
     ----------
-    positions : array, shape (n_joints,)
+    positions : array, shape (..., n_joints)
         Positions at which a motion starts [rad or m].
     limits : JointLimits
         Limits of the joints.

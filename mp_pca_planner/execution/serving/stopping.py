@@ -208,11 +208,11 @@ class StopPlanner:
         return f"{said}; it is not known whether the robot stops: {error}", stop, collision
 
     def _stop_at_point(
-        self, states: list[JointState], ends: Sequence[Sequence[FloatArray]], model: Model
+        self, states: list[JointState], ends: Sequence[FloatArray], model: Model
     ) -> FoundStop:
-        """Stop at one of some ends, each a sequence by duration; they are tried in turn."""
+        """Stop at one of some ends, each of them by duration; they are tried in turn."""
         # From slightly outside the limits, a stop may only lead inwards.
-        ends = [[nearest_start(end, model.limits) for end in by_time] for by_time in ends]
+        ends = [nearest_start(by_time, model.limits) for by_time in ends]
         request = model.robot, model.limits
         found = (stop for one in ends for stop in stops_at_points(states, one, *request))
         stop, collision = self._clearest(found, model)
@@ -306,7 +306,7 @@ def stop_on_path(
 
 
 def stops_at_points(
-    states: Sequence[JointState], ends: Sequence[FloatArray], robot: Robot, limits: JointLimits
+    states: Sequence[JointState], ends: FloatArray, robot: Robot, limits: JointLimits
 ) -> Iterator[list[Trajectory]]:
     """Find points that the controller can lead to within the limits from each of some states.
 
@@ -314,7 +314,7 @@ def stops_at_points(
     ----------
     states : sequence of JointState
         Possible states of the controller.
-    ends : sequence of array, shape (n_joints,)
+    ends : array, shape (n_durations, n_joints)
         End of the stop [rad or m], for each duration of a stop.
     robot, limits :
         Of the same joints.
@@ -330,7 +330,7 @@ def stops_at_points(
             *((s.positions, s.velocities, s.accelerations) for s in states), strict=True
         )
     )
-    for k in np.flatnonzero(_may_stop(q, v, np.array(ends), limits)).tolist():
+    for k in np.flatnonzero(_may_stop(q, v, ends, limits)).tolist():
         time, end = float(_STOPPING_TIMES[k]), ends[k]
         if _is_within(q, v, a, end, time, robot, limits):
             zero = np.zeros_like(end)
@@ -343,25 +343,26 @@ def stops_at_points(
             ]
 
 
-def braking_ends(state: JointState) -> list[FloatArray]:
-    """The end of the smoothest stop of a moving robot, for each duration of a stop.
+def braking_ends(state: JointState) -> FloatArray:
+    """The end of the smoothest stop of a moving robot, for each duration of a stop [rad or m].
 
     For this end, the controller's quintic is the quartic of least jerk. Without an initial
     acceleration, its cubic has a constant deceleration.
     """
     q, v, a = state.positions, state.velocities, state.accelerations
-    return [q + v * time / 2.0 + a * time**2 / 12.0 for time in _STOPPING_TIMES]
+    times = _STOPPING_TIMES[:, None]
+    return np.asarray(q + v * times / 2.0 + a * times**2 / 12.0)
 
 
-def ends_at(positions: FloatArray) -> list[FloatArray]:
+def ends_at(positions: FloatArray) -> FloatArray:
     """The same end, for each duration of a stop."""
-    return [positions] * len(_STOPPING_TIMES)
+    return np.broadcast_to(positions, (len(_STOPPING_TIMES), len(positions)))
 
 
-def ends_on_path(motion: PublishedMotion, place: float) -> list[FloatArray]:
+def ends_on_path(motion: PublishedMotion, place: float) -> FloatArray:
     """The end of a constant deceleration along a motion, for each duration of a stop."""
     q, _, _ = motion.sample(np.asarray(place + 0.5 * _STOPPING_TIMES))
-    return list(q)
+    return q
 
 
 def _slowed(motion: PublishedMotion, place: float, time: float, period: float) -> Trajectory:

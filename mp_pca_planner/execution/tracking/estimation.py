@@ -17,6 +17,8 @@ from ..options import Tracking
 from .measured import MeasuredSamples, Message, RobotClock
 from .published_motion import PublishedMotion
 
+_CONVERGED = 1e-6  # steps of places [s] and of the rate that no sensor sees
+
 
 @dataclass(frozen=True, eq=False)
 class Progress:
@@ -119,6 +121,8 @@ def _fit(samples: MeasuredSamples, prior: Progress, start: Progress) -> tuple[fl
         try:
             step = np.linalg.solve(slopes @ slopes.T + np.diag(precision), gradient)
         except np.linalg.LinAlgError:  # times far from now: they outweigh the prior
+            break
+        if max(np.abs(step[:2]).max(), np.abs(step @ powers).max()) < _CONVERGED:
             break
         # A longer step than 0.2 s leaves the range in which the motion is nearly linear.
         x = x + step * min(1.0, 0.2 / max(abs(step[0]), 1e-9))
