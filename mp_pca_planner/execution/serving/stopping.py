@@ -33,7 +33,7 @@ from ...planning.search.stop_and_go import brakes
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..options import Serving, Tracking
-from ..tracking.following import MotionFollower, UnconfirmedError
+from ..tracking.following import Following, MotionFollower, UnconfirmedError
 from ..tracking.measured import Clock
 from ..tracking.published_motion import USUAL_TRANSPORT, PublishedMotion, hold
 from ..tracking.start_state import TooLateError, choose_start, join
@@ -111,7 +111,7 @@ class StopPlanner:
         now = follower.motion_time
         if following is not None and following.is_running:
             with suppress(UnconfirmedError, TooLateError):
-                return self._stop_on_path(model, latency)
+                return self._stop_on_path(model, latency, measured, following)
         with suppress(TooLateError):
             return self._stop_command(measured, model)
         v = follower.measured.velocities(measured)
@@ -174,9 +174,12 @@ class StopPlanner:
         model = replace(model, limits=self._reduced(model.limits))
         return self._stop_at_point([here, *reported, *moved], [braking_ends(moved[0])], model)
 
-    def _stop_on_path(self, model: Model, latency: float) -> FoundStop:
+    def _stop_on_path(
+        self, model: Model, latency: float, measured: JointState, following: Following
+    ) -> FoundStop:
         settings, follower = model.settings, self._follower
-        start = choose_start(follower, settings, latency, at_once=True)
+        seen = measured, following
+        start = choose_start(follower, settings, latency, at_once=True, seen=seen)
         if start.following is None or not start.is_in_motion:
             raise TooLateError("the robot has just come to rest")
         motion, request = start.following.motion, (model.robot, model.limits)

@@ -241,6 +241,9 @@ class Surroundings:
             return
         if execution.checked == (published.current.motion, self._world):
             return
+        if not len(self._world):
+            execution.threat, execution.checked = None, (published.current.motion, self._world)
+            return
         try:
             following = self._follower.follow(model.settings)
         except GoalError:  # the robot may be anywhere on its motion
@@ -248,7 +251,7 @@ class Surroundings:
         if following is not None and following.how is How.OFF:  # it may come back to its path
             return
         motion, world, threat = published.current.motion, self._world, None
-        if following is not None and following.motion is motion and len(world):
+        if following is not None and following.motion is motion:
             threat = self._threat(following, execution, world, model)
         execution.threat, execution.checked = threat, (motion, world)
 

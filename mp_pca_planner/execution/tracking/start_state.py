@@ -71,7 +71,12 @@ class MotionStart:
 
 
 def choose_start(
-    follower: MotionFollower, settings: Settings, latency: float, *, at_once: bool = False
+    follower: MotionFollower,
+    settings: Settings,
+    latency: float,
+    *,
+    at_once: bool = False,
+    seen: tuple[JointState, Following | None] | None = None,
 ) -> MotionStart:
     """Choose the start of the next motion.
 
@@ -85,6 +90,8 @@ def choose_start(
         Time that planning may take [s].
     at_once : bool
         For stops: accepts an approximate place, whatever `start_from`.
+    seen : tuple of JointState and Following, optional
+        The measured state and how the robot follows its motion, if the caller has just seen them.
 
     Raises
     ------
@@ -96,9 +103,10 @@ def choose_start(
         If the place of the robot on its motion is not known yet.
     """
     with follower.lock:
-        measured = follower.measured.newest(settings.state_timeout)
-        following = follower.follow(settings, measured)
-        now = follower.motion_time
+        if seen is None:
+            measured = follower.measured.newest(settings.state_timeout)
+            seen = measured, follower.follow(settings, measured)
+        (measured, following), now = seen, follower.motion_time
         start_from = AUTO if at_once else settings.start_from
         if following is not None and following.is_running:
             if start_from == MEASURED:
