@@ -190,6 +190,7 @@ class SafetyThread:
         if self._cycled - self._watched < self.watch_period:
             return
         self._states.poll()
+        self._answer()  # many states take a while
         self._action.watch()
         monitor, context = self._monitor, self._setup.last_context
         if context is not None:

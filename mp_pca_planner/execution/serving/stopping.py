@@ -95,10 +95,20 @@ class StopPlanner:
             began = self._clock()
             said, motion, collision = self._find(model, latency)
             took = self._clock() - began
-            if took <= latency or motion.duration == 0.0:  # at rest, it does not move on
+            if took <= latency or not self._may_move(model):
                 break
             latency = max(latency, min(2.0 * took, Serving.longest_stop_latency))
         return said, motion, collision
+
+    def _may_move(self, model: Model) -> bool:
+        """Whether the robot moves; without joint_states, whether its motion may be under way."""
+        measured, seen = self._follower.measured, self._follower.commanded
+        try:
+            newest = measured.newest(model.settings.state_timeout)
+        except GoalError:
+            now = self._follower.motion_time
+            return seen is not None and now < seen.motion.began + seen.motion.duration
+        return bool(measured.velocities(newest).any())
 
     def _find(self, model: Model, latency: float) -> FoundStop:
         """A stop that begins this time from now at the earliest [s]."""
