@@ -118,6 +118,9 @@ def main() -> int:
         try:
             with RobotClient() as client, silent_node("fuzzer") as caller, StopClient() as stops:
                 fuzzer = Fuzzer(node, client, caller, stops=stops)
+                fuzzer.check("the start")
+                # Modules that are loaded once keep the lock of the interpreter for up to 150 ms.
+                fuzzer.stop_times.clear()
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
                 fuzzer.send_meshes(Path(folder))

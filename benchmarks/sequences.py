@@ -21,7 +21,7 @@ from tables import benchmark_parser, show
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.motion import Tables, cost_of, samples_of
-from mp_pca_planner.planning.objectives import Effort
+from mp_pca_planner.planning.objectives import effort
 from mp_pca_planner.planning.plan import OPTIMAL, REAL_TIME, Plan, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -47,8 +47,8 @@ def main() -> None:
         path = [JointState(JOINT_NAMES, q) for q in ends[rng.choice(len(ends), 6, replace=False)]]
         goal = SequenceGoal(tuple(path[1:]))
         single = [stopping.plan(JointGoal(b), a).motion for a, b in pairwise(path)]
-        effort = [(1.0, Effort())]
-        stops.append(sum(cost_of(robot, one, Tables(one.basis), effort) for one in single))
+        alone = [cost_of(robot, one, Tables(one.basis), [(1.0, effort)]) for one in single]
+        stops.append(sum(alone))
         quick.append(planner.plan(goal, path[0], REAL_TIME))
         best.append(planner.plan(goal, path[0], OPTIMAL))
         passing = np.cumsum([motion.duration for motion in single])

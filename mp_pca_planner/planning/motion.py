@@ -265,8 +265,7 @@ def cost_of(
     tau = robot.inverse_dynamics(q, v, a)
     nodes = Nodes(robot, q, v, a, jerk, tau, motion.start.positions, motion.goal.positions)
     squares = sum(
-        weight * np.sum(objective.residuals(nodes).values ** 2, axis=1)
-        for weight, objective in objectives
+        weight * np.sum(objective(nodes).values ** 2, axis=1) for weight, objective in objectives
     )
     return float(0.5 * motion.duration * tables.quadrature @ squares)
 

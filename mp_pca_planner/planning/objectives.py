@@ -4,15 +4,16 @@
 
 An objective computes its residual r at every node, and the derivatives of r by positions,
 velocities, accelerations, jerks and efforts. The motion compiler applies the chain rule. To add
-one, write a class with a method `residuals` (examples/own_objective.py). A cost ∫f dt with f ≥ 0
-has this form with r = √(2f).
+one, write a function of `Nodes` (examples/own_objective.py). A cost ∫f dt with f ≥ 0 has this form
+with r = √(2f).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,98 +67,66 @@ class Residuals(NamedTuple):
     partials: Mapping[str, FloatArray | float]
 
 
-class Objective(Protocol):
-    """A running cost."""
+Objective = Callable[[Nodes], Residuals]
+"""A running cost: its residuals at the nodes, and their derivatives."""
 
-    def residuals(self, nodes: Nodes) -> Residuals:
-        """The residuals at the nodes and their derivatives."""
+_SMOOTH_POWER = 0.1  # [W]
 
 
-@dataclass(frozen=True)
-class Effort:
+def effort(nodes: Nodes) -> Residuals:
     """Half the square of the efforts, [P] eq. (6) [N²·m²·s]."""
-
-    def residuals(self, nodes: Nodes) -> Residuals:
-        """The efforts."""
-        return Residuals(nodes.efforts, {"efforts": 1.0})
+    return Residuals(nodes.efforts, {"efforts": 1.0})
 
 
-@dataclass(frozen=True)
-class Jerk:
+def jerk(nodes: Nodes) -> Residuals:
     """Half the square of the jerks (Flash and Hogan, J. Neurosci. 5(7), 1985) [rad²/s⁵]."""
-
-    def residuals(self, nodes: Nodes) -> Residuals:
-        """The jerks."""
-        return Residuals(nodes.jerks, {"jerks": 1.0})
+    return Residuals(nodes.jerks, {"jerks": 1.0})
 
 
-@dataclass(frozen=True)
-class Energy:
+def energy(nodes: Nodes) -> Residuals:
     """Mechanical work Σ∫|τq̇|dt, positive and negative alike [J].
 
-    Near 0 the absolute value of the power p is smoothed to √(p² + ε²) − ε.
-
-    Attributes
-    ----------
-    smooth_power : float
-        ε [W].
+    The residuals are signed roots of twice the power p of each joint. Near 0 its absolute value is
+    smoothed to √(p² + ε²) − ε with ε = 0.1 W.
     """
-
-    smooth_power: float = 0.1
-
-    def residuals(self, nodes: Nodes) -> Residuals:
-        """The signed roots of twice the smoothed power of each joint."""
-        power = nodes.efforts * nodes.velocities
-        smooth = np.sqrt(power**2 + self.smooth_power**2)
-        slope = np.sqrt((smooth + self.smooth_power) / 2.0) / smooth
-        eye = np.eye(power.shape[1])
-        return Residuals(
-            power * np.sqrt(2.0 / (smooth + self.smooth_power)),
-            {
-                "velocities": (slope * nodes.efforts)[:, :, None] * eye,
-                "efforts": (slope * nodes.velocities)[:, :, None] * eye,
-            },
-        )
+    power = nodes.efforts * nodes.velocities
+    smooth = np.sqrt(power**2 + _SMOOTH_POWER**2)
+    slope = np.sqrt((smooth + _SMOOTH_POWER) / 2.0) / smooth
+    eye = np.eye(power.shape[1])
+    return Residuals(
+        power * np.sqrt(2.0 / (smooth + _SMOOTH_POWER)),
+        {
+            "velocities": (slope * nodes.efforts)[:, :, None] * eye,
+            "efforts": (slope * nodes.velocities)[:, :, None] * eye,
+        },
+    )
 
 
-@dataclass(frozen=True)
-class Time:
+def time(nodes: Nodes) -> Residuals:
     """The duration [s]; it has an effect only if the duration is free."""
-
-    def residuals(self, nodes: Nodes) -> Residuals:
-        """The root of 2."""
-        return Residuals(np.full((len(nodes.positions), 1), np.sqrt(2.0)), {})
+    return Residuals(np.full((len(nodes.positions), 1), np.sqrt(2.0)), {})
 
 
-@dataclass(frozen=True)
-class Straightness:
+def straightness(nodes: Nodes, frame: str) -> Residuals:
     """Half the squared distance of a frame from the straight line between its ends [m²·s].
 
-    Attributes
-    ----------
-    frame : str
-        Name of the frame (link).
+    The residuals are the components across the line of the displacement from the first point.
     """
-
-    frame: str
-
-    def residuals(self, nodes: Nodes) -> Residuals:
-        """Components across the line of the displacement from the first point."""
-        points = nodes.robot.attach_points([self.frame], np.zeros((1, 3)))
-        q = np.vstack([nodes.start, nodes.goal, nodes.positions])
-        places, jacobians = points.positions_and_jacobians(q)
-        first, last = places[0, 0], places[1, 0]
-        length = float(np.linalg.norm(last - first))
-        line = (last - first) / length if length > 0.0 else np.zeros(3)
-        across = np.eye(3) - np.outer(line, line)
-        return Residuals((places[2:, 0] - first) @ across, {"positions": across @ jacobians[2:, 0]})
+    points = nodes.robot.attach_points([frame], np.zeros((1, 3)))
+    q = np.vstack([nodes.start, nodes.goal, nodes.positions])
+    places, jacobians = points.positions_and_jacobians(q)
+    first, last = places[0, 0], places[1, 0]
+    length = float(np.linalg.norm(last - first))
+    line = (last - first) / length if length > 0.0 else np.zeros(3)
+    across = np.eye(3) - np.outer(line, line)
+    return Residuals((places[2:, 0] - first) @ across, {"positions": across @ jacobians[2:, 0]})
 
 
 def uses_efforts(objective: Objective, robot: Robot) -> bool:
     """Whether an objective depends on efforts, judged by its derivatives."""
     zero = np.zeros((1, robot.n_joints))
     nodes = Nodes(robot, zero, zero, zero, zero, zero, zero[0], zero[0])
-    return "efforts" in objective.residuals(nodes).partials
+    return "efforts" in objective(nodes).partials
 
 
 OBJECTIVES = ("effort", "energy", "jerk", "time", "straightness")
@@ -186,16 +155,11 @@ def objective_by_name(name: str, robot: Robot, frame: str | None = None) -> Obje
     if name == "straightness":
         frame = robot.end_effector if frame is None else frame
         robot.frame_positions(np.zeros((0, robot.n_joints)), [frame])
-        return Straightness(frame)
-    simple: dict[str, Callable[[], Objective]] = {
-        "effort": Effort,
-        "energy": Energy,
-        "jerk": Jerk,
-        "time": Time,
-    }
+        return partial(straightness, frame=frame)
+    simple: dict[str, Objective] = {"effort": effort, "energy": energy, "jerk": jerk, "time": time}
     if name not in simple:
         raise GoalError(unknown_name("objective", name, OBJECTIVES))
-    return simple[name]()
+    return simple[name]
 
 
 def objective_weights(text: str, what: str) -> dict[str, float]:

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..arrays import check_choice, check_number, check_type
 from ..exceptions import GoalError, names_options, shown
-from .objectives import Effort, Objective
+from .objectives import Objective, effort
 from .path_constraints import PathConstraint
 
 BASES = ("pca", "bspline")
@@ -449,7 +449,7 @@ class PlannerOptions(Checked):
     """
 
     basis: str = "pca"
-    objectives: tuple[tuple[float, Objective], ...] = ((1.0, Effort()),)
+    objectives: tuple[tuple[float, Objective], ...] = ((1.0, effort),)
     constraints: tuple[PathConstraint, ...] = ()
     timing: str = AUTO
     naturalness: float | None = within(None, 0.0, 1e12)
@@ -478,10 +478,10 @@ class PlannerOptions(Checked):
             raise GoalError("at least one objective with a weight is needed, got none")
         for pair in self.objectives:
             is_pair = isinstance(pair, Sequence) and len(pair) == 2
-            if not (is_pair and hasattr(pair[1], "residuals")):
+            if not (is_pair and callable(pair[1])):
                 raise GoalError(
                     "objectives must be pairs of a weight and an objective, such as "
-                    f"(1.0, Effort()), got {shown(pair)}"
+                    f"(1.0, effort), got {shown(pair)}"
                 )
             check_number(pair[0], "the weight of an objective", GoalError, 1e-12, 1e12)
         check_type(self.constraints, "constraints", GoalError, Sequence)

@@ -23,7 +23,7 @@ from ..motion.validation import LimitCheck
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
 from .context import Context
-from .objectives import Effort
+from .objectives import effort
 from .options import AUTO, DEMONSTRATED, FREE, REAL_TIME
 from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .request import NATURAL, Request
@@ -255,20 +255,20 @@ def _status(
 def _optimal(context: Context, best: Candidate, n_components: int) -> str:
     """What an optimal motion is: near the prediction, or of least effort, by its naturalness."""
     objectives, rho = context.options.objectives, best.naturalness
-    is_effort = len(objectives) == 1 and type(objectives[0][1]) is Effort
-    effort, predicted = best.solution.effort_cost, best.solution.start_cost
+    is_effort = len(objectives) == 1 and objectives[0][1] is effort
+    cost, predicted = best.solution.effort_cost, best.solution.start_cost
     if best.bases[0].is_detour:
-        its_effort = SENTENCES["its_effort"].format(effort=effort)
-        return SENTENCES["found"] + (its_effort if np.isfinite(effort) else "")
+        its_effort = SENTENCES["its_effort"].format(effort=cost)
+        return SENTENCES["found"] + (its_effort if np.isfinite(cost) else "")
     name = "least"
     if rho > 0.0 and n_components:
         name = "close" if rho >= _CLOSE and not _preferences(context, best) else "between"
     beside = ""
-    if predicted > 0.0 and np.isfinite(effort):
-        share = effort / predicted - 1.0
+    if predicted > 0.0 and np.isfinite(cost):
+        share = cost / predicted - 1.0
         side = "above" if share > 0.0 else "below"
         name_of_share = "effort" if abs(share) > _SAME_EFFORT else "same_effort"
-        beside = SENTENCES[name_of_share].format(effort=effort, share=100.0 * abs(share), side=side)
+        beside = SENTENCES[name_of_share].format(effort=cost, share=100.0 * abs(share), side=side)
     what = "effort" if is_effort else "cost"
     return SENTENCES[name].format(what=what, rho=rho, effort=beside)
 

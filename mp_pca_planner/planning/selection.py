@@ -27,7 +27,7 @@ from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
 from .motion import Motion, Tables, cost_of, rank_of
-from .objectives import Effort, Objective
+from .objectives import Objective, effort
 from .options import SelectionOptions
 
 
@@ -76,7 +76,7 @@ class Selector:
         self,
         robot: Robot,
         primitives: Sequence[MovementPrimitive],
-        objectives: Sequence[tuple[float, Objective]] = ((1.0, Effort()),),
+        objectives: Sequence[tuple[float, Objective]] = ((1.0, effort),),
         options: SelectionOptions = SelectionOptions(),
         max_score: float = 0.0,
     ) -> None:

@@ -32,8 +32,8 @@ _THIN, _SMALLEST = 1e-6, 1e-7
 # Share of its convex hull's volume, or area, from which on a mesh is convex: files hold 6 digits.
 # The hull in its place is on the safe side.
 _CONVEX_SHARE = 1.0 - 1e-3
-# Coal takes some 15 ms for the tree of this many triangles, and for a hull of so many vertices.
-_MAX_TRIANGLES, _MAX_VERTICES = 5_000, 10_000
+# Coal takes some 10 ms for the tree of this many triangles, and for a hull of so many vertices.
+_MAX_TRIANGLES, _MAX_VERTICES = 2_500, 5_000
 # The corners of a box by their coordinates, and its triangles.
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
 _SIDES = np.array(
@@ -123,13 +123,22 @@ def pieces_of(vertices: FloatArray, triangles: Triangles) -> tuple[MeshPiece, ..
 def _merged(vertices: FloatArray, triangles: Triangles) -> tuple[FloatArray, Triangles]:
     """The same mesh without vertices that are equal to others or unused."""
     used = vertices[triangles.ravel()]
-    order = np.lexsort(used.T)
-    in_order = used[order]
-    is_new = np.ones(len(order), dtype=bool)
-    np.any(in_order[1:] != in_order[:-1], axis=1, out=is_new[1:])
+    order, is_new = _distinct(used)
     indices = np.empty(len(order), dtype=np.intp)
     indices[order] = np.cumsum(is_new) - 1
-    return in_order[is_new], indices.reshape(-1, 3)
+    return used[order[is_new]], indices.reshape(-1, 3)
+
+
+def _distinct(rows: NDArray[Any]) -> tuple[Triangles, NDArray[np.bool_]]:
+    """An order in which equal rows are neighbours, and which of them differ from those before.
+
+    Unlike `np.unique` of rows, this does not keep the lock of the interpreter.
+    """
+    order = np.lexsort(rows.T)
+    in_order = rows[order]
+    is_new = np.ones(len(order), dtype=bool)
+    np.any(in_order[1:] != in_order[:-1], axis=1, out=is_new[1:])
+    return order, is_new
 
 
 def _cut(vertices: FloatArray, triangles: Triangles) -> Iterator[MeshPiece]:
@@ -194,5 +203,6 @@ def _volume(vertices: FloatArray, triangles: Triangles) -> float:
 
 def _area(vertices: FloatArray, triangles: Triangles) -> float:
     """Area of different triangles."""
-    a, b, c = np.moveaxis(vertices[np.unique(np.sort(triangles, axis=1), axis=0)], 1, 0)
+    order, is_new = _distinct(np.sort(triangles, axis=1))
+    a, b, c = np.moveaxis(vertices[triangles[order[is_new]]], 1, 0)
     return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())

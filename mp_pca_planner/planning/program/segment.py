@@ -22,7 +22,7 @@ from ...arrays import FloatArray
 from ...primitives.basis import Basis
 from ...robot.model import Robot
 from ..motion import N_RATES, Tables, hermite_tables
-from ..objectives import QUANTITIES, Effort, Nodes, Objective
+from ..objectives import QUANTITIES, Nodes, Objective, effort
 
 # Scales of the unknowns: typical changes of boundary values by phase [rad or m], and of log T.
 END_SCALES = np.array([0.3, 1.0, 5.0, 0.3, 1.0, 5.0])
@@ -359,7 +359,7 @@ class SegmentProgram:
         tables: Tables,
         unknowns: Unknowns,
         expected: FloatArray,
-        objectives: Sequence[tuple[float, Objective]] = ((1.0, Effort()),),
+        objectives: Sequence[tuple[float, Objective]] = ((1.0, effort),),
     ) -> None:
         self._robot, self._objectives = robot, tuple(objectives)
         self.tables, self.unknowns = tables, unknowns
@@ -403,7 +403,7 @@ class SegmentProgram:
         residuals, rows = [], []
         root = np.sqrt(self.tables.quadrature * at.duration)[:, None]
         for weight, objective in self._objectives:
-            values, partials = objective.residuals(at.nodes)
+            values, partials = objective(at.nodes)
             jacobian = np.zeros((*values.shape, at.x.size))
             for name, partial in partials.items():
                 slope = at.slopes[name]
@@ -434,7 +434,7 @@ class SegmentProgram:
         ends = self.unknowns.boundary[0], self.unknowns.boundary[3]
         nodes = Nodes(self._robot, q, v, a, jerk, tau, *ends)
         squares = sum(
-            weight * np.sum(objective.residuals(nodes).values ** 2, axis=1)
+            weight * np.sum(objective(nodes).values ** 2, axis=1)
             for weight, objective in self._objectives
         )
         durations = np.array([self.unknowns.duration_at(x) for x in candidates])

@@ -19,7 +19,7 @@ from ...motion.goal import JointState
 from ...motion.validation import LimitCheck
 from ..context import Context
 from ..motion import Motion, cost_of, node_states, rank_of
-from ..objectives import Objective, Time
+from ..objectives import Objective, time
 from ..options import FREE, SHORTEST, SolverOptions
 from ..request import Request
 from ..solver import TINY
@@ -109,7 +109,7 @@ def first_setting(
     cost = cost_of(context.robot, expected, basis.tables, options.objectives)
     share = options.search.share_in_shortest * expected.duration / max(cost, TINY)
     others = [(share * weight, objective) for weight, objective in options.objectives]
-    objectives = ((1.0, Time()), *others)
+    objectives = ((1.0, time), *others)
     return replace(setting, naturalness=0.0, objectives=objectives, is_shortest=True)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ...motion.validation import LimitCheck
 from ..context import Budget, Context
 from ..motion import cost_of, rank_of
-from ..objectives import Effort
+from ..objectives import effort
 from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME
 from ..plan import NOT_SOLVED
 from ..program.bases import MotionBasis
@@ -483,10 +483,10 @@ def with_costs(context: Context, found: Candidate) -> Candidate:
     """A candidate whose costs are known, also if its motion was not optimised."""
     if np.isfinite(found.solution.objective_cost):
         return found
-    objective = effort = 0.0
+    objective = effort_cost = 0.0
     for motion, basis in zip(found.motions, found.bases, strict=True):
         objectives = context.options.objectives
         objective += cost_of(context.robot, motion, basis.tables, objectives)
-        effort += cost_of(context.robot, motion, basis.tables, [(1.0, Effort())])
-    solution = replace(found.solution, objective_cost=objective, effort_cost=effort)
+        effort_cost += cost_of(context.robot, motion, basis.tables, [(1.0, effort)])
+    solution = replace(found.solution, objective_cost=objective, effort_cost=effort_cost)
     return replace(found, solution=solution)

@@ -4,7 +4,7 @@
 
 import runpy
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.configurations import configurations_at, starts_near
-from mp_pca_planner.planning.objectives import Effort, Jerk, Straightness, Time
+from mp_pca_planner.planning.objectives import effort, jerk, straightness, time
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.primitives.basis import BSplineBasis
 
@@ -187,7 +187,7 @@ def test_a_free_duration_is_where_the_cost_is_least():
 def test_time_that_costs_makes_motions_shorter():
     goal, start = request(3)
     durations = [
-        planner(timing="free", objectives=((1.0, Effort()), (weight, Time())))
+        planner(timing="free", objectives=((1.0, effort), (weight, time)))
         .plan(goal, start)
         .motion.duration
         for weight in (1e-3, 20.0, 200.0)
@@ -205,16 +205,17 @@ def test_each_objective_is_lowered_by_asking_for_it():
         way = points - points[0]
         return float(np.sqrt(np.mean((way - np.outer(way @ line, line)) ** 2)))
 
-    def jerk(plan):
+    def mean_jerk(plan):
         a = plan.trajectory.accelerations
         return float(np.mean(np.gradient(a, plan.trajectory.times, axis=0) ** 2))
 
-    effort = planner(naturalness=1e-3).plan(goal, start)
-    smooth = planner(naturalness=1e-3, objectives=((1.0, Jerk()),)).plan(goal, start)
-    straight = planner(naturalness=1e-3, objectives=((1.0, Straightness(HAND)),)).plan(goal, start)
-    assert jerk(smooth) < jerk(effort)
-    assert hand_off_line(straight) < 0.5 * hand_off_line(effort)
-    assert effort.solution.effort_cost < min(
+    least_effort = planner(naturalness=1e-3).plan(goal, start)
+    smooth = planner(naturalness=1e-3, objectives=((1.0, jerk),)).plan(goal, start)
+    near_line = partial(straightness, frame=HAND)
+    straight = planner(naturalness=1e-3, objectives=((1.0, near_line),)).plan(goal, start)
+    assert mean_jerk(smooth) < mean_jerk(least_effort)
+    assert hand_off_line(straight) < 0.5 * hand_off_line(least_effort)
+    assert least_effort.solution.effort_cost < min(
         smooth.solution.effort_cost, straight.solution.effort_cost
     )
 
@@ -227,7 +228,7 @@ def test_the_example_of_an_own_objective_does_what_it_says(capsys):
 
 @pytest.mark.parametrize(
     "options",
-    [{"timing": "quick"}, {"objectives": ()}, {"objectives": ((-1.0, Effort()),)}],
+    [{"timing": "quick"}, {"objectives": ()}, {"objectives": ((-1.0, effort),)}],
 )
 def test_options_that_make_no_sense_are_refused(options):
     with pytest.raises(GoalError):

@@ -13,7 +13,7 @@ from test_detours import WALL
 
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
-from mp_pca_planner.planning.objectives import Jerk
+from mp_pca_planner.planning.objectives import jerk
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.request import naturalness_for, timing_for
@@ -90,10 +90,10 @@ def test_what_is_given_counts():
 
 
 def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():
-    jerk = {"objectives": ((1.0, Jerk()),)}
-    shown = planned(unlike(), timing="demonstrated", **jerk)
-    slowest = planned(unlike(), timing="free", **jerk)
-    plan = planned(unlike(), **jerk)
+    smooth = {"objectives": ((1.0, jerk),)}
+    shown = planned(unlike(), timing="demonstrated", **smooth)
+    slowest = planned(unlike(), timing="free", **smooth)
+    plan = planned(unlike(), **smooth)
     assert slowest.trajectory.duration > 2.0 * shown.trajectory.duration
     assert plan.trajectory.duration == pytest.approx(shown.trajectory.duration)
 

@@ -12,7 +12,7 @@ from patience import PATIENT
 import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.motion import Motion, Tables, cost_of, rank_of
-from mp_pca_planner.planning.objectives import Effort
+from mp_pca_planner.planning.objectives import effort
 from mp_pca_planner.planning.options import SelectionOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -70,7 +70,7 @@ def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
         for one in found:
             basis, expected = one.primitive.basis, one.expected
             motion = Motion(*ends, expected.duration, basis, expected.weights)
-            efforts.append(cost_of(robot, motion, Tables(basis), [(1.0, Effort())]))
+            efforts.append(cost_of(robot, motion, Tables(basis), [(1.0, effort)]))
         assert efforts == sorted(efforts)
         assert [c.cost for c in found] == pytest.approx(efforts, rel=1e-9)
     assert n_several

@@ -20,7 +20,7 @@ from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import check_limits
-from mp_pca_planner.planning.objectives import Effort, Energy, Jerk
+from mp_pca_planner.planning.objectives import effort, energy, jerk
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.file import save_primitive
@@ -187,17 +187,17 @@ TRAJECTORY = Trajectory(
 BY_NAME = "'upper_arm', 'lower_arm' .no mass."
 
 
-@pytest.mark.parametrize("objective", [Effort(), Energy()])
+@pytest.mark.parametrize("objective", [effort, energy])
 def test_objectives_with_efforts_take_inertias(objective):
     bare = Robot(BARE, JOINTS)
-    options = PlannerOptions(objectives=((1.0, Jerk()), (0.1, objective)))
+    options = PlannerOptions(objectives=((1.0, jerk), (0.1, objective)))
     with pytest.raises(RobotError, match=f"{BY_NAME}.*choose an objective without efforts"):
         Planner(bare, [arm_primitive()], bare.limits(FREE), options)
 
 
 def test_limits_of_efforts_take_inertias():
     bare = Robot(BARE, JOINTS)
-    options = PlannerOptions(objectives=((1.0, Jerk()),))
+    options = PlannerOptions(objectives=((1.0, jerk),))
     some = {name: FREE[name] for name in JOINTS[1:]}
     for limits in (bare.limits(), bare.limits(some)):
         with pytest.raises(RobotError, match=f"{BY_NAME}.*remove those limits .max_effort: .inf"):
@@ -208,7 +208,7 @@ def test_limits_of_efforts_take_inertias():
 
 
 def test_a_robot_without_inertias_plans_what_takes_no_efforts():
-    options = PlannerOptions(objectives=((1.0, Jerk()),))
+    options = PlannerOptions(objectives=((1.0, jerk),))
     plans = []
     for text in (TEXT, BARE):
         robot = Robot(text, JOINTS)
