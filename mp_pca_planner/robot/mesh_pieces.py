@@ -32,8 +32,8 @@ _THIN, _SMALLEST = 1e-6, 1e-7
 # Share of its convex hull's volume, or area, from which on a mesh is convex: files hold 6 digits.
 # The hull in its place is on the safe side.
 _CONVEX_SHARE = 1.0 - 1e-3
-# Coal takes some 10 ms for the tree of this many triangles, and for a hull of so many vertices.
-_MAX_TRIANGLES, _MAX_VERTICES = 2_500, 5_000
+# Coal takes some 10 ms for the tree of this many triangles, 15 ms for a hull of so many vertices.
+_MAX_TRIANGLES, _MAX_VERTICES = 2_500, 10_000
 # The corners of a box by their coordinates, and its triangles.
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
 _SIDES = np.array(
