@@ -9,6 +9,7 @@ lock while it builds the tree of a mesh or measures a distance, and the robot ma
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,8 +33,10 @@ _THIN, _SMALLEST = 1e-6, 1e-7
 # Share of its convex hull's volume, or area, from which on a mesh is convex: files hold 6 digits.
 # The hull in its place is on the safe side.
 _CONVEX_SHARE = 1.0 - 1e-3
-# Coal takes some 10 ms for the tree of this many triangles, 15 ms for a hull of so many vertices.
-_MAX_TRIANGLES, _MAX_VERTICES = 2_500, 10_000
+# Coal takes some 15 ms for the tree of this many triangles, and for a hull of so many vertices.
+_MAX_TRIANGLES, _MAX_VERTICES = 5_000, 10_000
+# After the tree of more triangles than these, other threads get the lock for a while [s].
+_MANY_TRIANGLES, _PAUSE = 1_000, 5e-3
 # The corners of a box by their coordinates, and its triangles.
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
 _SIDES = np.array(
@@ -83,6 +86,8 @@ class MeshPiece:
         surface.addVertices(self.vertices)
         surface.addTriangles(self.triangles)
         surface.endModel()
+        if len(self.triangles) > _MANY_TRIANGLES:
+            time.sleep(_PAUSE)
         return surface
 
     @cached_property
