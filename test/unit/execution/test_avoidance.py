@@ -55,6 +55,22 @@ def not_cancelled():
     return False
 
 
+def test_place_of_the_robot_is_not_sought_where_there_are_no_obstacles(node, monkeypatch):
+    node.ask(GOAL)
+    node.run(0.3)
+    follow, followed = node.follower.follow, []
+
+    def counted(*arguments):
+        followed.append(1)
+        return follow(*arguments)
+
+    monkeypatch.setattr(node.follower, "follow", counted)
+    node.monitor.surroundings.look_ahead(node._model)
+    assert not followed
+    assert use(node, ball_at(place_on_motion(node, 0.6)))
+    assert followed
+
+
 def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.8)

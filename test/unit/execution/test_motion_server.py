@@ -648,6 +648,24 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
     assert node.sent[-1][1] is motion.sent
 
 
+@pytest.mark.parametrize("silent", [False, True])
+def test_stop_of_a_resting_robot_is_found_once_however_long_that_takes(node, monkeypatch, silent):
+    node.ask(GOAL)
+    node.run(6.0)
+    node.robot.faults.silent = silent
+    node.run(1.0)
+    find, found = node.monitor._stops._find, []
+
+    def interrupted(model, latency):
+        found.append(find(model, latency))
+        node.advance(0.15)
+        return found[-1]
+
+    monkeypatch.setattr(node.monitor._stops, "_find", interrupted)
+    node.stop()
+    assert len(found) == 1
+
+
 @pytest.mark.parametrize(("moves", "most"), [(False, 1), (True, 3)])
 def test_stop_polls_the_joint_states_seldom(node, monkeypatch, moves, most):
     """Each poll takes a millisecond of the answer: there were up to seven."""
