@@ -214,7 +214,7 @@ def prepared() -> tuple[Any, ...]:
 
 # Not checked: arithmetic inside the package, whose arguments users don't have.
 INNER = {
-    *("Bodies", "BodyPairs", "CollisionModel", "ConditionalModel", "Effort", "LinkInertias"),
+    *("Bodies", "BodyPairs", "CollisionModel", "ConditionalModel", "LinkInertias"),
     *("MotionSources", "MotionStatistics", "PacedBasis", "PolynomialBasis"),
     *("Demonstration.of_curve", "MovementPrimitive.paced_basis"),
     "MovementPrimitive.prediction_error",

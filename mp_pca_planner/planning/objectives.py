@@ -129,7 +129,9 @@ def uses_efforts(objective: Objective, robot: Robot) -> bool:
     return "efforts" in objective(nodes).partials
 
 
-OBJECTIVES = ("effort", "energy", "jerk", "time", "straightness")
+_SIMPLE: dict[str, Objective] = {"effort": effort, "energy": energy, "jerk": jerk, "time": time}
+
+OBJECTIVES = (*_SIMPLE, "straightness")
 """Names that :func:`objective_by_name` accepts."""
 
 
@@ -156,10 +158,9 @@ def objective_by_name(name: str, robot: Robot, frame: str | None = None) -> Obje
         frame = robot.end_effector if frame is None else frame
         robot.frame_positions(np.zeros((0, robot.n_joints)), [frame])
         return partial(straightness, frame=frame)
-    simple: dict[str, Objective] = {"effort": effort, "energy": energy, "jerk": jerk, "time": time}
-    if name not in simple:
+    if name not in _SIMPLE:
         raise GoalError(unknown_name("objective", name, OBJECTIVES))
-    return simple[name]
+    return _SIMPLE[name]
 
 
 def objective_weights(text: str, what: str) -> dict[str, float]:

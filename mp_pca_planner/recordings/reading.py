@@ -368,7 +368,7 @@ def _noted(clean: CleanRecording, joints: Sequence[str] | None) -> CleanRecordin
     return replace(clean, notes=(*clean.notes, note))
 
 
-def _chosen_topic(bag: bags.Bag, topic: str | None) -> bags.Topic:
+def _chosen_topic(bag: Bag, topic: str | None) -> Topic:
     """The topic to read; an error lists the messages that have joint states as a field."""
     try:
         return bags.choose_topic(bag.topics, topic)
@@ -416,7 +416,7 @@ class RecordingInspection:
     name: str
     path: str
     format: bags.RecordingFormat
-    topics: tuple[bags.Topic, ...] = ()
+    topics: tuple[Topic, ...] = ()
     topic: str | None = None
     n_messages: int = 0
     joint_names: tuple[str, ...] = ()

@@ -241,15 +241,14 @@ class Surroundings:
             return
         if execution.checked == (published.current.motion, self._world):
             return
-        if not len(self._world):
-            execution.threat, execution.checked = None, (published.current.motion, self._world)
-            return
-        try:
-            following = self._follower.follow(model.settings)
-        except GoalError:  # the robot may be anywhere on its motion
-            return
-        if following is not None and following.how is How.OFF:  # it may come back to its path
-            return
+        following = None
+        if len(self._world):
+            try:
+                following = self._follower.follow(model.settings)
+            except GoalError:  # the robot may be anywhere on its motion
+                return
+            if following is not None and following.how is How.OFF:  # it may come back to its path
+                return
         motion, world, threat = published.current.motion, self._world, None
         if following is not None and following.motion is motion:
             threat = self._threat(following, execution, world, model)

@@ -17,7 +17,7 @@ from ..options import Tracking
 from .measured import MeasuredSamples, Message, RobotClock
 from .published_motion import PublishedMotion
 
-_CONVERGED = 1e-6  # steps of places [s] and of the rate that no sensor sees
+_CONVERGED = 1e-12  # steps of places [s] and of the rate that are rounding
 
 
 @dataclass(frozen=True, eq=False)

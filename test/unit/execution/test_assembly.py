@@ -21,6 +21,7 @@ from mp_pca_planner.execution.serving.assembly import (
     unknown_positions,
 )
 from mp_pca_planner.files import config_file
+from mp_pca_planner.planning.objectives import effort, time
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
@@ -75,8 +76,8 @@ def test_objective_and_timing_of_the_parameters_are_those_of_the_plans() -> None
     assert usual.is_executable and quick.is_executable
     assert quick.duration < 0.9 * usual.duration
     free = assemble_model(URDF, PRIMITIVES, Settings(timing="free", objective="time=1e3, effort"))
-    names = [type(one).__name__ for _, one in free.planner.options.objectives]
-    assert (names, free.planner.options.timing) == (["Time", "Effort"], "free")
+    objectives = [one for _, one in free.planner.options.objectives]
+    assert (objectives, free.planner.options.timing) == ([time, effort], "free")
 
 
 def test_constraints_of_the_parameters_are_kept_by_the_plans() -> None:

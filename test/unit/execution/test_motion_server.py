@@ -626,12 +626,8 @@ def test_goal_after_stops_starts_where_the_robot_rests_beside_their_point(node, 
     np.testing.assert_allclose(node.sent[-1][1].positions[0], held, atol=1e-6)
 
 
-@pytest.mark.parametrize("n_interruptions", [1, 100])
-def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatch, n_interruptions):
-    node.ask(GOAL, duration=3.0)
-    node.run(0.4)
-    node.robot.faults.silent = True
-    node.run(0.6)
+def interrupt_stops(node, monkeypatch, n_interruptions):
+    """The stops that are found from now on; a busy computer interrupts the first of them."""
     find, found = node.monitor._stops._find, []
 
     def interrupted(model, latency):
@@ -641,6 +637,16 @@ def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatc
         return found[-1]
 
     monkeypatch.setattr(node.monitor._stops, "_find", interrupted)
+    return found
+
+
+@pytest.mark.parametrize("n_interruptions", [1, 100])
+def test_stop_that_took_long_to_find_is_found_again_a_few_times(node, monkeypatch, n_interruptions):
+    node.ask(GOAL, duration=3.0)
+    node.run(0.4)
+    node.robot.faults.silent = True
+    node.run(0.6)
+    found = interrupt_stops(node, monkeypatch, n_interruptions)
     monkeypatch.setattr(node.monitor, "watch", lambda _: None)
     node.stop()
     assert len(found) == min(n_interruptions + 1, Serving.max_attempts)
@@ -654,14 +660,7 @@ def test_stop_of_a_resting_robot_is_found_once_however_long_that_takes(node, mon
     node.run(6.0)
     node.robot.faults.silent = silent
     node.run(1.0)
-    find, found = node.monitor._stops._find, []
-
-    def interrupted(model, latency):
-        found.append(find(model, latency))
-        node.advance(0.15)
-        return found[-1]
-
-    monkeypatch.setattr(node.monitor._stops, "_find", interrupted)
+    found = interrupt_stops(node, monkeypatch, 1)
     node.stop()
     assert len(found) == 1
 
