@@ -13,11 +13,14 @@ import hashlib
 import json
 import os
 import resource
+import select
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -77,41 +80,30 @@ class MeshProcess:
         Raises
         ------
         ValueError
-            If the process rejects it, with the reason.
+            If it is rejected or demands too much, with the reason.
         TimeoutError
             If this machine is too busy.
         RuntimeError
-            If the process ends, because of the file's demands or for another reason.
+            If the process ends.
         """
         with self._lock:
             process = self._started()
-            is_late = threading.Event()
-
-            def end() -> None:
-                is_late.set()
-                process.kill()
-
-            # Every wait for the process ends with it.
-            watchdog = threading.Timer(INPUT_LIMITS.mesh_wall_seconds, end)
-            watchdog.start()
             try:
-                return _asked(process, content, suffix)
+                answer, arrays = _asked(process, content, suffix)
             except (EOFError, OSError):
-                process.kill()
-                status = process.wait()
+                reason = f"the process that parses it has ended (status {_end(process)})"
+                raise RuntimeError(reason) from None
             except KeyboardInterrupt:  # in the middle of an answer
-                process.kill()
+                _end(process)
                 raise
-            finally:
-                watchdog.cancel()
-                watchdog.join()
-        if status == -signal.SIGXCPU:
-            raise RuntimeError(f"it takes more than {INPUT_LIMITS.mesh_cpu_seconds} s to parse")
-        if status == _NO_MEMORY:
-            raise RuntimeError("it needs more memory to parse than it may take")
-        if is_late.is_set():
-            raise TimeoutError(f"it was not parsed within {INPUT_LIMITS.mesh_wall_seconds:g} s")
-        raise RuntimeError(f"the process that parses it has ended (status {status})")
+        if "error" in answer:
+            raise ValueError(answer["error"])
+        if "late" in answer:
+            raise TimeoutError(answer["late"])
+        vertices = np.frombuffer(arrays[0]).reshape(-1, 3)
+        triangles = np.frombuffer(arrays[1], np.int32).reshape(-1, 3)
+        colours = [np.frombuffer(one, np.uint8).reshape(-1, 4) for one in arrays[2:]]
+        return MeshContent(vertices, triangles, *colours)
 
     def _started(self) -> subprocess.Popen[bytes]:
         """The running process, or a new one; a copy of this process needs its own."""
@@ -130,84 +122,120 @@ class MeshProcess:
                 start_new_session=True,  # Ctrl-C is for this process
             )
             self._owner = os.getpid()
-            atexit.register(_end, self._process, self._owner)
+            atexit.register(_end_own, self._process, self._owner)
         return self._process
 
 
-def _end(process: subprocess.Popen[bytes], owner: int) -> None:
+def _end(process: subprocess.Popen[bytes]) -> int:
+    """End the process with its copies, and return its status."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    return process.wait()
+
+
+def _end_own(process: subprocess.Popen[bytes], owner: int) -> None:
     if owner == os.getpid():
-        process.kill()
-        process.wait()
+        _end(process)
 
 
-def _asked(process: subprocess.Popen[bytes], content: bytes, suffix: str) -> MeshContent:
+def _asked(
+    process: subprocess.Popen[bytes], content: bytes, suffix: str
+) -> tuple[dict[str, Any], list[bytes]]:
     """The answer of the process; EOFError or OSError if it has ended."""
     assert process.stdin is not None
     assert process.stdout is not None
-    _send(process.stdin, {"suffix": suffix, "size": len(content)}, content)
+    seconds = INPUT_LIMITS.mesh_wall_seconds
+    _send(process.stdin, {"suffix": suffix, "seconds": seconds, "size": len(content)}, content)
     answer = _header(process.stdout)
-    if "error" in answer:
-        raise ValueError(answer["error"])
-    n_vertices, n_triangles = answer["n_vertices"], answer["n_triangles"]
-    vertices = np.frombuffer(_exactly(process.stdout, 24 * n_vertices)).reshape(-1, 3)
-    triangles = np.frombuffer(_exactly(process.stdout, 12 * n_triangles), np.int32).reshape(-1, 3)
-    if not answer["has_colours"]:
-        return MeshContent(vertices, triangles)
-    colours = np.frombuffer(_exactly(process.stdout, 4 * n_triangles), np.uint8).reshape(-1, 4)
-    return MeshContent(vertices, triangles, colours)
+    return answer, [_exactly(process.stdout, size) for size in answer.get("sizes", ())]
 
 
 def serve() -> None:
-    """Parse the files that arrive on the standard input until it is closed."""
+    """Parse the files that arrive on the standard input until it is closed.
+
+    Each is parsed by a copy of this process, which may end. A process that starts anew would load
+    its modules again, while the one that asks stops a robot on the same machine.
+    """
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
-    try:
-        _serve(sys.stdin.buffer, sys.stdout.buffer)
-    except MemoryError:  # even a sentence may need more
-        os._exit(_NO_MEMORY)
-
-
-def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
-    while True:
-        try:
+    requests, answers = sys.stdin.buffer, sys.stdout.buffer
+    with suppress(EOFError):
+        while True:
             request = _header(requests)
-            _limit(request["size"])
             content = _exactly(requests, request["size"])
-        except EOFError:
-            return
+            answers.write(_answer_of_copy(content, request["suffix"], request["seconds"]))
+            answers.flush()
+
+
+def _answer_of_copy(content: bytes, suffix: str, seconds: float) -> bytes:
+    """The answer of a copy of this process that parses a file within some time [s]."""
+    here, there = os.pipe()
+    copy = os.fork()
+    if copy == 0:
+        status = 1
         try:
-            with reading("it", PlannerError):
-                found = parse_mesh(content, request["suffix"])
-        except PlannerError as error:
-            if isinstance(error.__context__, MemoryError):  # what it left would be missing later
-                os._exit(_NO_MEMORY)
-            reason = str(error).removeprefix("it can't be read: ")
-            _send(answers, {"error": reason[:1000]})
-            continue
-        answer = {
-            "n_vertices": len(found.vertices),
-            "n_triangles": len(found.triangles),
-            "has_colours": found.colours is not None,
-        }
-        arrays = (found.vertices, found.triangles, found.colours)
-        _send(answers, answer, *(one.tobytes() for one in arrays if one is not None))
-        del content, found, arrays  # not needed while the next file is parsed
+            _limit(len(content))
+            with os.fdopen(there, "wb") as answers:
+                _parse(content, suffix, answers)
+            status = 0
+        except MemoryError:  # even a sentence may need more
+            status = _NO_MEMORY
+        finally:
+            os._exit(status)
+    os.close(there)
+    answer, end, is_late = bytearray(), time.monotonic() + seconds, False
+    while select.select([here], [], [], max(end - time.monotonic(), 0.0))[0]:
+        part = os.read(here, 1 << 20)
+        if not part:
+            break
+        answer += part
+    else:
+        os.kill(copy, signal.SIGKILL)
+        is_late = True
+    os.close(here)
+    status = os.waitstatus_to_exitcode(os.waitpid(copy, 0)[1])
+    if is_late:
+        return _header_line({"late": f"it was not parsed within {seconds:g} s"})
+    if status == -signal.SIGXCPU:
+        reason = f"it takes more than {INPUT_LIMITS.mesh_cpu_seconds} s to parse"
+    elif status == _NO_MEMORY:
+        reason = "it needs more memory to parse than it may take"
+    else:
+        reason = f"the process that parses it has ended (status {status})"
+    return bytes(answer) if status == 0 else _header_line({"error": reason})
+
+
+def _parse(content: bytes, suffix: str, answers: IO[bytes]) -> None:
+    """Parse a file, and write the mesh or the reason why there is none."""
+    try:
+        with reading("it", PlannerError):
+            found = parse_mesh(content, suffix)
+    except PlannerError as error:
+        reason = str(error).removeprefix("it can't be read: ")
+        _send(answers, {"error": reason[:1000]})
+        return
+    arrays = (found.vertices, found.triangles, found.colours)
+    parts = [one.tobytes() for one in arrays if one is not None]
+    _send(answers, {"sizes": list(map(len, parts))}, *parts)
 
 
 def _limit(n_bytes: int) -> None:
-    """Limit the memory and the further computing time of this process for a file of a size."""
+    """Limit the memory and the computing time of this process for a file of a size."""
     memory = INPUT_LIMITS.mesh_memory + INPUT_LIMITS.mesh_memory_ratio * n_bytes
     resource.setrlimit(resource.RLIMIT_AS, (memory, resource.RLIM_INFINITY))
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    seconds = int(used.ru_utime + used.ru_stime) + 1 + INPUT_LIMITS.mesh_cpu_seconds
+    seconds = INPUT_LIMITS.mesh_cpu_seconds
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, resource.RLIM_INFINITY))
 
 
 def _send(stream: IO[bytes], header: Mapping[str, object], *parts: bytes) -> None:
-    stream.write(json.dumps(header).encode() + b"\n")
+    stream.write(_header_line(header))
     for part in parts:
         stream.write(part)
     stream.flush()
+
+
+def _header_line(header: Mapping[str, object]) -> bytes:
+    return json.dumps(header).encode() + b"\n"
 
 
 def _header(stream: IO[bytes]) -> dict[str, Any]:

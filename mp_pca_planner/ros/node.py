@@ -198,7 +198,7 @@ class PlannerNode(GuardedNode):
         """Log when the judgement of the robot's clock changes."""
         clock = self._follower.measured.clock
         state = clock.is_usable, clock.offset != 0.0
-        if state == self._clocks:
+        if state == self._clocks or not clock.is_certain:
             return
         self._clocks, logger = state, self.get_logger()
         if not clock.is_usable:

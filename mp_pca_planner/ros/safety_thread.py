@@ -14,6 +14,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -35,6 +36,7 @@ from .nodes import STATES, GuardedNode, PolledSubscription, ThreadGroup
 from .planning_setup import PlanningSetup
 
 _READING_TIME = 0.02  # the longest for all joint states that wait [s]
+_MOST_STOPS = 100  # requests that are answered with one stop
 _NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -103,7 +105,7 @@ class RobotStates:
 
 
 class SafetyThread:
-    """Watches the robot at 20 Hz and answers ``~/stop`` at 100 Hz.
+    """Watches the robot at 20 Hz and answers ``~/stop``.
 
     What it calls reads no files, builds no models, plans nothing and waits at most 5 ms for a lock.
     It runs in real time where the system permits it.
@@ -125,7 +127,7 @@ class SafetyThread:
     """
 
     period = 0.01
-    """Time between two requests that are answered [s]."""
+    """Longest time to wait for a request [s]."""
 
     watch_period = 0.05
     """Time between two checks [s]."""
@@ -141,10 +143,11 @@ class SafetyThread:
     ) -> None:
         self._states, self._setup, self._monitor, self._goals = states, setup, monitor, goals
         self._action = action
-        # Polled, because an executor gives the lock of the interpreter away several times a cycle.
+        # An executor would give the lock of the interpreter away several times a cycle.
         self._stops: Any = node.create_service(
             Trigger, "~/stop", goals.stop, callback_group=ThreadGroup()
         )
+        self._wait_set = _rclpy.WaitSet(0, 0, 0, 0, 1, 0, node.context.handle)
         self._answer = node.guarded(self._answer_stop)
         self._check = node.guarded(self._watch_in_turn)
         self._watched = self._cycled = time.monotonic()
@@ -170,21 +173,32 @@ class SafetyThread:
             lowest = os.sched_param(os.sched_get_priority_min(os.SCHED_RR))
             os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, lowest)
         while not self._is_ending:
-            # Not an event: waiting for one takes the lock of the interpreter several times.
-            time.sleep(self.period)
+            self._wait()
             now = time.monotonic()
             self._longest_gap = max(self._longest_gap, now - self._cycled)
             self._cycled = now
             self._answer()
             self._check()
 
+    def _wait(self) -> None:
+        """Wait for a request; the lock of the interpreter is given away once."""
+        self._wait_set.clear_entities()
+        self._wait_set.add_service(self._stops.handle)
+        self._wait_set.wait(round(1e9 * self.period))
+
     def _answer_stop(self) -> None:
-        """Answer the request that has waited longest, if there is one."""
-        service = self._stops
-        with service.handle:
-            request, header = service.handle.service_take_request(Trigger.Request)
-        if header is not None:
-            service.send_response(service.callback(request, Trigger.Response()), header)
+        """Answer all requests that wait with one stop."""
+        handle, headers = self._stops.handle, list[Any]()
+        with handle:
+            while len(headers) < _MOST_STOPS:
+                _, header = handle.service_take_request(Trigger.Request)
+                if header is None:
+                    break
+                headers.append(header)
+        if headers:
+            response = self._goals.stop(Trigger.Request(), Trigger.Response())
+            for header in headers:
+                self._stops.send_response(response, header)
 
     def _watch_in_turn(self) -> None:
         if self._cycled - self._watched < self.watch_period:

@@ -44,6 +44,7 @@ from nodes import (
     times,
 )
 from patience import HANG
+from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import serialize_message
@@ -52,6 +53,7 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from test_primitive_file import forge
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
@@ -531,6 +533,17 @@ def test_stop_of_a_robot_at_rest_is_one_point_where_it_is(client: NodeClient) ->
     assert client.send(goal_message()).trajectory is not None
 
 
+def test_stops_that_are_asked_for_at_once_are_all_answered(
+    client: NodeClient, primitives: Path
+) -> None:
+    rest_at(client, primitives)
+    stop = client.node.create_client(Trigger, f"{client.planner}/stop")
+    futures = [stop.call_async(Trigger.Request()) for _ in range(10)]
+    client.wait(lambda: all(future.done() for future in futures), HANG, "left a request unanswered")
+    assert all(future.result().success for future in futures)
+    client.node.destroy_client(stop)
+
+
 def test_motion_is_kept_as_a_primitive_in_the_configured_folder_only(
     client: NodeClient, tmp_path: Path
 ) -> None:
@@ -824,6 +837,32 @@ def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> Non
         timeout = Parameter("state_timeout", value=0.0).to_parameter_msg()
         assert client.set_parameters(timeout)[0].successful
         client.wait_for_diagnostics(lambda values: values["text"] == "ready for goals")
+
+
+@pytest.mark.usefixtures("own_domain")
+def test_first_stamps_that_are_late_are_no_reason_to_warn_of_clocks(tmp_path: Path) -> None:
+    """The machine stalls while the processes start: the 20 newest stamps have to show it."""
+    log = tmp_path / "log.txt"
+    save_primitive(arm_primitive(), tmp_path / "arm.npz")
+    primitives = ("-p", f"primitives:=['{tmp_path}/arm.npz']")
+    with running_node(log, *primitives), described_client() as client:
+
+        def publish_late_states(n: int) -> None:
+            for _ in range(n):
+                late = client.node.get_clock().now() - Duration(seconds=0.5)
+                state = JointState(name=JOINTS, position=START)
+                state.header.stamp = late.to_msg()
+                client.publish_state_message(state)
+                time.sleep(0.025)
+
+        publish_late_states(15)
+        client.wait_for_diagnostics()
+        client.wait_for_diagnostics()
+        assert "s behind" not in log.read_text()
+        deadline = time.monotonic() + HANG
+        while "s behind" not in log.read_text():  # nothing else would say that the node listens
+            publish_late_states(5)
+            assert time.monotonic() < deadline
 
 
 def trials_in(folder: Path) -> list[dict[str, Any]]:

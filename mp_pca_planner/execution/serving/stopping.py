@@ -405,11 +405,11 @@ def _may_stop(
     times = _STOPPING_TIMES[:, None, None]
     with np.errstate(over="ignore", invalid="ignore"):
         start, end = _cubics(q, v, ends[:, None], times)
-        jerk = (end - start) / times
-    compared = [(v + 0.0 * jerk, limits.velocity), (jerk, limits.jerk)]
-    compared += [(start, limits.acceleration), (end, limits.acceleration)]
-    within = [np.abs(x) <= (1.0 + LIMIT_TOLERANCE) * most for x, most in compared]
-    return np.asarray(np.all([*within, np.isfinite(jerk)], axis=(0, 2, 3)))
+        peaks = np.abs([start, end, (end - start) / times]).max(axis=2)
+    slack = 1.0 + LIMIT_TOLERANCE
+    most = slack * np.array([limits.acceleration, limits.acceleration, limits.jerk])[:, None]
+    is_slow = np.all(np.abs(v) <= slack * limits.velocity)
+    return np.asarray(np.all((peaks <= most) & np.isfinite(peaks), axis=(0, 2)) & is_slow)
 
 
 def _is_within(
@@ -437,18 +437,18 @@ def _is_within(
     )
     samples = quintics(_SAMPLES, columns.reshape(6, -1), 3)
     samples = samples.reshape(4, len(_SAMPLES), -1, len(end))
-    path, *rates = samples / time ** np.arange(4.0)[:, None, None, None]
-    slack = 1.0 + LIMIT_TOLERANCE
-    for rate, most in zip(rates, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
-        if not np.all(np.abs(rate) <= slack * most):
-            return False
+    path, scales, slack = samples[0], time ** np.arange(4.0)[:, None], 1.0 + LIMIT_TOLERANCE
+    peaks = np.abs(samples[1:]).max(axis=(1, 2))
+    most = np.array([limits.velocity, limits.acceleration, limits.jerk])
+    if not np.all(peaks <= slack * most * scales[1:]):
+        return False
     lower, upper = reached_bounds(path, limits, path[0] - nearest_start(path[0], limits))
-    if not np.all((path >= lower - _ROUNDING) & (path <= upper + _ROUNDING)):
+    if not (np.all(path >= lower - _ROUNDING) and np.all(path <= upper + _ROUNDING)):
         return False
     limited = np.isfinite(limits.effort)
     for step in (len(_SAMPLES) - 1, _EFFORT_STEP) if limited.any() else ():
         # Both ends first: most motions that exceed a limit do so there.
-        some = [x[::step].reshape(-1, len(end)) for x in (path, *rates[:2])]
+        some = samples[:3, ::step].reshape(3, -1, len(end)) / scales[:3, None]
         tau = robot.inverse_dynamics(*some)
         if not np.all(np.abs(tau[:, limited]) <= slack * limits.effort[limited]):
             return False

@@ -286,6 +286,18 @@ def test_clocks_agree_while_and_after_a_machine_stalls(world, stall):
     assert all(usable)
 
 
+def test_first_stamps_are_no_certain_judgement_of_the_clocks(world):
+    """The machine stalls while the processes start."""
+    usable = []
+    for k in range(40):
+        world.pass_time(0.03)
+        world.receive(a=0.0, b=0.0, stamp=world.motion - (0.25 if k < 5 else 0.001))
+        usable.append(world.states.clock.is_usable)
+        assert world.states.clock.is_certain == (k >= 19)
+    assert not any(usable[:5])
+    assert all(usable[19:])
+
+
 def test_judgement_of_clocks_is_taken_back(world):
     """The clock of the robot is set at 3 s, and again at 15 s."""
     offsets = []
