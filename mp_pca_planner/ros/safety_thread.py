@@ -181,10 +181,14 @@ class SafetyThread:
             self._check()
 
     def _wait(self) -> None:
-        """Wait for a request; the lock of the interpreter is given away once."""
-        self._wait_set.clear_entities()
-        self._wait_set.add_service(self._stops.handle)
-        self._wait_set.wait(round(1e9 * self.period))
+        """Wait for a request, a millisecond at least, because this thread goes before others."""
+        time.sleep(1e-3)
+        try:
+            self._wait_set.clear_entities()
+            self._wait_set.add_service(self._stops.handle)
+            self._wait_set.wait(round(1e9 * self.period))
+        except RuntimeError:  # no reason to watch the robot no more
+            time.sleep(self.period)
 
     def _answer_stop(self) -> None:
         """Answer all requests that wait with one stop."""
