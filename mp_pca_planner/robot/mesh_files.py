@@ -183,26 +183,26 @@ def _answer_of_copy(content: bytes, suffix: str, seconds: float) -> bytes:
         finally:
             os._exit(status)
     os.close(there)
-    answer, end, is_late = bytearray(), time.monotonic() + seconds, False
-    while select.select([here], [], [], max(end - time.monotonic(), 0.0))[0]:
+    answer, end = bytearray(), time.monotonic() + seconds
+    while is_ready := select.select([here], [], [], max(end - time.monotonic(), 0.0))[0]:
         part = os.read(here, 1 << 20)
         if not part:
             break
         answer += part
-    else:
+    if not is_ready:
         os.kill(copy, signal.SIGKILL)
-        is_late = True
     os.close(here)
     status = os.waitstatus_to_exitcode(os.waitpid(copy, 0)[1])
-    if is_late:
+    if not is_ready:
         return _header_line({"late": f"it was not parsed within {seconds:g} s"})
-    if status == -signal.SIGXCPU:
-        reason = f"it takes more than {INPUT_LIMITS.mesh_cpu_seconds} s to parse"
-    elif status == _NO_MEMORY:
-        reason = "it needs more memory to parse than it may take"
-    else:
-        reason = f"the process that parses it has ended (status {status})"
-    return bytes(answer) if status == 0 else _header_line({"error": reason})
+    if status == 0:
+        return bytes(answer)
+    reasons = {
+        -signal.SIGXCPU: f"it takes more than {INPUT_LIMITS.mesh_cpu_seconds} s to parse",
+        _NO_MEMORY: "it needs more memory to parse than it may take",
+    }
+    ended = f"the process that parses it has ended (status {status})"
+    return _header_line({"error": reasons.get(status, ended)})
 
 
 def _parse(content: bytes, suffix: str, answers: IO[bytes]) -> None:
@@ -211,6 +211,8 @@ def _parse(content: bytes, suffix: str, answers: IO[bytes]) -> None:
         with reading("it", PlannerError):
             found = parse_mesh(content, suffix)
     except PlannerError as error:
+        if isinstance(error.__context__, MemoryError):
+            raise error.__context__ from None
         reason = str(error).removeprefix("it can't be read: ")
         _send(answers, {"error": reason[:1000]})
         return

@@ -187,20 +187,20 @@ class SafetyThread:
             self._wait_set.clear_entities()
             self._wait_set.add_service(self._stops.handle)
             self._wait_set.wait(round(1e9 * self.period))
-        except RuntimeError:  # no reason to watch the robot no more
+        except RuntimeError:  # rclpy's; the robot is watched all the same
             time.sleep(self.period)
 
     def _answer_stop(self) -> None:
         """Answer all requests that wait with one stop."""
         handle, headers = self._stops.handle, list[Any]()
         with handle:
-            while len(headers) < _MOST_STOPS:
+            for _ in range(_MOST_STOPS):
                 _, header = handle.service_take_request(Trigger.Request)
                 if header is None:
                     break
                 headers.append(header)
         if headers:
-            response = self._goals.stop(Trigger.Request(), Trigger.Response())
+            response = self._stops.callback(Trigger.Request(), Trigger.Response())
             for header in headers:
                 self._stops.send_response(response, header)
 

@@ -76,19 +76,22 @@ class RobotClock:
         The same as the newest stamps show it, with the shortest usual delay of messages [s].
     is_usable : bool
         Whether the stamps are times of the robot's clock.
-    is_certain : bool
-        Whether enough stamps show that. The first ones are late if the machine stalls at start.
     """
 
     def __init__(self, receipt_clock: Clock, node_clock: Clock) -> None:
         self._receipt_clock, self._node_clock = receipt_clock, node_clock
         self.offset = self.estimate = 0.0
-        self.is_usable, self.is_certain = True, False
+        self.is_usable = True
         self._is_constant, self._lead = False, Tracking.max_stamp_lead
         self._differences: deque[float] = deque(maxlen=Tracking.max_stamps)
         self._compared = (-float("inf"), -float("inf"))
         # Times of both clocks, to convert ages: simulated time has its own rate.
         self._rates: deque[tuple[float, float]] = deque(maxlen=10)
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether enough stamps show that. The first are late if the machine stalls at start."""
+        return len(self._differences) >= Tracking.min_stamps
 
     def now(self) -> float:
         """The time of the robot [s]."""
@@ -141,7 +144,6 @@ class RobotClock:
         # Simulated time that comes in steps differs by parts of a step.
         spread = _quantile(every, 0.75) - self.estimate
         self._lead = Tracking.max_stamp_lead + min(spread, Tracking.max_stamp_delay)
-        self.is_certain = len(every) >= Tracking.min_stamps
         self._is_constant = self.is_certain and abs(
             _quantile(newer) - _quantile(older)
         ) <= Tracking.max_stamp_lead + 0.5 * min(spread, Tracking.max_stamp_delay)
