@@ -34,7 +34,7 @@ from ..execution.serving.motion_server import (
     MotionServer,
     UnexecutablePlanError,
 )
-from ..execution.threads import IsCancelled, PreemptiveWorker
+from ..execution.threads import SAFETY_WAIT, BusyError, IsCancelled, PreemptiveWorker
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
@@ -497,6 +497,15 @@ class GoalTopics:
         else:
             response.success = True
         return response
+
+    def stays_stopped(self) -> bool:
+        """Cancel all goals; whether none has moved the robot since it was stopped."""
+        self._worker.cancel()
+        monitor = self._server.monitor
+        # A goal that is not cancelled is just being published, and holds the lock.
+        with suppress(BusyError), monitor.follower.lock.within(SAFETY_WAIT):
+            return monitor.served is None
+        return False
 
     def _receive(self, topic: GoalTopic, content: bytes) -> None:
         try:

@@ -191,7 +191,19 @@ class SafetyThread:
             time.sleep(self.period)
 
     def _answer_stop(self) -> None:
-        """Answer all requests that wait with one stop."""
+        """Answer all requests with one stop: those that wait, and those that come meanwhile."""
+        waiting = self._take_requests()
+        if not waiting:
+            return
+        response = self._stops.callback(Trigger.Request(), Trigger.Response())
+        self._respond(waiting, response)
+        if later := self._take_requests():
+            if not (response.success and self._goals.stays_stopped()):
+                response = self._stops.callback(Trigger.Request(), Trigger.Response())
+            self._respond(later, response)
+
+    def _take_requests(self) -> list[Any]:
+        """The headers of the requests that wait."""
         handle, headers = self._stops.handle, list[Any]()
         with handle:
             for _ in range(_MOST_STOPS):
@@ -199,10 +211,11 @@ class SafetyThread:
                 if header is None:
                     break
                 headers.append(header)
-        if headers:
-            response = self._stops.callback(Trigger.Request(), Trigger.Response())
-            for header in headers:
-                self._stops.send_response(response, header)
+        return headers
+
+    def _respond(self, headers: list[Any], response: Trigger.Response) -> None:
+        for header in headers:
+            self._stops.send_response(response, header)
 
     def _watch_in_turn(self) -> None:
         if self._cycled - self._watched < self.watch_period:
