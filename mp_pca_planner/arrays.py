@@ -119,11 +119,13 @@ def float_array(
         is_numeric = False
     if not is_numeric:
         raise error(f"{what} must be numbers, got {shown(values)}")
-    is_fitting = shape is None or given.ndim == len(shape)
-    for n, have in zip(shape or (), given.shape, strict=False):
-        is_fitting = is_fitting and n in (None, have)
+    wanted = given.shape if shape is None else shape
+    is_fitting = given.shape == wanted or (
+        given.ndim == len(wanted)
+        and all(n in (None, have) for n, have in zip(wanted, given.shape, strict=True))
+    )
     if not is_fitting:
-        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape or ()) + ")"
+        expected = "(" + ", ".join("any" if n is None else str(n) for n in wanted) + ")"
         raise error(f"{what} must have the shape {expected}, got {given.shape}")
     if given.size > MAX_SIZE:
         raise error(

@@ -346,14 +346,10 @@ def stops_at_points(
     for k in np.flatnonzero(_may_stop(q, v, ends, limits)).tolist():
         time, end = float(_STOPPING_TIMES[k]), ends[k]
         if _is_within(q, v, a, end, time, robot, limits):
-            zero = np.zeros_like(end)
+            zero, times = np.zeros_like(q), np.array([0.0, time])
             # The cubics differ little from these.
-            yield [
-                Trajectory(
-                    limits.joint_names, [0.0, time], [here, end], [speed, zero], [change, zero]
-                )
-                for here, speed, change in zip(q, v, a, strict=True)
-            ]
+            every = np.stack([[q, v, a], [zero + end, zero, zero]], axis=-2).swapaxes(0, 1)
+            yield [Trajectory(limits.joint_names, times, *columns) for columns in every]
 
 
 def braking_ends(state: JointState) -> FloatArray:

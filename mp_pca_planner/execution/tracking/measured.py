@@ -518,6 +518,9 @@ class MeasuredStates:
 
     def _chosen(self) -> tuple[list[StateSource], list[str]]:
         """The fewest present sources with all joints, and the joints that have none."""
+        whole = self._sources.get(self.joint_names)
+        if whole is not None and whole in self._live():
+            return [whole], []
         every = sorted(self._sources.values(), key=lambda one: -len(one.joint_names))
         chosen, missing = list[StateSource](), list[str]()
         for name in self.joint_names:
@@ -531,11 +534,15 @@ class MeasuredStates:
                 chosen.append(live[0])
         return chosen, missing
 
-    def _conflict(self) -> str:
-        """How several publishers of a joint contradict each other; empty if they do not."""
+    def _live(self) -> list[StateSource]:
+        """The sources that are not silent while others send."""
         every = list(self._sources.values())
         newest = max(source.newest.received for source in every)
-        live = [s for s in every if newest - s.newest.received <= Tracking.window]
+        return [one for one in every if newest - one.newest.received <= Tracking.window]
+
+    def _conflict(self) -> str:
+        """How several publishers of a joint contradict each other; empty if they do not."""
+        live = self._live()
         for source in live:
             if found := source.conflict():
                 return found
