@@ -88,7 +88,7 @@ class MotionMonitor:
                     self._end(execution.dropped(f"no path was found for {longest:g} s"))
             threat = self.surroundings.threat
             if threat is not None and now > threat.last_time:
-                self.stop_before(threat, model)
+                self._stop_before(threat, model)
 
     def expect(self, joint_names: tuple[str, ...], model: Model | None = None) -> bool:
         """Use the states of these joints; returns whether they are others.
@@ -119,22 +119,16 @@ class MotionMonitor:
             if not (execution.is_stop or execution.is_reported):
                 self.stop(model, reason)
 
-    def stop_before(self, threat: Threat, model: Model) -> str:
-        """Stop the robot before an obstacle; it continues to its goal once there is a path.
-
-        Like :meth:`stop`. A stop that is clear of obstacles is kept: another thread published it.
-        """
-        with self.follower.lock:
-            execution, now, resumption = self.follower.execution, self.follower.motion_time, None
-            if execution is not None and execution.is_stop:
-                if self.surroundings.threat is None:
-                    return "the robot is being stopped already"
-                resumption = execution.resumption
-            elif execution is not None and execution.served is not None:
-                with suppress(Exception):  # in any case, the stop must come
-                    rest = execution.served.rest_of_goal(now - execution.motion.began)
-                    resumption = Resumption(rest, execution.name, now)
-            return self.stop(model, threat.reason, resumption)
+    def _stop_before(self, threat: Threat, model: Model) -> None:
+        """Stop the robot before an obstacle; it continues to its goal once there is a path."""
+        execution, now, resumption = self.follower.execution, self.follower.motion_time, None
+        if execution is not None and execution.is_stop:
+            resumption = execution.resumption
+        elif execution is not None and execution.served is not None:
+            with suppress(Exception):  # in any case, the stop must come
+                rest = execution.served.rest_of_goal(now - execution.motion.began)
+                resumption = Resumption(rest, execution.name, now)
+        self.stop(model, threat.reason, resumption)
 
     @property
     def served(self) -> Served | None:

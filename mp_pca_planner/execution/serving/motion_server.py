@@ -264,7 +264,9 @@ class MotionServer:
                 latency = 2.0 * max(self._follower.motion_time - began, latency)
 
     def avoid_obstacle(self, model: Model, is_cancelled: IsCancelled) -> tuple[str, Served | None]:
-        """Replace the running motion if it would hit an obstacle; stop the robot if that fails.
+        """Replace the running motion if it would hit an obstacle; if that fails, give it up.
+
+        The next :meth:`MotionMonitor.watch` stops the robot then.
 
         Parameters
         ----------
@@ -282,8 +284,6 @@ class MotionServer:
 
         Raises
         ------
-        PlannerError
-            If the robot could not even be stopped.
         CancelledError
             If a newer goal preempts it.
         """
@@ -304,8 +304,10 @@ class MotionServer:
         except Exception as error:  # whatever the reason, the robot must not hit the obstacle
             if is_cancelled():
                 raise CancelledError from None
+            # The thread that watches stops it, because that one goes before all others.
+            threat.is_given_up = True
             why = str(error) or "there was no time to plan another motion"
-            return f"{reason}: {self.monitor.stop_before(threat, model)}, because {why}", None
+            return f"{reason}: the robot is stopped, because {why}", None
         return f"{reason}: another motion leads to the goal", found
 
     def go_on(self, model: Model, is_cancelled: IsCancelled) -> tuple[str, Served | None]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -90,12 +91,23 @@ def placed(obstacles: Iterable[Obstacle], poses: Poses) -> tuple[list[Obstacle],
     return found, unplaced
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Threat:
-    """A collision of the rest of the running motion with an obstacle, and when it begins [s]."""
+    """A collision of the rest of the running motion with an obstacle.
+
+    Attributes
+    ----------
+    collision : Collision
+        The collision.
+    time : float
+        When it begins [s].
+    is_given_up : bool
+        Whether no other motion was found, so that the robot is stopped at once.
+    """
 
     collision: Collision
     time: float
+    is_given_up: bool = False
 
     @property
     def reason(self) -> str:
@@ -106,7 +118,7 @@ class Threat:
     @property
     def last_time(self) -> float:
         """Time at which the search for another motion ends, and the robot is stopped [s]."""
-        return self.time - Serving.avoidance_reserve
+        return -math.inf if self.is_given_up else self.time - Serving.avoidance_reserve
 
 
 class Surroundings:

@@ -96,6 +96,9 @@ def test_robot_stops_before_an_obstacle_that_covers_the_goal(node):
     assert use(node, world)
     message, served = node.server.avoid_obstacle(node._model, not_cancelled)
     assert served is None and "the goal is in collision" in message
+    assert len(node.sent) == 1
+    node.monitor.watch(node._model)
+    assert len(node.sent) == 2
     node.run(5.0)
     node.assert_smooth()
     assert node.outcomes == ["stopped"]
@@ -189,16 +192,22 @@ def test_robot_goes_on_after_a_stop_of_the_thread_that_watches_it(node):
     node.assert_rests_at(GOAL)
 
 
-def test_a_stop_before_an_obstacle_is_not_replaced_by_another_thread(node):
+def test_search_that_ends_after_the_robot_was_stopped_changes_nothing(node, monkeypatch):
     node.ask(GOAL, duration=4.0)
-    node.run(1.8)
-    assert use(node, ball_at(place_on_motion(node, 0.52)))
-    threat = node.monitor.surroundings.threat
-    node.monitor.stop_before(threat, node._model)  # the thread that watches
-    # The one that had no time to plan another motion.
-    assert node.monitor.stop_before(threat, node._model) == "the robot is being stopped already"
-    node.run(2.0)
-    assert node.outcomes == ["stopped"]
+    node.run(0.5)
+    assert use(node, ball_at(place_on_motion(node, 0.6)))
+
+    def serve(*_, **__):
+        node.run(3.0)
+        assert len(node.sent) == 2  # the thread that watches has stopped the robot
+        raise CancelledError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(node.server, "serve", serve)
+        message, _ = node.server.avoid_obstacle(node._model, not_cancelled)
+    assert "there was no time to plan another motion" in message
+    node.run(1.0)
+    assert len(node.sent) == 2 and node.outcomes == ["stopped"]
     use(node, World())
     node.run(1.0)
     assert node.server.go_on(node._model, not_cancelled)[1] is not None
