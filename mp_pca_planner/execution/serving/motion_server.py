@@ -304,10 +304,10 @@ class MotionServer:
         except Exception as error:  # whatever the reason, the robot must not hit the obstacle
             if is_cancelled():
                 raise CancelledError from None
-            # The thread that watches stops it, because that one goes before all others.
+            # The thread that watches stops the robot: it goes before all others.
             threat.is_given_up = True
-            why = str(error) or "there was no time to plan another motion"
-            return f"{reason}: the robot is stopped, because {why}", None
+            why = str(error) or "there was no time to plan one"
+            return f"{reason}, and no other motion was found: {why}", None
         return f"{reason}: another motion leads to the goal", found
 
     def go_on(self, model: Model, is_cancelled: IsCancelled) -> tuple[str, Served | None]:

@@ -107,6 +107,18 @@ def test_robot_stops_before_an_obstacle_that_covers_the_goal(node):
     assert not node.robot.record.v[-1].any()
 
 
+def test_obstacle_that_is_gone_before_the_robot_is_stopped_changes_nothing(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    assert use(node, ball_at(GOAL))
+    message, _ = node.server.avoid_obstacle(node._model, not_cancelled)
+    assert "no other motion was found" in message
+    assert not use(node, World())
+    node.run(8.0)
+    node.assert_rests_at(GOAL)
+    assert node.outcomes == ["arrived"]
+
+
 def test_robot_goes_on_to_its_goal_once_the_obstacle_that_stopped_it_is_gone(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.8)
@@ -205,7 +217,7 @@ def test_search_that_ends_after_the_robot_was_stopped_changes_nothing(node, monk
     with monkeypatch.context() as patch:
         patch.setattr(node.server, "serve", serve)
         message, _ = node.server.avoid_obstacle(node._model, not_cancelled)
-    assert "there was no time to plan another motion" in message
+    assert "there was no time to plan one" in message
     node.run(1.0)
     assert len(node.sent) == 2 and node.outcomes == ["stopped"]
     use(node, World())
@@ -245,7 +257,7 @@ def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):
     node.run(1.8)
     assert use(node, ball_at(place_on_motion(node, 0.52)))
     message, served = node.server.avoid_obstacle(node._model, not_cancelled)
-    assert served is None and "there was no time to plan another motion" in message
+    assert served is None and "there was no time to plan one" in message
     node.run(5.0)
     node.assert_smooth()
     assert node.outcomes == ["stopped"]
