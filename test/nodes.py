@@ -135,11 +135,11 @@ def set_domain(patch: pytest.MonkeyPatch, offset: int) -> None:
 
 
 @contextmanager
-def ros_node(name: str) -> Iterator[Node]:
-    """A node of the test's own."""
+def ros_node(name: str, kind: Any = Node) -> Iterator[Any]:
+    """A node of the test's own, of a kind of `Node`."""
     context = rclpy.Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node(name, context=context)
+    node = kind(name, context=context)
     try:
         yield node
     finally:

@@ -138,7 +138,8 @@ def test_motion_is_executed_once_by_a_controller_that_listens_to_the_topic_too(
     with benched(tmp_path) as bench:
         use_action(bench, "mp_pca_planner/follow_joint_trajectory")
         n_copies, executions = len(bench.client.trajectories), bench.client.executions
-        report = bench.arrive(GOAL, with_trajectories=False)
+        bench.has_copies = False
+        report = bench.arrive(GOAL)
         assert "SUCCESSFUL" in report["controller"]
         assert len(bench.client.trajectories) == n_copies
     received = f"{len(executions)} trajectories received, 0 rejected"

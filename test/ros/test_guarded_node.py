@@ -11,13 +11,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-import rclpy
-from nodes import set_domain
+from nodes import ros_node, set_domain
 from patience import HANG
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -37,12 +35,8 @@ ERRORS = (
 @pytest.fixture
 def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[GuardedNode]:
     set_domain(monkeypatch, 91)
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = GuardedNode("guarded", context=context)
-    yield node
-    node.destroy_node()
-    rclpy.try_shutdown(context=context)
+    with ros_node("guarded", GuardedNode) as node:
+        yield node
 
 
 @pytest.fixture

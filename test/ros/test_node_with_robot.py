@@ -45,10 +45,16 @@ VIA = arm_primitive().boundary_states[1][3].tolist()
 
 
 class Bench:
-    """A user of the node and of the robot's faults, who sees where the robot is."""
+    """A user of the node and of the robot's faults, who sees where the robot is.
+
+    Attributes
+    ----------
+    has_copies : bool
+        Whether the node publishes its motions, wherever else it sends them.
+    """
 
     def __init__(self, client: NodeClient, node: Node, primitive: str) -> None:
-        self.primitive = primitive
+        self.primitive, self.has_copies = primitive, True
         self.client, self._node, self._stamps = client, node, count(1)
         self.measured: list[JointState] = []
         # The client's executor takes what comes: one node is spun, the other called from.
@@ -74,12 +80,12 @@ class Bench:
             assert time.monotonic() < deadline
             self.client.spin_once()
 
-    def send(self, positions: Sequence[float], *, with_trajectory: bool = True) -> Answer:
+    def send(self, positions: Sequence[float]) -> Answer:
         """Send a goal; again while it is refused because the machine was too busy to plan it."""
         deadline = time.monotonic() + HANG
         while True:
             message = self.message(positions)
-            answer = self.client.send(message, HANG, with_trajectory=with_trajectory)
+            answer = self.client.send(message, HANG, with_trajectory=self.has_copies)
             if "send the goal again" not in answer.report.message:
                 return answer
             assert time.monotonic() < deadline, answer.report.message
@@ -87,6 +93,7 @@ class Bench:
     def execution(self, answer: Answer) -> dict[str, str]:
         """What became of the motion to a goal."""
         assert is_served(answer.report), answer.report.message
+        assert (answer.trajectory is not None) == self.has_copies, answer.report.message
         stamp = answer.values["goal_stamp"]
 
         def reports() -> list[dict[str, str]]:
@@ -97,16 +104,14 @@ class Bench:
         (report,) = reports()
         return report
 
-    def arrive(self, *goals: Sequence[float], with_trajectories: bool = True) -> dict[str, str]:
+    def arrive(self, *goals: Sequence[float]) -> dict[str, str]:
         """The report of the last of some goals, which follow each other in motion.
 
         They are sent again where a motion is started late or not followed: on a busy machine, the
         controller may take a message too late. Whoever never gets there fails.
         """
         for first in [(), *[(VIA,)] * 4]:
-            answers = [
-                self.send(goal, with_trajectory=with_trajectories) for goal in (*first, *goals)
-            ]
+            answers = [self.send(goal) for goal in (*first, *goals)]
             report = self.execution(answers[-1])
             if report["outcome"] == "arrived":
                 return report

@@ -11,12 +11,10 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
 
-import rclpy
 from nodes import ros_node, set_domain
 from patience import HANG
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from mp_pca_planner.ros.nodes import GuardedNode
@@ -53,18 +51,15 @@ def test_request_that_comes_while_a_stop_is_found_is_answered_with_it(
     monkeypatch, is_successful, stays, words
 ):
     set_domain(monkeypatch, 90)
-    context, later = rclpy.Context(), []
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = GuardedNode("planner", context=context)
-
-    with ros_node("user") as user:
+    later = []
+    with ros_node("planner", GuardedNode) as node, ros_node("user") as user:
         client = user.create_client(Trigger, "/planner/stop")
 
         def ask_again():
             later.append(client.call_async(Trigger.Request()))
             # Until it has come; the thread that answers is this one.
             (service,) = (one for one in node.services if one.service_name == "/planner/stop")
-            waiting = rclpy_implementation.WaitSet(0, 0, 0, 0, 1, 0, context.handle)
+            waiting = rclpy_implementation.WaitSet(0, 0, 0, 0, 1, 0, node.context.handle)
             waiting.add_service(service.handle)
             waiting.wait(round(1e9 * HANG))
 
@@ -89,7 +84,5 @@ def test_request_that_comes_while_a_stop_is_found_is_answered_with_it(
         finally:
             thread.close()
             executor.shutdown()
-            node.destroy_node()
-            rclpy.try_shutdown(context=context)
     assert [first.result().message, later[0].result().message] == words
     assert goals.n_stops == len(set(words))

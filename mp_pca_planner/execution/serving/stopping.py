@@ -433,8 +433,8 @@ def _is_within(
     )
     samples = quintics(_SAMPLES, columns.reshape(6, -1), 3)
     samples = samples.reshape(4, len(_SAMPLES), -1, len(end))
-    # The largest first: each operation on all samples lets another thread have the interpreter.
     path, scales, slack = samples[0], time ** np.arange(4.0)[:, None], 1.0 + LIMIT_TOLERANCE
+    # The largest first: each operation on all samples lets another thread have the interpreter.
     peaks = np.abs(samples[1:]).max(axis=(1, 2))
     most = np.array([limits.velocity, limits.acceleration, limits.jerk])
     if not np.all(peaks <= slack * most * scales[1:]):

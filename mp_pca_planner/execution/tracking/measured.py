@@ -518,6 +518,7 @@ class MeasuredStates:
 
     def _chosen(self) -> tuple[list[StateSource], list[str]]:
         """The fewest present sources with all joints, and the joints that have none."""
+        # Most robots have such a one, and a stop asks for it eight times.
         whole = self._sources.get(self.joint_names)
         if whole is not None and whole in self._live():
             return [whole], []
