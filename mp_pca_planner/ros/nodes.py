@@ -9,6 +9,7 @@ thousand states a second would keep it busy, and a goal would wait behind a serv
 from __future__ import annotations
 
 import threading
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -46,6 +47,9 @@ GOALS = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE)
 STATES = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Receives from best-effort and reliable publishers; several may send a thousand messages a second
 between two polls."""
+
+_LARGE = 100_000  # of a message [bytes]; smaller ones are taken in some tenths of a millisecond
+_COPY_TIME = 2e-9  # of a byte [s]
 
 
 class GuardedNode(Node):
@@ -113,6 +117,7 @@ class GuardedNode(Node):
 
         @wraps(callback)
         def receive(content: bytes) -> None:
+            give_way(content)
             with reading(f"a message on '{topic}'", PlannerError):
                 message = content if raw else read_message(content, msg_type)
             callback(message)
@@ -210,6 +215,15 @@ class ThreadGroup(CallbackGroup):
         """Nothing to release."""
 
 
+def give_way(content: bytes) -> None:
+    """Sleep after a large message was taken, so that waiting threads go on before the next one.
+
+    The call that takes it copies it, and keeps the lock of the interpreter meanwhile.
+    """
+    if len(content) > _LARGE:
+        time.sleep(len(content) * _COPY_TIME)
+
+
 class PolledSubscription:
     """A subscription whose messages stay in the middleware until they are polled.
 
@@ -223,10 +237,20 @@ class PolledSubscription:
         Name of the topic.
     qos : QoSProfile or int
         Quality of service; its depth is the most messages that wait.
+    gives_way : bool
+        Whether the thread that polls sleeps after a large message; the safety thread must not.
     """
 
-    def __init__(self, node: Node, message_type: Any, topic: str, qos: QoSProfile | int) -> None:
-        self._node = node
+    def __init__(
+        self,
+        node: Node,
+        message_type: Any,
+        topic: str,
+        qos: QoSProfile | int,
+        *,
+        gives_way: bool = False,
+    ) -> None:
+        self._node, self._gives_way = node, gives_way
         self._subscription = node.create_subscription(
             message_type, topic, lambda _: None, qos, callback_group=ThreadGroup(), raw=True
         )
@@ -241,6 +265,8 @@ class PolledSubscription:
                 if taken is None:
                     break
                 polled.append(taken)
+                if self._gives_way:
+                    give_way(taken[0])
         return polled
 
     def destroy(self) -> None:

@@ -463,4 +463,4 @@ class MarkerSubscription:
     ) -> PolledSubscription:
         best = ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(depth=_DEPTH, reliability=best, durability=durability)
-        return PolledSubscription(self._node, MarkerArray, self._topic, qos)
+        return PolledSubscription(self._node, MarkerArray, self._topic, qos, gives_way=True)

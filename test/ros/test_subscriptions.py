@@ -20,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 
 from mp_pca_planner.ros.nodes import GroupExecutor, PolledSubscription, ThreadGroup
 
@@ -34,8 +34,8 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
         yield node
 
 
-def matched_publisher(node: Node, topic: str) -> Publisher:
-    publisher = node.create_publisher(Float64, topic, 10)
+def matched_publisher(node: Node, topic: str, kind: type = Float64) -> Publisher:
+    publisher = node.create_publisher(kind, topic, 10)
     while not publisher.get_subscription_count():
         time.sleep(0.01)
     return publisher
@@ -61,6 +61,22 @@ def test_polled_messages_wait_for_the_poll_the_newest_last(node: Node) -> None:
     assert polled == [3.0, 4.0, 5.0, 6.0, 7.0]
     assert subscription.poll() == []
     executor.shutdown()
+
+
+@pytest.mark.parametrize("gives_way", [True, False])
+def test_thread_that_gives_way_sleeps_after_each_large_message(
+    node: Node, monkeypatch: pytest.MonkeyPatch, gives_way: bool
+) -> None:
+    subscription = PolledSubscription(node, String, "here", DEPTH, gives_way=gives_way)
+    publisher = matched_publisher(node, "here", String)
+    for length in (10, 1_000_000, 10, 2_000_000):
+        publisher.publish(String(data="a" * length))
+    assert publisher.wait_for_all_acked(Duration(seconds=HANG))
+    naps: list[float] = []
+    with monkeypatch.context() as during:
+        during.setattr(time, "sleep", naps.append)
+        assert len(subscription.poll()) == 4
+    assert naps == (pytest.approx([2e-3, 4e-3], rel=1e-3) if gives_way else [])
 
 
 def test_messages_of_all_topics_of_a_group_are_handled_without_an_executor(node: Node) -> None:
