@@ -156,6 +156,20 @@ def test_held_end_is_where_the_next_motion_starts_whatever_a_load_pulls(moving):
     np.testing.assert_allclose(moving.choose("measured").state.positions, [1.0, -1.01])
 
 
+def test_robot_that_its_load_pulls_back_along_the_path_has_arrived(world):
+    world.load = np.array([0.002, -0.002])
+    world.begin()
+    world.follow(DURATION + 0.2)
+    world.rest()
+    world.choose()
+    world.begin(goal=(0.0, 0.0))
+    world.follow(DURATION - 0.04)
+    world.load = 1.9 * world.load
+    world.follow(0.3)
+    world.rest()
+    np.testing.assert_allclose(world.choose().state.positions, [0.0, 0.0], atol=1e-9)
+
+
 def test_load_that_is_known_is_taken_off_where_a_robot_rests_off_its_motion(moving):
     moving.load = np.array([0.0, -0.01])
     moving.follow(2.0)
