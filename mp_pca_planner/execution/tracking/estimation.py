@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -38,6 +39,8 @@ class Progress:
         Rate at which the rate changes [1/s].
     error : float
         Mean distance of the newest samples from that place [rad or m].
+    newest : float
+        Time of the newest of the samples that it was estimated from [s].
     """
 
     motion: PublishedMotion
@@ -46,6 +49,7 @@ class Progress:
     rate: float = 1.0
     change: float = 0.0
     error: float = 0.0
+    newest: float = -math.inf
 
     def at(self, time: float) -> float:
         """The place at another time [s]."""
@@ -66,7 +70,8 @@ def locate(prior: Progress, samples: MeasuredSamples, now: float) -> Progress:
     A robot under speed scaling, or one that is held, lags along its path. Then its commanded state
     follows from its place on the path, not from the clock. Place and rate are estimated together by
     regularised least squares. Where the motion is slow, positions carry little information and the
-    prior dominates.
+    prior dominates. While a robot is silent, it keeps its last rate: the same samples, fitted again
+    and again, would lead ever farther away.
 
     Parameters
     ----------
@@ -78,8 +83,8 @@ def locate(prior: Progress, samples: MeasuredSamples, now: float) -> Progress:
         The time that the progress is stated for [s].
     """
     motion, n = prior.motion, len(samples.times)
-    known = Progress(motion, now, prior.at(now), prior.rate)
-    if n == 0:
+    known = replace(prior, time=now, place=prior.at(now))
+    if n == 0 or samples.times[-1] == prior.newest:
         return known
     cost, found = _fit(samples, known, known)
     if cost > n:
@@ -115,7 +120,8 @@ def _fit(samples: MeasuredSamples, prior: Progress, start: Progress) -> tuple[fl
         if cost < best[0]:
             distance = float(np.abs(away[-Tracking.n_newest :].mean(axis=0)).max())
             place, rate, change = (float(value) for value in x[:3])
-            best = cost, Progress(motion, prior.time, place, rate, change, distance)
+            newest = float(samples.times[-1])
+            best = cost, Progress(motion, prior.time, place, rate, change, distance, newest)
         slopes = (powers[:, :, None] * v).reshape(len(x), -1) / noise
         gradient = slopes @ error.ravel() + precision * (known - x)
         try:

@@ -84,6 +84,17 @@ def test_what_was_known_counts_where_nothing_was_measured():
     assert (found.time, found.place, found.rate) == (NOW, pytest.approx(0.58), 0.8)
 
 
+def test_silent_robot_goes_on_at_its_last_rate_however_often_it_is_located():
+    times = NOW - np.arange(0.3, -1e-9, -0.008)
+    beside = 3e-4 * np.sin(20.0 * times)[:, None]  # as a load in motion
+    samples = MeasuredSamples(times, PATH(0.5 + times - NOW) + beside)
+    first = later = locate(Progress(MOTION, NOW, 0.5), samples, NOW)
+    for since in np.arange(0.05, 0.51, 0.05):
+        later = locate(later, samples, NOW + since)
+    assert later.rate == first.rate
+    assert later.place == pytest.approx(0.5 + 0.5 * first.rate, abs=5e-3)
+
+
 @pytest.mark.parametrize("place", [0.0, DURATION])
 def test_what_was_known_counts_where_the_motion_does_not_move(place):
     times = NOW - np.arange(0.3, -1e-9, -0.008)
