@@ -476,6 +476,8 @@ class MotionFollower:
             # So near to the end, it may be the load, which pulls differently there.
             is_late = bool(is_on_path and left > np.abs(servo.load).max())
         if is_late and servo.unlearn():
+            # The same samples are fitted once more, with another offset.
+            published.current = replace(found, newest=-math.inf)
             return None
         if seen.at_rest and len(samples.positions) > 2:
             # Differences of neighbouring samples, so that the settling of the robot is not counted
