@@ -107,8 +107,8 @@ IntArray = NDArray[np.int64]
 
 # Frames to which origins are fitted, evenly spread over the recording.
 _N_FRAMES = 30
-# Largest number of steps of the fit, which takes two to four unless the marker map is wrong, and
-# change of the origins at which it ends [m].
+# Largest number of steps of the fit, which takes two to four where the model can reach the markers,
+# and change of the origins at which it ends [m].
 _MAX_ORIGIN_STEPS, _LAST_ORIGIN_STEP = 10, 1e-7
 # Directions that change the errors less than this share of the strongest stay unchanged.
 _MIN_EFFECT = 1e-4
