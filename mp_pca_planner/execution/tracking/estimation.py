@@ -161,8 +161,8 @@ class ServoModel:
         self.load: FloatArray = np.zeros(n_joints)
         self.offset = self.load
         self.lag = Tracking.initial_lag
-        # Total duration of fast motions used for learning [s].
-        self._experience = 0.0
+        # Total duration of fast motions used for learning, and shortest lag seen in one [s].
+        self._experience, self._shortest = 0.0, Tracking.max_lag
         self._learned: deque[tuple[float, FloatArray, float]] = deque()
 
     def rest(self, offset: FloatArray) -> None:
@@ -198,7 +198,7 @@ class ServoModel:
         fast = speed / (speed + slow)
         self._experience += fast * since
         gain = fast * (1.0 if is_new else Tracking.lag_share * share)
-        self.lag = float(np.clip(self.lag + gain * (lag - self.lag), 0.0, Tracking.max_lag))
+        self.lag = float(np.clip(self.lag + gain * (lag - self.lag), 0.0, self.longest_lag))
         if not is_new:
             error = positions - q - self.offset
             along = float(v @ error) / (speed + slow)
@@ -214,7 +214,10 @@ class ServoModel:
         lag : float
             Time by which it is behind the clock [s].
         """
-        if speed > 2.0 * Tracking.slow and lag < self.lag - Tracking.lag_noise:
+        if speed <= 2.0 * Tracking.slow:
+            return
+        self._shortest = min(self._shortest, max(lag, 0.0))
+        if lag < self.lag - Tracking.lag_noise:
             self.lag = max(lag, 0.0)
             self._learned.clear()
 
@@ -222,7 +225,8 @@ class ServoModel:
     def longest_lag(self) -> float:
         """Largest lag of a robot that counts as on time [s]."""
         is_new = self._experience < 2.0 * Tracking.servo_time
-        return Tracking.max_lag if is_new else self.lag + Tracking.lag_noise
+        known = self._shortest if is_new else self.lag
+        return min(known + Tracking.lag_noise, Tracking.max_lag)
 
     def unlearn(self) -> bool:
         """Discard the values learned last, because the robot was no longer on time."""
