@@ -20,7 +20,7 @@ DONE, FAILED, REFUSED = 0, 1, 2
 _PROGRAM = "mp-pca planner_node"
 _ROS_ARGUMENTS = "--ros-args"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_SWITCH_INTERVAL = 5e-4  # [s]
+_SWITCH_INTERVAL = 1e-4  # [s]
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -20,7 +20,6 @@ from dataclasses import replace
 from itertools import chain, islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays import FloatArray, set_frozen
 from ...exceptions import GoalError
@@ -42,6 +41,7 @@ from .surroundings import Surroundings
 
 # Durations of stops [s]: 0.05 to 88 s; the shortest that the limits allow is used.
 _STOPPING_TIMES: FloatArray = 0.05 * 1.2 ** np.arange(42.0)
+_AT_ONCE = 7  # so many at a time: NumPy lets no other thread have the interpreter for small arrays
 # Phases at which a motion to a single point is checked; its efforts at every fifth of them.
 _SAMPLES: FloatArray = np.linspace(0.0, 1.0, 201)
 _EFFORT_STEP = 5
@@ -134,8 +134,12 @@ class StopPlanner:
         by_clock = following.motion.state(now - following.motion.began)
         ends = braking_ends(state) if v.any() else ends_at(state.positions - follower.servo.load)
         places = [state, on_path, by_clock, *follower.alternatives]
-        along = ends_on_path(following.motion, following.progress.place)
-        return self._stop_at_point(places, [ends, along], model)
+
+        def tried() -> Iterator[FloatArray]:
+            yield ends
+            yield ends_on_path(following.motion, following.progress.place)
+
+        return self._stop_at_point(places, tried(), model)
 
     def _stop_command(self, measured: JointState, model: Model) -> FoundStop:
         """Stop from the command that the controller states, whatever motion that belongs to.
@@ -182,7 +186,8 @@ class StopPlanner:
         # The controller itself starts from the reported velocities.
         reported = [measured] if measured.velocities.any() else []
         model = replace(model, limits=self._reduced(model.limits))
-        return self._stop_at_point([here, *reported, *moved], [braking_ends(moved[0])], model)
+        ends = iter([braking_ends(moved[0])])
+        return self._stop_at_point([here, *reported, *moved], ends, model)
 
     def _stop_on_path(
         self, model: Model, latency: float, measured: JointState, following: Following
@@ -216,21 +221,22 @@ class StopPlanner:
         states = [motion.state(place) for place in places]
         moving = [state for state in states if np.any([state.velocities, state.accelerations])]
         resting = [JointState(state.joint_names, state.positions) for state in states]
-        ends = ends_on_path(motion, latest)
-        said, stop, collision = self._stop_at_point([*moving, *resting], [ends], model)
+        ends = iter([ends_on_path(motion, latest)])
+        said, stop, collision = self._stop_at_point([*moving, *resting], ends, model)
         return f"{said}; it is not known whether the robot stops: {error}", stop, collision
 
     def _stop_at_point(
-        self, states: list[JointState], ends: Sequence[FloatArray], model: Model
+        self, states: list[JointState], ends: Iterator[FloatArray], model: Model
     ) -> FoundStop:
         """Stop at one of some ends, each of them by duration; they are tried in turn."""
         # From slightly outside the limits, a stop may only lead inwards.
-        ends = [nearest_start(by_time, model.limits) for by_time in ends]
-        request = model.robot, model.limits
-        found = (stop for one in ends for stop in stops_at_points(states, one, *request))
+        inward = (nearest_start(by_time, model.limits) for by_time in ends)
+        request, first = (model.robot, model.limits), next(inward)
+        every = chain([first], inward)
+        found = (stop for one in every for stop in stops_at_points(states, one, *request))
         stop, collision = self._clearest(found, model)
         if stop is None:
-            from_first = stops_at_points(states[:1], ends[0], *request)
+            from_first = stops_at_points(states[:1], first, *request)
             stop, collision = self._clearest(from_first, model)
         if stop is not None:
             point = stop[0]
@@ -343,8 +349,7 @@ def stops_at_points(
             *((s.positions, s.velocities, s.accelerations) for s in states), strict=True
         )
     )
-    for k in np.flatnonzero(_may_stop(q, v, ends, limits)).tolist():
-        time, end = float(_STOPPING_TIMES[k]), ends[k]
+    for time, end in _shortest_first(q, v, ends, limits):
         if _is_within(q, v, a, end, time, robot, limits):
             zero, times = np.zeros_like(q), np.array([0.0, time])
             # The cubics differ little from these.
@@ -394,18 +399,22 @@ def _rest_of(motion: PublishedMotion, place: float) -> Trajectory:
     return motion.rest(place)
 
 
-def _may_stop(
+def _shortest_first(
     q: FloatArray, v: FloatArray, ends: FloatArray, limits: JointLimits
-) -> NDArray[np.bool_]:
-    """Whether the cubics of each duration are within the kinematic limits at both ends."""
-    times = _STOPPING_TIMES[:, None, None]
-    with np.errstate(over="ignore", invalid="ignore"):
-        start, end = _cubics(q, v, ends[:, None], times)
-        peaks = np.abs([start, end, (end - start) / times]).max(axis=2)
+) -> Iterator[tuple[float, FloatArray]]:
+    """Durations whose cubics are within the kinematic limits at both ends, and these ends."""
     slack = 1.0 + LIMIT_TOLERANCE
     most = slack * np.array([limits.acceleration, limits.acceleration, limits.jerk])[:, None]
-    is_slow = np.all(np.abs(v) <= slack * limits.velocity)
-    return np.asarray(np.all((peaks <= most) & np.isfinite(peaks), axis=(0, 2)) & is_slow)
+    if not np.all(np.abs(v) <= slack * limits.velocity):
+        return
+    for first in range(0, len(_STOPPING_TIMES), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        times = _STOPPING_TIMES[some, None, None]
+        with np.errstate(over="ignore", invalid="ignore"):
+            start, end = _cubics(q, v, ends[some, None], times)
+            peaks = np.abs([start, end, (end - start) / times]).max(axis=2)
+        may_stop = np.all((peaks <= most) & np.isfinite(peaks), axis=(0, 2))
+        yield from zip(_STOPPING_TIMES[some][may_stop].tolist(), ends[some][may_stop], strict=True)
 
 
 def _is_within(

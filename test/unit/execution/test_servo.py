@@ -58,6 +58,15 @@ def test_lag_stays_within_what_servos_do(lag, expected):
     assert servo.lag == pytest.approx(expected, abs=1e-3)
 
 
+def test_lag_that_grows_while_it_is_learned_is_not_believed():
+    """A robot that was slowed for a moment is behind the clock, too, until its motion ends."""
+    servo = ServoModel(3)
+    servo.limit_lag(1.0, 0.002)
+    assert servo.longest_lag == pytest.approx(0.002 + Tracking.lag_noise)
+    learned(servo, 0.2, lag=0.026)
+    assert servo.lag <= 0.002 + Tracking.lag_noise
+
+
 def test_offset_at_rest_is_taken_as_measured():
     servo = ServoModel(3)
     servo.rest(LOAD)
