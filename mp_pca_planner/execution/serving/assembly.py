@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from ...exceptions import PlannerError, RobotError, quote_names, unknown_name
@@ -40,6 +41,17 @@ class Cancellation:
     def __call__(self) -> bool:
         """Whether the plan is no longer needed, see `is_cancelled`."""
         return self.is_cancelled()
+
+    @contextmanager
+    def by(self, is_cancelled: IsCancelled) -> Iterator[None]:
+        """Context manager in which this callable says whether the plan is no longer needed."""
+        before, self.is_cancelled = self.is_cancelled, is_cancelled
+        try:
+            yield
+        finally:
+            # Kept, it would keep the model alive that it stops: freeing that later, in a search for
+            # garbage, stops all threads for up to 20 ms.
+            self.is_cancelled = before
 
 
 @dataclass(frozen=True, eq=False)

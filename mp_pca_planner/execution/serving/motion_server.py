@@ -242,7 +242,8 @@ class MotionServer:
         while True:
             began = self._follower.motion_time
             try:
-                return self._serve_once(request, is_cancelled, latency)
+                with request.model.cancellation.by(is_cancelled):
+                    return self._serve_once(request, is_cancelled, latency)
             except (UnconfirmedError, LateStateError) as error:
                 # States that ceased long ago do not come back soon.
                 age, is_late = self._follower.measured.age, isinstance(error, LateStateError)
@@ -331,7 +332,6 @@ class MotionServer:
         self._surroundings.settle(is_cancelled)
         began, model, last = self._clock(), request.model, self.monitor.served
         start = choose_start(self._follower, model.settings, latency)
-        model.cancellation.is_cancelled = is_cancelled
         goal = request.goal_from(start.state)
         under_way = last.answer(goal, start, model) if last is not None else ""
         if last is not None and under_way and self._surroundings.threat is None:
@@ -453,11 +453,8 @@ class MotionServer:
         def is_over() -> bool:
             return is_cancelled() or self._follower.motion_time > deadline
 
-        cancellation.is_cancelled = is_over
-        try:
+        with cancellation.by(is_over):
             plan = model.planner.plan(goal, start.state)
-        finally:
-            cancellation.is_cancelled = is_cancelled
         if is_cancelled():
             raise CancelledError
         return None if is_over() else plan

@@ -7,7 +7,9 @@ Time is virtual; planning takes as long as the tests say.
 
 from __future__ import annotations
 
+import gc
 import threading
+import weakref
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import replace
@@ -386,6 +388,24 @@ def test_goal_that_is_cancelled_during_the_solve_ends_it(node, goal):
         node.server.serve(GoalRequest(goal, MODEL), lambda: next(asked, True))
     assert next(asked, None) is None
     assert not node.sent
+
+
+def test_model_that_served_a_goal_is_freed_with_its_last_name(node):
+    """Left to a search for garbage, models stopped all threads for up to 20 ms."""
+
+    def serve():
+        own = GoalRequest(JointGoal(JointState(JOINTS, GOAL)), model())
+        node.server.serve(own, lambda: own.name is node)
+        return weakref.ref(own.model)
+
+    gc.disable()
+    try:
+        served = serve()
+        node.ask(START)
+        node.run(5.0)
+        assert served() is None
+    finally:
+        gc.enable()
 
 
 def test_refused_goal_leaves_the_running_motion_alone(node):
