@@ -35,8 +35,8 @@ _THIN, _SMALLEST = 1e-6, 1e-7
 _CONVEX_SHARE = 1.0 - 1e-3
 # Coal takes some 15 ms for the tree of this many triangles, and for a hull of so many vertices.
 _MAX_TRIANGLES, _MAX_VERTICES = 5_000, 10_000
-# After the tree of more triangles than these, other threads get the lock for a while [s].
-_MANY_TRIANGLES, _PAUSE = 1_000, 5e-3
+# After the tree of more triangles than these, other threads get the lock for as long [s].
+_MANY_TRIANGLES, _PAUSE = 1_000, 15e-3
 # The corners of a box by their coordinates, and its triangles.
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
 _SIDES = np.array(

@@ -35,7 +35,7 @@ from .messages import read_states, to_seconds, to_state
 from .nodes import STATES, GuardedNode, PolledSubscription, ThreadGroup
 from .planning_setup import PlanningSetup
 
-_READING_TIME = 0.01  # the longest for all joint states that wait [s]
+_READING_TIME = 0.005  # the longest for all joint states that wait [s]
 _MOST_STOPS = 100  # requests that are answered with one stop
 _NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -50,6 +50,7 @@ _Part = tuple[int, tuple["_Part", ...]]
 
 
 _ORDERS = {b"\0\0": ">", b"\0\1": "<"}  # of bytes, by the start of a message in CDR
+_BYTES = {kind: struct.calcsize(f"={kind}") for kind in "?iI"}
 _LENGTH = 4  # bytes of the length of a sequence
 _SIZES = {"int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "float": 4}
 _SIZES |= {"int64": 8, "uint64": 8, "double": 8}
@@ -117,7 +118,7 @@ class CdrReader:
 
     def numbers(self, kinds: str) -> tuple[Any, ...]:
         """Numbers of the same size, by their characters in `struct`."""
-        size = struct.calcsize(f"={kinds[0]}")
+        size = _BYTES[kinds[0]]
         self._align(size)
         try:
             found = struct.unpack_from(self._order + kinds, self._content, self._place)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from mp_pca_planner.exceptions import GoalError
@@ -38,8 +38,14 @@ def joint_states(draw):
     )
     message = JointState(name=names, position=position, velocity=velocity, effort=effort)
     message.header.stamp.sec = draw(st.integers(0, 1000))
+    message.header.stamp.nanosec = draw(st.integers(0, 999_999_999))
     message.header.frame_id = draw(st.sampled_from(["", "base", "base_link"]))
     return bytes(serialize_message(message))
+
+
+@given(joint_states())
+def test_states_are_read_as_rclpy_reads_them(message):
+    assert repr(read_states(message)) == repr(deserialize_message(message, JointState))
 
 
 @given(joint_states(), st.data())

@@ -104,7 +104,7 @@ class StopPlanner:
         """Whether the robot moves; without joint_states, whether its motion may be under way."""
         measured, seen = self._follower.measured, self._follower.commanded
         try:
-            newest = measured.newest(model.settings.state_timeout)
+            newest = measured.newest(model.settings.state_timeout, fetch=False)
         except GoalError:
             now = self._follower.motion_time
             return seen is not None and now < seen.motion.began + seen.motion.duration

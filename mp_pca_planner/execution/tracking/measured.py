@@ -437,13 +437,15 @@ class MeasuredStates:
             return 0.0
         return min(self.clock.time(one.newest) for one in sources)
 
-    def newest(self, timeout: float) -> JointState:
+    def newest(self, timeout: float, *, fetch: bool = True) -> JointState:
         """The newest state.
 
         Parameters
         ----------
         timeout : float
             Age above which a message is too old [s]; 0 accepts any.
+        fetch : bool
+            Whether messages that wait are read first.
 
         Raises
         ------
@@ -452,7 +454,8 @@ class MeasuredStates:
         GoalError
             If there is none, it is unusable, or the last ones contradict each other.
         """
-        self._fetch()
+        if fetch:
+            self._fetch()
         sources, missing = self._chosen()
         if missing or not sources:
             ignored = f" ({self.n_incomplete} without them were ignored)" * bool(self.n_incomplete)
