@@ -149,6 +149,7 @@ setup(
             "playwright>=1.45",
             "pyarrow>=15.0",
             "pytest>=7.4",
+            "pytest-xdist>=3.5",
             "rich>=13.0",
             "ruff==0.17.*",
             "setuptools>=70.1",

@@ -7,8 +7,8 @@ import sys
 from dataclasses import replace
 
 import pytest
-from arm import arm_primitive
-from patience import EVER
+from support.arm import arm_primitive
+from support.patience import EVER
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.evaluation.methods import (

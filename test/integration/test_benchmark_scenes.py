@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive
-from obstacle_scenes import SCENES, write_request, write_scene
-from patience import EVER
+from support.arm import JOINTS, arm_primitive
+from support.obstacle_scenes import SCENES, write_request, write_scene
+from support.patience import EVER
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file

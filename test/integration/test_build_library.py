@@ -5,10 +5,10 @@
 from functools import partial
 from pathlib import Path
 
-import command_line
 import numpy as np
 import pytest
 from motion_kinds import generate_kinds
+from support import command_line
 
 from mp_pca_planner.primitives.build_library import known_motions
 from mp_pca_planner.primitives.library import VersionedLibrary, load_primitives

@@ -13,11 +13,11 @@ from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 
-import command_line
 import numpy as np
 import pytest
-from conftest import reaching, stamped, write_bag
-from embedded_bags import FIELD, TOPIC, write_embedded_bag
+from support import command_line
+from support.bags import reaching, stamped, write_bag
+from support.embedded_bags import FIELD, TOPIC, write_embedded_bag
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.build import build_primitive

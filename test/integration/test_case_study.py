@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_robot
+from support.arm import arm_demonstrations, arm_robot
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.evaluation.case_study import (

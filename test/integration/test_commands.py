@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
-from conftest import EPOCH, S, reaching, stamped, write_bag
 from rosbags.highlevel import AnyReader
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.bags import EPOCH, S, reaching, stamped, write_bag
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.cli.plan import status_line

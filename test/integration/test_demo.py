@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from patience import HANG
+from support.domains import lease_domain
+from support.patience import HANG
 
 from mp_pca_planner.primitives.file import load_primitive
 from mp_pca_planner.recordings.load import load_recordings
@@ -20,7 +21,7 @@ from mp_pca_planner.recordings.load import load_recordings
 def test_the_demo_goes_the_whole_way_and_leaves_pictures(tmp_path):
     pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + (os.getpid() + 50) % 101)}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(lease_domain("demo"))}
     done = subprocess.run(
         [sys.executable, "-m", "mp_pca_planner", "demo", "--output", str(tmp_path / "out")],
         env=environment,
@@ -64,7 +65,7 @@ def children(pid: int) -> dict[int, str]:
 def test_interrupted_demo_ends_its_child_processes(tmp_path, number):
     pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + (os.getpid() + 60) % 101)}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(lease_domain("demo"))}
     command = [sys.executable, "-m", "mp_pca_planner", "demo", "--output", str(tmp_path / "out")]
 
     def unprotect() -> None:

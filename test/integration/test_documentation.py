@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from patience import HANG
+from support.patience import HANG
 
 import mp_pca_planner
 from mp_pca_planner.cli.main import COMMANDS, add_options, parse

@@ -4,9 +4,9 @@
 
 from pathlib import Path
 
-import command_line
 import numpy as np
 import pytest
+from support import command_line
 
 import mp_pca_planner as mp
 from mp_pca_planner.cli.example import FILES

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from patience import HANG
+from support.patience import HANG
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LOOP = Path(__file__).with_name("learning_loop.py")

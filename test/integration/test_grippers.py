@@ -5,9 +5,9 @@
 from functools import partial
 from pathlib import Path
 
-import command_line
 import numpy as np
 import pytest
+from support import command_line
 
 import mp_pca_planner as mp
 from mp_pca_planner.primitives.library import VersionedLibrary

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations
+from support.arm import JOINTS, arm_demonstrations
 
 from mp_pca_planner.cli.goal_arguments import joint_values
 from mp_pca_planner.cli.main import main

@@ -7,11 +7,11 @@ import resource
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
-from obstacle_scenes import write_scene
 from scipy.integrate import trapezoid
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.obstacle_scenes import write_scene
+from support.worlds import plain_distances
 from test_commands import GOAL, START, URDF, refusal, run
-from worlds import plain_distances
 
 from mp_pca_planner.cli.main import load_command
 from mp_pca_planner.control.identification import measure_execution

@@ -16,11 +16,12 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 import yaml
-from nodes import ros_node, running_node, set_domain
-from patience import HANG
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
+from support.domains import set_domain
+from support.nodes import ros_node, running_node
+from support.patience import HANG
 from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.files import config_file

@@ -17,9 +17,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
 
-from arm import JOINTS
 from builtin_interfaces.msg import Time
-from nodes import URDF, ros_node, set_domain
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -28,6 +26,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from support.arm import JOINTS
+from support.domains import set_domain
+from support.nodes import URDF, ros_node
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.files import config_file

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-import command_line
 import numpy as np
 import pytest
+from support import command_line
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import PrimitiveError, RecordingError, RobotError

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from patience import HANG
+from support.patience import HANG
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file

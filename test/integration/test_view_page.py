@@ -13,8 +13,8 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_primitive, arm_robot
-from patience import HANG
+from support.arm import arm_demonstrations, arm_primitive, arm_robot
+from support.patience import HANG
 
 from mp_pca_planner.exceptions import PlannerError, RobotError
 from mp_pca_planner.files import config_file

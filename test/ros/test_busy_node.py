@@ -15,9 +15,14 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 import rclpy
-from arm import JOINTS, arm_primitive
 from diagnostic_msgs.msg import DiagnosticStatus
-from nodes import (
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from support.arm import JOINTS, arm_primitive
+from support.domains import set_domain
+from support.nodes import (
     GOAL,
     PATIENTLY,
     START,
@@ -25,13 +30,8 @@ from nodes import (
     column,
     described_client,
     goal_message,
-    set_domain,
 )
-from patience import HANG
-from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
+from support.patience import HANG
 
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.file import save_primitive

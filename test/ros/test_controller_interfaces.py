@@ -17,16 +17,17 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
 
 import rclpy
-from arm import JOINTS
-from conftest import with_folder
-from nodes import GOAL, ros_node, set_domain
-from nodes import START as REST
-from patience import HANG
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
+from support.arm import JOINTS
+from support.command_line import with_folder
+from support.domains import set_domain
+from support.nodes import GOAL, ros_node
+from support.nodes import START as REST
+from support.patience import HANG
 from test_node_with_robot import benched
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 

@@ -11,9 +11,9 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import arm_demonstrations, arm_robot
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA
+from support.arm import arm_demonstrations, arm_robot
 from visualization_msgs.msg import Marker
 
 from mp_pca_planner.files import config_file

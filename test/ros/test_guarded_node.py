@@ -11,14 +11,15 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from nodes import ros_node, set_domain
-from patience import HANG
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
+from support.domains import set_domain
+from support.nodes import ros_node
+from support.patience import HANG
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.ros.nodes import GuardedNode

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from patience import HANG
+from support.patience import HANG
 
 from mp_pca_planner.execution.parameters import DECLARATIONS
 
@@ -120,9 +120,10 @@ def launched(prefix: Path, *arguments: str) -> subprocess.Popen[str]:
 def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_with_the_launch(
     prefix: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from arm import JOINTS, arm_primitive
-    from nodes import GOAL, PATIENCE, START, URDF, NodeClient, goal_message, ros_node, set_domain
     from rclpy.executors import SingleThreadedExecutor
+    from support.arm import JOINTS, arm_primitive
+    from support.domains import set_domain
+    from support.nodes import GOAL, PATIENCE, START, URDF, NodeClient, goal_message, ros_node
     from trajectory_msgs.msg import JointTrajectory
 
     from mp_pca_planner.primitives.file import save_primitive

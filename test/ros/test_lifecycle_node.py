@@ -12,10 +12,12 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_primitive
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from nodes import (
+from rclpy.node import Node
+from support.arm import JOINTS, arm_primitive
+from support.domains import set_domain
+from support.nodes import (
     GOAL,
     PATIENTLY,
     START,
@@ -25,9 +27,7 @@ from nodes import (
     goal_message,
     ros_node,
     running_node,
-    set_domain,
 )
-from rclpy.node import Node
 from test_node_with_robot import benched
 
 from mp_pca_planner.primitives.file import save_primitive

@@ -15,8 +15,6 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point
-from nodes import ros_node, set_domain
-from patience import HANG
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -24,6 +22,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import ColorRGBA
 from stop_latency import soup, write_stl
+from support.domains import set_domain
+from support.nodes import ros_node
+from support.patience import HANG
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.exceptions import WorldError

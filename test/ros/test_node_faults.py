@@ -17,10 +17,13 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_demonstrations, arm_primitive
 from diagnostic_msgs.msg import DiagnosticStatus
 from node_setup import start_node
-from nodes import (
+from rcl_interfaces.srv import ListParameters
+from rclpy.parameter import Parameter
+from support.arm import JOINTS, arm_demonstrations, arm_primitive
+from support.domains import set_domain
+from support.nodes import (
     GOAL,
     PATIENTLY,
     START,
@@ -31,11 +34,8 @@ from nodes import (
     goal_message,
     ros_node,
     running_node,
-    set_domain,
 )
-from patience import HANG
-from rcl_interfaces.srv import ListParameters
-from rclpy.parameter import Parameter
+from support.patience import HANG
 
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive, save_primitive

@@ -13,13 +13,21 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_primitive
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from node_fuzz import Fuzzer, as_message
-from nodes import (
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue, SetParametersResult
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from support.arm import JOINTS, arm_primitive
+from support.domains import set_domain
+from support.nodes import (
     GOAL,
     PATIENTLY,
     START,
@@ -29,15 +37,7 @@ from nodes import (
     goal_message,
     ros_node,
     running_node,
-    set_domain,
 )
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterValue, SetParametersResult
-from rcl_interfaces.srv import GetParameters, SetParametersAtomically
-from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.execution.parameters import (

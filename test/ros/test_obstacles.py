@@ -16,15 +16,16 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_primitive, arm_robot
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
 from mesh_inputs import FILES
-from nodes import GOAL, START, URDF, NodeClient, column, running_node, set_domain, times
-from patience import HANG
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.domains import set_domain
+from support.nodes import GOAL, START, URDF, NodeClient, column, running_node, times
+from support.patience import HANG
 from test_node_with_robot import SLOW, Bench, benched
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray

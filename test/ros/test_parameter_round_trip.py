@@ -12,11 +12,12 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 import yaml
-from arm import arm_primitive
-from nodes import URDF, call, ros_node, running_node, set_domain
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
+from support.arm import arm_primitive
+from support.domains import set_domain
+from support.nodes import URDF, call, ros_node, running_node
 
 from mp_pca_planner.primitives.file import save_primitive
 

@@ -24,11 +24,22 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 import yaml
-from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from node_setup import start_node
-from nodes import (
+from rclpy.duration import Duration
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from support.domains import set_domain
+from support.nodes import (
     GOAL,
     PATIENCE,
     PATIENTLY,
@@ -40,20 +51,9 @@ from nodes import (
     goal_message,
     ros_node,
     running_node,
-    set_domain,
     times,
 )
-from patience import HANG
-from rclpy.duration import Duration
-from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from rclpy.serialization import serialize_message
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import Writer
-from rosbags.typesys import Stores, get_typestore
-from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
+from support.patience import HANG
 from test_primitive_file import forge
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray

@@ -13,10 +13,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_primitive, arm_robot
 from diagnostic_msgs.msg import DiagnosticStatus
-from nodes import GOAL, PATIENTLY, START, URDF, NodeClient, goal_message, running_node, set_domain
 from rclpy.parameter import Parameter
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.domains import set_domain
+from support.nodes import GOAL, PATIENTLY, START, URDF, NodeClient, goal_message, running_node
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.cli.main import main

@@ -11,11 +11,12 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
 
-from nodes import ros_node, set_domain
-from patience import HANG
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from std_srvs.srv import Trigger
+from support.domains import set_domain
+from support.nodes import ros_node
+from support.patience import HANG
 
 from mp_pca_planner.ros.nodes import GuardedNode
 from mp_pca_planner.ros.safety_thread import SafetyThread

@@ -12,8 +12,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_primitive
-from nodes import (
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import JointState
+from support.arm import JOINTS, arm_primitive
+from support.domains import set_domain
+from support.nodes import (
     GOAL,
     PATIENTLY,
     START,
@@ -22,11 +25,8 @@ from nodes import (
     goal_message,
     ros_node,
     running_node,
-    set_domain,
 )
-from patience import HANG
-from rclpy.executors import SingleThreadedExecutor
-from sensor_msgs.msg import JointState
+from support.patience import HANG
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.cli.main import main

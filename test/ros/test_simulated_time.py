@@ -12,9 +12,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_primitive
 from builtin_interfaces.msg import Time
-from nodes import (
+from rosgraph_msgs.msg import Clock
+from support.arm import JOINTS, arm_primitive
+from support.domains import set_domain
+from support.nodes import (
     GOAL,
     PATIENCE,
     START,
@@ -24,10 +26,8 @@ from nodes import (
     goal_message,
     ros_node,
     running_node,
-    set_domain,
     times,
 )
-from rosgraph_msgs.msg import Clock
 from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.primitives.file import save_primitive

@@ -13,14 +13,15 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 import rclpy
-from nodes import ros_node, set_domain
-from patience import HANG
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64, String
+from support.domains import set_domain
+from support.nodes import ros_node
+from support.patience import HANG
 
 from mp_pca_planner.ros.nodes import GroupExecutor, PolledSubscription, ThreadGroup
 

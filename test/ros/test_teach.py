@@ -18,9 +18,10 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from arm import JOINTS, arm_primitive
-from nodes import GOAL, START, NodeClient, goal_message, running_node, set_domain
-from patience import HANG
+from support.arm import JOINTS, arm_primitive
+from support.domains import set_domain
+from support.nodes import GOAL, START, NodeClient, goal_message, running_node
+from support.patience import HANG
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import load_primitive, save_primitive

@@ -16,17 +16,17 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 pytest.importorskip("playwright", reason="playwright is not installed")
 
-from arm import JOINTS, arm_primitive
-from nodes import (
+from playwright.sync_api import expect
+from support.arm import JOINTS, arm_primitive
+from support.domains import set_domain
+from support.nodes import (
     PATIENTLY,
     START,
     NodeClient,
     described_client,
     running_node,
-    set_domain,
 )
-from patience import HANG
-from playwright.sync_api import expect
+from support.patience import HANG
 from view_browser import SIZE, chromium, chromium_path
 from visualization_msgs.msg import Marker, MarkerArray
 

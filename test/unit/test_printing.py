@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
-from arm import arm_primitive
-from conftest import reaching, stamped, write_bag
+from support.arm import arm_primitive
+from support.bags import reaching, stamped, write_bag
 
 import mp_pca_planner.cli.main as program
 from mp_pca_planner.cli.common import report_lines

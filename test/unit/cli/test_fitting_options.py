@@ -6,8 +6,8 @@ import socket
 from pathlib import Path
 
 import pytest
-from arm import arm_primitive
-from command_line import refusal, run
+from support.arm import arm_primitive
+from support.command_line import refusal, run
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive

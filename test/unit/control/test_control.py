@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from arm import JOINTS, arm_primitive, arm_robot, mass_matrix
+from support.arm import JOINTS, arm_primitive, arm_robot, mass_matrix
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate, verify

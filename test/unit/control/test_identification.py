@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
+from support.arm import JOINTS, arm_primitive, arm_robot
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.cli.main import main

@@ -12,8 +12,8 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import arm_robot
 from scipy.interpolate import BPoly
+from support.arm import arm_robot
 from test_control import arm_reach, reach
 
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate

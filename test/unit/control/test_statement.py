@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS, arm_primitive
+from support.arm import JOINTS, arm_primitive
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.law import (

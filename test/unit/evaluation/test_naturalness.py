@@ -4,9 +4,9 @@
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_robot
 from calibration import calibration
 from naturalness import relative_to_demonstrated
+from support.arm import arm_demonstrations, arm_robot
 
 from mp_pca_planner.evaluation.naturalness import (
     BSPLINES,

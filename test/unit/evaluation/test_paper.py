@@ -4,9 +4,9 @@
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_robot
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
+from support.arm import arm_demonstrations, arm_robot
 
 from mp_pca_planner.evaluation.case_study import (
     DEGREE,

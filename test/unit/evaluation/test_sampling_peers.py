@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
 from scipy.spatial.transform import Rotation
+from support.arm import JOINTS, arm_robot
 
 from mp_pca_planner.evaluation.peers import vamp_method, vamp_robot, vamp_shapes
 from mp_pca_planner.exceptions import MissingDependencyError, PlannerError

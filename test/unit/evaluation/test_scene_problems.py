@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from obstacle_scenes import write_request, write_scene
+from support.obstacle_scenes import write_request, write_scene
 
 from mp_pca_planner.evaluation.problems import robot_of_scene, scene_problem, scenes_in
 from mp_pca_planner.exceptions import PlannerError

@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
-from dense import minimum_jerk_motion
-from obstacle_scenes import write_scene
+from support.dense import minimum_jerk_motion
+from support.obstacle_scenes import write_scene
 
 from mp_pca_planner.evaluation.problems import Problem
 from mp_pca_planner.evaluation.referee import RigidArm, SceneReferee, judge

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
-from dense import assert_keeps, minimum_jerk_motion, spline
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import simpson
+from support.arm import JOINTS, arm_robot
+from support.dense import assert_keeps, minimum_jerk_motion, spline
 
 from mp_pca_planner.execution.serving.motion_server import AdaptedPlan
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion, displaced

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive
+from support.arm import JOINTS, arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import GoalError, LimitsError, PlannerError, RobotError
 from mp_pca_planner.execution.parameters import Settings

@@ -9,9 +9,9 @@ from concurrent.futures import CancelledError
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
+from support.arm import JOINTS, arm_robot
+from support.worlds import plain_distances
 from test_motion_server import GOAL, HALF, START, Node, model
-from worlds import plain_distances
 
 from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.motion.collision import CollisionModel

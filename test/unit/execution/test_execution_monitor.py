@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dense import minimum_jerk_motion
+from support.dense import minimum_jerk_motion
 
 from mp_pca_planner.execution.serving.execution import Execution
 from mp_pca_planner.execution.tracking.estimation import Progress

@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive
-from patience import NODE_EVER
 from referee import judge
+from support.arm import JOINTS, arm_primitive
+from support.patience import NODE_EVER
 from virtual_node import VirtualNode
 
 from mp_pca_planner.exceptions import GoalError

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from concurrent.futures import CancelledError
 
 import pytest
-from patience import HANG
+from support.patience import HANG
 
 from mp_pca_planner.execution.threads import (
     IsCancelled,

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dense import minimum_jerk_motion, spline
+from support.dense import minimum_jerk_motion, spline
 from virtual_node import receive
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError

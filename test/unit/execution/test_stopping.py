@@ -8,10 +8,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
-from dense import assert_keeps, minimum_jerk_motion, spline
 from hypothesis import given
 from hypothesis import strategies as st
+from support.arm import JOINTS, arm_robot
+from support.dense import assert_keeps, minimum_jerk_motion, spline
 
 from mp_pca_planner.execution.serving.stopping import (
     braking_ends,

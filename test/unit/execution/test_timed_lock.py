@@ -7,7 +7,7 @@ from __future__ import annotations
 import threading
 
 import pytest
-from patience import HANG
+from support.patience import HANG
 
 from mp_pca_planner.execution.threads import BusyError, TimedLock
 

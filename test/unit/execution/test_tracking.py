@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dense import minimum_jerk_motion, spline
+from support.dense import minimum_jerk_motion, spline
 
 from mp_pca_planner.execution.tracking.estimation import Progress, locate
 from mp_pca_planner.execution.tracking.measured import MeasuredSamples

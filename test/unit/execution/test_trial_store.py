@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
-from patience import NODE_EVER
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.patience import NODE_EVER
 
 pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 

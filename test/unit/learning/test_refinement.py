@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
-from patience import PATIENT
 from scipy.integrate import trapezoid
-from worlds import ball_beside, least_distance
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.patience import PATIENT
+from support.worlds import ball_beside, least_distance
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import GoalError, PlannerError, TrajectoryError

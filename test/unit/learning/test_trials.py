@@ -10,9 +10,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
-from patience import PATIENT
-from worlds import ball_beside, least_distance
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.patience import PATIENT
+from support.worlds import ball_beside, least_distance
 
 from mp_pca_planner.exceptions import LearningError
 from mp_pca_planner.learning.refined_motion import AMPLITUDE, RefinedMotion

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
 from scipy.optimize import least_squares
+from support.arm import JOINTS, arm_robot
 
 from mp_pca_planner.mocap.inverse_kinematics import (
     MarkerProblem,

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from arm import JOINTS
-from conftest import read_joint_states
-from marker_bags import write_marker_arrays
 from scipy.spatial.transform import Rotation
+from support.arm import JOINTS
+from support.bags import read_joint_states
+from support.marker_bags import write_marker_arrays
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PlannerError, RecordingError, RobotError

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, S
-from marker_bags import (
+from scipy.spatial.transform import Rotation
+from support.bags import EPOCH, S
+from support.marker_bags import (
     MARKER_ARRAY,
     OLD_TF,
     POINT,
@@ -17,7 +18,6 @@ from marker_bags import (
     write_marker_arrays,
     write_messages,
 )
-from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.mocap.markers import MarkerPlacement, read_markers

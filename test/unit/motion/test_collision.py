@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
-from patience import EVER, PATIENT
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
+from support.patience import EVER, PATIENT
 
 import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main

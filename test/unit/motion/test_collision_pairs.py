@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS
+from support.arm import JOINTS
 
 from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS, robot_file
 from mp_pca_planner.files import config_file

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
-from patience import PATIENT
-from worlds import plain_distances, random_world
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from support.patience import PATIENT
+from support.worlds import plain_distances, random_world
 
 import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main

@@ -4,10 +4,10 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
+from support.arm import JOINTS, arm_robot
 
 from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState

@@ -9,10 +9,10 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
-from dense import assert_keeps, spline
-from obstacle_scenes import write_scene
-from worlds import TRAY
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.dense import assert_keeps, spline
+from support.obstacle_scenes import write_scene
+from support.worlds import TRAY
 
 import mp_pca_planner as mp
 from mp_pca_planner.evaluation.referee import RigidArm, SceneReferee

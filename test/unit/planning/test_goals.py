@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from patience import EVER
 from scipy.optimize import linprog
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.patience import EVER
 from test_planner import REQUESTS, planner, request
 
 from mp_pca_planner.exceptions import GoalError, RobotError

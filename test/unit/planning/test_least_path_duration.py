@@ -4,9 +4,9 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.arm import JOINTS, arm_robot
 
 from mp_pca_planner.motion.interpolation import interpolate_at, segment_ends
 from mp_pca_planner.motion.trajectory import Trajectory

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from arm import arm_primitive, arm_robot
-from obstacle_scenes import write_scene
-from patience import EVER
+from support.arm import arm_primitive, arm_robot
+from support.obstacle_scenes import write_scene
+from support.patience import EVER
 from test_detours import WALL
 
 from mp_pca_planner.motion.collision import CollisionModel

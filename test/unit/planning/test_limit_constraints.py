@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
 from scipy.optimize import minimize
+from support.arm import JOINTS, arm_robot
 from test_segment import BASES, compile_motion
 
 from mp_pca_planner.motion.goal import JointState

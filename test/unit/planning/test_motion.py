@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive
+from support.arm import JOINTS, arm_primitive
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.planning.motion import Motion, samples_of

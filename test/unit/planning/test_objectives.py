@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
 from scipy.integrate import trapezoid
+from support.arm import JOINTS, arm_robot
 from test_segment import BASES
 
 from mp_pca_planner.exceptions import GoalError, RobotError

@@ -5,7 +5,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS, arm_robot
+from support.arm import JOINTS, arm_robot
 from test_planner import planner, request
 from test_segment import BASES, compile_motion
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from patience import EVER, PATIENT
 from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from support.patience import EVER, PATIENT
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal

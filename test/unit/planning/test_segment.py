@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
 from scipy.integrate import quad_vec
+from support.arm import JOINTS, arm_primitive, arm_robot
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.planning.motion import N_NODES, Motion, Tables

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_primitive, arm_robot
-from patience import PATIENT
+from support.arm import arm_demonstrations, arm_primitive, arm_robot
+from support.patience import PATIENT
 
 import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import GoalError, RobotError

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot, sequence_planner
 from hypothesis import given
 from hypothesis import strategies as st
-from patience import EVER
 from scipy.integrate import trapezoid
+from support.arm import JOINTS, arm_primitive, arm_robot, sequence_planner
+from support.patience import EVER
 from test_collision import ACROSS_BASE, chain, chain_planner
 from test_planner import planner, request
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from arm import arm_primitive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
+from support.arm import arm_primitive
 from test_segment import BASES, compile_motion
 
 from mp_pca_planner.planning.options import SolverOptions

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arm import arm_primitive, arm_robot
+from support.arm import arm_primitive, arm_robot
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.files import config_file

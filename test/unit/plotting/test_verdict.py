@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from arm import arm_primitive, arm_robot
+from support.arm import arm_primitive, arm_robot
 
 from mp_pca_planner.plotting.arm import arm_figure
 from mp_pca_planner.plotting.report import goals_in_span, verdict_on

@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
-from arm import arm_primitive
 from numpy.polynomial import legendre
+from support.arm import arm_primitive
 
 from mp_pca_planner.primitives.basis import (
     BSplineBasis,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive
+from support.arm import JOINTS, arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import PrimitiveError, RecordingError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions

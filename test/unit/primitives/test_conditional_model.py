@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_primitive
 from scipy.stats import norm
+from support.arm import arm_demonstrations, arm_primitive
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import FINE_PHASES, differences, expected_motion

@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations
+from support.arm import arm_demonstrations
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import (

@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import legendre
+from support.arm import JOINTS, arm_demonstrations
 
 from mp_pca_planner.arrays import BLOCK, file_of
 from mp_pca_planner.exceptions import PrimitiveError

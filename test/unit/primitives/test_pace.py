@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from arm import arm_primitive
+from support.arm import arm_primitive
 
 from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.primitives.basis import PacedBasis, legendre_values

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive
+from support.arm import JOINTS, arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.motion.interpolation import hermite_functions

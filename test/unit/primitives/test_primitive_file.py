@@ -11,9 +11,9 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_primitive
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.arm import arm_demonstrations, arm_primitive
 
 from mp_pca_planner.exceptions import PlannerError, PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive

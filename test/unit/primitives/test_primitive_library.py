@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm import arm_primitive
+from support.arm import arm_primitive
 
 from mp_pca_planner.exceptions import GoalError, PrimitiveError
 from mp_pca_planner.primitives.file import save_primitive

@@ -4,11 +4,11 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations
-from conftest import minimum_jerk
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
+from support.arm import JOINTS, arm_demonstrations
+from support.bags import minimum_jerk
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.timing import (

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from arm import arm_demonstrations, arm_primitive
+from support.arm import arm_demonstrations, arm_primitive
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import PlannerError, PrimitiveError

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import (
+from rosbags.highlevel import AnyReader
+from support.bags import (
     EPOCH,
     FORMATS,
     Message,
@@ -23,8 +24,7 @@ from conftest import (
     stamped,
     write_bag,
 )
-from embedded_bags import write_embedded_bag
-from rosbags.highlevel import AnyReader
+from support.embedded_bags import write_embedded_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.motion.trajectory import Trajectory

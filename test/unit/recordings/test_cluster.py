@@ -15,9 +15,9 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from cluster_work import die_of_three, die_once, fail, kill
-from conftest import reaching, stamped, write_bag
-from patience import HANG
+from support.bags import reaching, stamped, write_bag
+from support.cluster_work import die_of_three, die_once, fail, kill
+from support.patience import HANG
 from test_build_primitives import build, refusal
 
 from mp_pca_planner.exceptions import MissingDependencyError, RecordingError

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, FORMATS, S, reaching, read_joint_states, stamped, write_bag
 from lz4.frame import compress as compress_lz4
+from support.bags import EPOCH, FORMATS, S, reaching, read_joint_states, stamped, write_bag
 from test_salvage import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import EPOCH, S, list_topics, stamped, write_bag
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 from scipy.interpolate import BPoly, CubicHermiteSpline
+from support.bags import EPOCH, S, list_topics, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.motion.interpolation import interpolate_at, segment_ends

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from patience import HANG
+from support.patience import HANG
 
 from mp_pca_planner.recordings import workers
 from mp_pca_planner.recordings.workers import map_by, map_in_processes

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
+from support.arm import JOINTS, arm_robot
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.motion.trajectory import Trajectory

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
+from support.bags import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import bag, find_recordings, stored_size

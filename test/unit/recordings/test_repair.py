@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, Message, S, reaching, read_joint_states, stamped, write_bag
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from support.bags import EPOCH, Message, S, reaching, read_joint_states, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError, UnusableRecordingError
 from mp_pca_planner.recordings.joint_states import JointLayout, RawJointStates

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, S, list_topics, read_joint_states, stamped, write_bag
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
+from support.bags import EPOCH, S, list_topics, read_joint_states, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.joint_states import RawJointStates

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import reaching
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.bags import reaching
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import RecordingError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import minimum_jerk
+from support.bags import minimum_jerk
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.recordings.repair import Piece

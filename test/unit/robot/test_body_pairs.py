@@ -5,8 +5,8 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import arm_robot
-from worlds import TETRAHEDRON, TRAY, plain_distances, random_world
+from support.arm import arm_robot
+from support.worlds import TETRAHEDRON, TRAY, plain_distances, random_world
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import WorldError

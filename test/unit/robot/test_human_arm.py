@@ -5,10 +5,10 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import mass_matrix
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from support.arm import mass_matrix
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot

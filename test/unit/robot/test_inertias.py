@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_demonstrations, arm_primitive, sequence_planner
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, sequence_planner
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.closed_loop import ControlLoop, simulate

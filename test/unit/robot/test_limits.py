@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from arm import arm_robot
+from support.arm import arm_robot
 
 from mp_pca_planner.exceptions import LimitsError
 from mp_pca_planner.robot.limits import JointLimits, merge_limits, read_limits_file

@@ -4,7 +4,7 @@
 
 import numpy as np
 import pinocchio as pin
-from arm import arm_robot
+from support.arm import arm_robot
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.joints import LinkInertias

@@ -5,7 +5,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS, arm_robot, mass_matrix
+from support.arm import JOINTS, arm_robot, mass_matrix
 
 from mp_pca_planner.exceptions import LimitsError, RobotError
 from mp_pca_planner.files import config_file

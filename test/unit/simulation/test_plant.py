@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm import JOINTS, arm_robot
+from support.arm import JOINTS, arm_robot
 
 from mp_pca_planner.exceptions import MissingDependencyError, PlannerError
 from mp_pca_planner.files import config_file

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import EPOCH, S
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from support.bags import EPOCH, S
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import open_bag

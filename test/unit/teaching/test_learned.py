@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_robot
+from support.arm import arm_demonstrations, arm_robot
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.primitives.build import PrimitiveOptions

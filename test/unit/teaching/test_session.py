@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import minimum_jerk, reaching, stamped, write_bag
+from support.bags import minimum_jerk, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.demonstration import Demonstration

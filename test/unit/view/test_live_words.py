@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_robot
+from support.arm import JOINTS, arm_robot
 
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.content import SILENCE, LiveView, NodeStatus

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm import arm_robot
+from support.arm import arm_robot
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot

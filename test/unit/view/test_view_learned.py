@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import arm_demonstrations, arm_primitive, arm_robot
 from hypothesis import given
 from hypothesis import strategies as st
+from support.arm import arm_demonstrations, arm_primitive, arm_robot
 
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.recording_set import RecordingSet

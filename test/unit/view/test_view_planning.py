@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
-from patience import EVER
+from support.arm import JOINTS, arm_primitive, arm_robot
+from support.patience import EVER
 
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import Pose

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import pytest
-from arm import arm_primitive
-from patience import HANG
+from support.arm import arm_primitive
+from support.patience import HANG
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arm import arm_primitive
-from patience import HANG
+from support.arm import arm_primitive
+from support.patience import HANG
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 

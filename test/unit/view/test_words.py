@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm import JOINTS, arm_primitive, arm_robot
+from support.arm import JOINTS, arm_primitive, arm_robot
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory

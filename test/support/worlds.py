@@ -4,7 +4,7 @@
 
 import numpy as np
 import pinocchio as pin
-from arm import arm_robot
+from support.arm import arm_robot
 
 import mp_pca_planner as mp
 from mp_pca_planner.files import config_file

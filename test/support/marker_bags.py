@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest import EPOCH, S, bag_writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+from support.bags import EPOCH, S, bag_writer
 
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 POINT = "geometry_msgs/msg/PointStamped"

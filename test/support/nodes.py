@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
@@ -13,11 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 import rclpy
-from arm import JOINTS, arm_primitive
 from node_setup import RobotClient, start_node
-from patience import HANG, NODE_EVER
 from rcl_interfaces.msg import Parameter, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -26,11 +22,12 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
+from support.arm import JOINTS, arm_primitive
+from support.patience import HANG, NODE_EVER
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.files import config_file
-from mp_pca_planner.ros.client import this_machine_only
 from mp_pca_planner.ros.nodes import LATCHED
 
 MOTION = arm_primitive().boundary_states[0]
@@ -126,12 +123,6 @@ def described_client() -> Iterator[NodeClient]:
         client.publish_description(URDF)
         client.wait_for_model()
         yield client
-
-
-def set_domain(patch: pytest.MonkeyPatch, offset: int) -> None:
-    """Meet only nodes of this test run: those of the same offset."""
-    for name, value in this_machine_only(1 + (os.getpid() + offset) % 101).items():
-        patch.setenv(name, value)
 
 
 @contextmanager

@@ -7,6 +7,8 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
+from pathlib import Path
 
 from mp_pca_planner.cli.main import main
 
@@ -35,3 +37,8 @@ def refusal(*words: object) -> str:
     assert (status, out) == (2, "")
     (line,) = err.splitlines()
     return line
+
+
+def with_folder(folder: Path) -> str:
+    """The PYTHONPATH with another folder in it."""
+    return os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH", "")]))

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from conftest import Message, S, bag_writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from support.bags import Message, S, bag_writer
 
 TOPIC, FIELD = "/multi", "arm.jointStates"
 
