@@ -11,8 +11,6 @@ from typing import IO
 
 import pytest
 
-from mp_pca_planner.ros.client import this_machine_only
-
 _leases: dict[object, tuple[int, IO[str]]] = {}
 """Domain and locked file of each key; the locks end with the process."""
 
@@ -36,5 +34,7 @@ def lease_domain(key: object = "") -> int:
 
 def set_domain(patch: pytest.MonkeyPatch, key: object) -> None:
     """Meet only nodes of this test process and key."""
+    from mp_pca_planner.ros.client import this_machine_only
+
     for name, value in this_machine_only(lease_domain(key)).items():
         patch.setenv(name, value)
