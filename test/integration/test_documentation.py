@@ -13,20 +13,12 @@ from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-import yaml
 from support.patience import HANG
 
 import mp_pca_planner
 from mp_pca_planner.cli.main import COMMANDS, add_options, parse
 from mp_pca_planner.execution.parameters import DECLARATIONS
-from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.primitives.file import _METADATA
-from mp_pca_planner.primitives.library import _LINE
-from mp_pca_planner.primitives.primitive_values import ARRAY_SHAPES
-from mp_pca_planner.recordings.cutting import COLUMNS
-from mp_pca_planner.simulation.robot import Record
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts/run_documentation.py"
@@ -34,11 +26,6 @@ DOCUMENTATION = runpy.run_path(str(SCRIPT))
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "doc").rglob("*.md")])
 PAGES = [page for page in PAGES if "reference" not in page.parts]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
-# Their sentences are short.
-READ_FIRST = [*DOCUMENTATION["PAGES"], ROOT / "doc/index.md", *(ROOT / "doc/guides").glob("*.md")]
-READ_FIRST += [ROOT / f"doc/{name}.md" for name in ("install", "troubleshooting", "limits")]
-READ_FIRST += [ROOT / f"doc/concepts/{name}.md" for name in ("method", "glossary")]
-MADE_BY_SPHINX = (ROOT / "doc/reference", ROOT / "doc/gallery")
 
 # Stands for something in a command that is shown: the options of it are checked one by one.
 ELLIPSIS = "…"
@@ -51,6 +38,7 @@ def text_of(page: Path) -> str:
 # Programs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "page", DOCUMENTATION["PAGES"], ids=lambda page: page.relative_to(ROOT).as_posix()
 )
@@ -120,41 +108,6 @@ def test_every_command_is_described_somewhere() -> None:
     assert set(COMMANDS) <= described
 
 
-# Links
-
-
-def anchors(page: Path) -> set[str]:
-    """Anchors of the headings, as GitHub and MyST make them."""
-    headings = re.findall(r"^#+ (.*)$", text_of(page), re.MULTILINE)
-    words = (re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings)
-    return set(words)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_links_lead_to_files_and_headings_that_exist(page: Path) -> None:
-    for link in re.findall(r"\]\(([^)\s]+)\)", text_of(page)):
-        assert not link.startswith("http"), "pages outside of the project may vanish"
-        if link.startswith("../../actions/"):  # GitHub's own picture of the last run
-            continue
-        name, _, anchor = link.partition("#")
-        target = (page.parent / name).resolve() if name else page
-        assert target.exists() or target.parent in MADE_BY_SPHINX, link
-        assert not anchor or anchor in anchors(target), link
-
-
-def test_every_page_is_in_the_site() -> None:
-    linked = set()
-    index = ROOT / "doc/index.md"
-    for names in re.findall(r"^```{toctree}\n(.*?)^```", text_of(index), re.MULTILINE | re.DOTALL):
-        linked |= {name for name in names.split() if not name.startswith(":")}
-    pages = {
-        page.relative_to(ROOT / "doc").with_suffix("").as_posix()
-        for page in PAGES
-        if ROOT / "doc" in page.parents
-    }
-    assert pages - {"index"} <= linked
-
-
 # Names
 
 
@@ -203,36 +156,6 @@ def test_the_page_on_the_code_names_what_is_there() -> None:
             assert set(re.findall(r"\w+", name)) <= words, name
 
 
-def test_citation_is_complete() -> None:
-    citation = yaml.safe_load(text_of(ROOT / "CITATION.cff"))
-    assert {"cff-version", "message", "title", "authors", "version", "license"} <= set(citation)
-
-
-def test_readme_is_short() -> None:
-    assert len(text_of(ROOT / "README.md").splitlines()) <= 150
-
-
-def words_per_sentence(page: Path) -> list[int]:
-    """Words of each sentence of the prose: no code, tables, headings or images."""
-    text = re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL)
-    text = re.sub(r"^(?: {4}|\||#|<!--|\[?!\[).*$", "", text, flags=re.MULTILINE)
-    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)  # a link counts as its words
-    text = re.sub(r"`[^`]*`", "code", text)
-    sentences = [
-        sentence
-        for paragraph in re.split(r"\n\s*\n|\n(?=[-*] |\d+\. )", text)
-        for sentence in re.split(r"(?<=[.!?:])\s", " ".join(paragraph.split()))
-    ]
-    return [n for n in (len(re.findall(r"\w[^\s]*", sentence)) for sentence in sentences) if n > 1]
-
-
-@pytest.mark.parametrize("page", READ_FIRST, ids=lambda page: page.name)
-def test_sentences_of_pages_that_are_read_first_are_short(page: Path) -> None:
-    lengths = words_per_sentence(page)
-    assert np.mean(lengths) <= 16
-    assert max(lengths) <= 30
-
-
 @pytest.fixture(scope="module")
 def reference() -> dict[str, Any]:
     """The functions that write the pages of the reference."""
@@ -262,15 +185,6 @@ def test_reference_has_every_parameter_and_every_public_name(reference: dict[str
     )
     assert [d.name for d in DECLARATIONS if f"`{d.name}`" not in parameters] == []
     assert [name for name in mp_pca_planner.__all__ if f"\n## {name}\n" not in python] == []
-
-
-def test_file_formats_name_all_that_is_in_the_files() -> None:
-    zero = np.zeros((2, 1))
-    motion = Trajectory(["a"], [0.0, 1.0], zero, zero, zero, zero)
-    names = {*ARRAY_SHAPES, *_METADATA, *motion.columns(), *_LINE, *Record(1).arrays()}
-    page = text_of(ROOT / "doc/formats.md")
-    assert ",".join(COLUMNS) in page
-    assert [name for name in names if f"`{name.rstrip('?')}`" not in page] == ["refined_from?"]
 
 
 def test_recorded_results_state_their_origin_and_become_tables(reference: dict[str, Any]) -> None:

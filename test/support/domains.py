@@ -18,7 +18,7 @@ _leases: dict[object, tuple[int, IO[str]]] = {}
 def lease_domain(key: object = "") -> int:
     """A domain of this process alone; the same one for the same key."""
     if key not in _leases:
-        for number in range(1, 102):
+        for number in range(1, 101):
             file = (Path(tempfile.gettempdir()) / f"mp_pca_planner_domain_{number}").open("w")
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -28,7 +28,7 @@ def lease_domain(key: object = "") -> int:
                 _leases[key] = number, file
                 break
         else:
-            raise RuntimeError("all 101 ROS domains are in use by tests")
+            raise RuntimeError("all 100 ROS domains are in use by tests")
     return _leases[key][0]
 
 
