@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..control.identification import measure_execution
 from ..exceptions import LearningError
 from ..files import check_writable
 from ..learning.refined_motion import RefinedMotion, primitive_around
@@ -59,8 +58,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
         check_output(path, ".npz", force=arguments.force)
     if arguments.trials is not None:
         check_writable(arguments.trials, overwrite=True)
-    elif arguments.cost is not None or arguments.executed is not None:
-        raise LearningError("--cost and --executed report the cost of a trial: also pass --trials")
+    elif arguments.cost is not None:
+        raise LearningError("--cost reports the cost of a trial: also pass --trials")
     if arguments.constraint:
         raise LearningError("--constraint is not accepted: a refined motion would not keep it")
     if not arguments.via:
@@ -120,7 +119,7 @@ def _refine_by_model(
 def _refine_by_trials(
     arguments: argparse.Namespace, request: PlannedRequest, learner: TrialLearner
 ) -> dict[str, Any]:
-    cost = arguments.cost if arguments.executed is None else _measured_cost(arguments, learner)
+    cost = arguments.cost
     if cost is not None:
         learner.record(cost, keep=False)
     facts = _facts_of_trials(request, learner)
@@ -132,8 +131,7 @@ def _refine_by_trials(
     lines = [
         *_trial_lines(arguments, facts),
         *written_lines([arguments.trials if cost is not None else None, motion_file]),
-        f"execute trial {facts['n_trials'] + 1} ({where}), "
-        "and report its cost with --cost or --executed",
+        f"execute trial {facts['n_trials'] + 1} ({where}), and report its cost with --cost",
     ]
     _write_and_print(arguments, request, learner.propose(), facts, lines)
     if cost is not None:
@@ -155,13 +153,6 @@ def _write_and_print(
     write_motion(arguments.trajectory, accepted.trajectory, content, force=arguments.force)
     planned = f"planned      {status_line(request.plan)}"
     report(arguments, content, planned, *request.lines(), *lines)
-
-
-def _measured_cost(arguments: argparse.Namespace, learner: TrialLearner) -> float:
-    trajectory = learner.propose().trajectory
-    effort, tracking_error, _ = measure_execution(arguments.executed, trajectory)
-    missed = tracking_error**2 * float(trajectory.times[-1])
-    return effort + float(arguments.tracking_price) * missed
 
 
 def _facts(request: PlannedRequest, accepted: AcceptedMotion) -> dict[str, Any]:

@@ -33,8 +33,6 @@ class ErrorModel:
         independent of each other.
     payload : float
         Largest unknown mass at the end effector [kg].
-    frame : str or None
-        Link of the end effector; None means the link that most joints move.
     position : float
         Largest error of each joint at the start [rad or m].
     friction : tuple of float
@@ -48,7 +46,6 @@ class ErrorModel:
 
     inertia: float = 0.05
     payload: float = 0.0
-    frame: str | None = None
     position: float = 0.001
     friction: tuple[float, ...] = ()
 
@@ -81,7 +78,7 @@ class ErrorModel:
         n, shape = robot.n_joints, robot.link_inertias.parts.shape[:2]
         payload = self.payload * 0.5 * (1.0 + float(draw(1)[0]))
         true = robot.with_link_inertias(1.0 + self.inertia * draw(shape))
-        true = true.with_payload(payload, self.frame)
+        true = true.with_payload(payload)
         start, friction = self.position * draw(n), np.broadcast_to(self.friction or 0.0, (n,))
         return true, start, friction * 0.5 * (1.0 + (draw(n) if friction.any() else 0.0))
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ..arrays import (
     FloatArray,
@@ -86,9 +85,8 @@ class ControlLaw:
         robot: Robot,
         motion: Trajectory,
         natural_frequency: float,
-        damping_ratio: float = 1.0,
     ) -> ControlLaw:
-        """Gains that give every joint a natural frequency and a damping ratio.
+        """Gains that give every joint a natural frequency and a damping ratio of 1.
 
         Parameters
         ----------
@@ -102,18 +100,15 @@ class ControlLaw:
             The motion along which the inertias are computed.
         natural_frequency : float
             ω [rad/s].
-        damping_ratio : float
-            ζ.
 
         Raises
         ------
         ControlError
-            If the frequency or the damping is no positive number.
+            If the frequency is no positive number.
         RobotError
             If gains are torques, and a moving link has no valid inertia.
         """
         check_number(natural_frequency, "the natural frequency [rad/s]", ControlError, 1e-6)
-        check_number(damping_ratio, "the damping ratio", ControlError, 1e-6)
         inertia = np.ones(robot.n_joints)
         if kind == FEEDFORWARD_PD:
             robot.require_inertias("gains for a natural frequency")
@@ -127,7 +122,7 @@ class ControlLaw:
             kind,
             robot.joint_names,
             inertia * natural_frequency**2,
-            inertia * 2.0 * damping_ratio * natural_frequency,
+            inertia * 2.0 * natural_frequency,
         )
 
     def to_metadata(self) -> dict[str, Any]:
@@ -204,43 +199,6 @@ def pair_law(
         )
     metadata = {**primitive.metadata, _KEY: law.to_metadata() | {_KNOWN: dict(known)}}
     return replace(primitive, metadata=metadata)
-
-
-def controller_parameters(law: ControlLaw, controller: str) -> bytes:
-    """The law as a parameter file of joint_trajectory_controller.
-
-    The controller adds a PID of the errors to the efforts that the points of a trajectory hold,
-    which is feed-forward with PD.
-
-    Parameters
-    ----------
-    law : ControlLaw
-        Feed-forward with PD.
-    controller : str
-        Name of the controller's node.
-
-    Raises
-    ------
-    ControlError
-        If the law is computed torque, which that controller doesn't have.
-    """
-    if law.kind != FEEDFORWARD_PD:
-        raise ControlError(
-            f"joint_trajectory_controller has no law '{law.kind}': only '{FEEDFORWARD_PD}' can be "
-            "written as its parameters"
-        )
-    gains = {
-        name: {"p": float(p), "i": 0.0, "d": float(d), "ff_velocity_scale": 0.0}
-        for name, p, d in zip(law.joint_names, law.position_gains, law.velocity_gains, strict=True)
-    }
-    parameters = {
-        "joints": list(law.joint_names),
-        "command_interfaces": ["effort"],
-        "state_interfaces": ["position", "velocity"],
-        "gains": gains,
-    }
-    content = {controller: {"ros__parameters": parameters}}
-    return yaml.safe_dump(content, sort_keys=False).encode()
 
 
 _EXCLUDED = (

@@ -298,7 +298,7 @@ def _directions(model: Robot, errors: ErrorModel) -> list[_Direction]:
     units = np.eye(ones.size).reshape(-1, *shape)
     found = [(model.with_link_inertias(ones + u), errors.inertia, True) for u in units]
     if errors.payload > 0.0:
-        loaded = model.with_payload(1.0, errors.frame)
+        loaded = model.with_payload(1.0)
         found.append((loaded, errors.payload, False))
     return [(robot, magnitude, share) for robot, magnitude, share in found if magnitude > 0.0]
 

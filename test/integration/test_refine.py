@@ -1,25 +1,20 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `refine`, and the cost of recorded executions."""
+"""The command `refine`."""
 
 import json
 import resource
 
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
-from support.arm import JOINTS, arm_primitive, arm_robot
+from support.arm import arm_primitive, arm_robot
 from support.obstacle_scenes import write_scene
 from support.worlds import plain_distances
 from test_commands import GOAL, START, URDF, refusal, run
 
 from mp_pca_planner.cli.main import load_command
-from mp_pca_planner.control.identification import measure_execution
-from mp_pca_planner.exceptions import PlannerError, RecordingError
-from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
-from mp_pca_planner.recordings.bags import write_joint_states
-from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.world import World
 
 
@@ -36,27 +31,6 @@ def refine(primitive, *options, ok=True):
     return json.loads(done.stdout)
 
 
-def executed(offset=0.0, efforts=True):
-    """A motion, and a recording of its execution with stillness before and after."""
-    motion = generate_motions(1, 3)[0]
-    grid = np.linspace(0.0, motion.duration, 201)
-    q = np.column_stack([np.interp(grid, motion.times, c) for c in motion.positions.T])
-    v, a = np.gradient(q, grid, axis=0), np.zeros_like(q)
-    v[[0, -1]] = 0.0
-    trajectory = Trajectory(JOINTS, grid, q, v, a)
-    times = np.arange(-0.5, motion.duration + 0.7, 0.004)
-    held = np.column_stack([np.interp(times, grid, c) for c in q.T]) + offset
-    zero = np.zeros_like(held)
-    tau = arm_robot().inverse_dynamics(held, zero, zero)
-    return trajectory, times, held, tau if efforts else None
-
-
-def write_execution(path, times, held, tau):
-    stamps = (1_700_000_000 * 10**9 + np.round(times * 1e9)).astype(np.int64)
-    write_joint_states(path, "mcap", JOINTS, stamps, held, efforts=tau)
-    return path
-
-
 def test_refined_motion_keeps_clear_of_obstacles(primitive, tmp_path):
     bare = np.array(refine(primitive, "--time-price", "3")["positions"])
     hand = arm_robot().frame_positions(bare, [arm_robot().frame_names[-1]])[:, 0]
@@ -67,45 +41,6 @@ def test_refined_motion_keeps_clear_of_obstacles(primitive, tmp_path):
     world = World.from_file(scene)
     assert plain_distances(world, bare).min() < 0.0
     assert plain_distances(world, np.array(facts["positions"])).min() >= 0.01
-
-
-# Executions
-
-
-def test_execution_is_found_and_measured(tmp_path):
-    trajectory, times, held, tau = executed()
-    bag = write_execution(tmp_path / "run", times, held, tau)
-    effort, tracking_error, started = measure_execution(bag, trajectory)
-    assert started == pytest.approx(0.5, abs=0.01)
-    assert tracking_error < 1e-3
-    during = (times >= 0.0) & (times <= trajectory.times[-1])
-    wanted = 0.5 * trapezoid(np.sum(tau[during] ** 2, axis=1), times[during])
-    assert effort == pytest.approx(wanted, rel=0.01)
-
-
-def test_tracking_error_is_the_distance_from_what_was_wanted(tmp_path):
-    trajectory, times, held, tau = executed(offset=0.01)
-    bag = write_execution(tmp_path / "run", times, held, tau)
-    _, tracking_error, _ = measure_execution(bag, trajectory)
-    # Each of four joints is 0.01 rad away all the time; a little of that passes for lateness.
-    assert tracking_error == pytest.approx(0.02, rel=0.1)
-
-
-def test_execution_without_efforts_or_cut_short_is_refused(tmp_path):
-    trajectory, times, held, tau = executed(efforts=False)
-    with pytest.raises(RecordingError, match="lack positions or efforts"):
-        measure_execution(write_execution(tmp_path / "none", times, held, tau), trajectory)
-    trajectory, times, held, tau = executed()
-    n = int(np.searchsorted(times, 0.0))
-    with pytest.raises(RecordingError, match="from its start to its end"):
-        measure_execution(
-            write_execution(tmp_path / "short", times[:n], held[:n], tau[:n]), trajectory
-        )
-    other = Trajectory(
-        ("x", *JOINTS[1:]), trajectory.times, *(3 * [np.zeros_like(trajectory.positions)])
-    )
-    with pytest.raises(RecordingError, match="no joint states of 'x'"):
-        measure_execution(write_execution(tmp_path / "other", times, held, tau), other)
 
 
 # By the model
@@ -240,36 +175,20 @@ def test_trials_of_a_sequence_pass_its_vias(primitive, tmp_path):
     assert facts["n_trials"] == 3
 
 
-def test_cost_of_a_trial_may_come_from_a_recording(primitive, tmp_path):
-    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
-    state = tmp_path / "t.json"
-    proposal = refine(primitive, "--trials", state)
-    times, q = np.array(proposal["times"]), np.array(proposal["positions"])
-    tau = np.full_like(q, 2.0)
-    bag = write_execution(tmp_path / "run", times, q, tau)
-    facts = refine(primitive, "--trials", state, "--executed", bag)
-    assert facts["cost"] == pytest.approx(0.5 * 4 * 4.0 * times[-1], rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (("--cost", "3"), "also pass --trials"),
         (("--min-gain", "2"), "--min-gain: '2' is not a number from 0"),
         (("--time-price", "-1"), "--time-price: '-1' is not a number from 0"),
-        (("--tracking-price", "nan"), "--tracking-price: 'nan' is not a number from 0"),
         (("--trajectory", "motion.docx"), "must end in"),
         (("--trials", "t.json", "--cost", "nan"), "--cost: 'nan' is not a number"),
-        (("--trials", "t.json", "--executed", "gone"), "'gone' can't be read: No such file"),
-        (("--trials", "t.json", "--executed", "gone.mcap"), "can't be read: No such file"),
         (("--limits", "{tight}"), "no motion to refine"),
         (("--via", GOAL, "--duration", "3"), "--duration can't be given with --via"),
         (("--via", f"{GOAL}@0.5"), "times (@) are not accepted"),
     ],
 )
 def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, options, words):
-    if "--executed" in options:
-        pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
     monkeypatch.chdir(tmp_path)
     tight = tmp_path / "tight.yaml"
     tight.write_text("joint_limits: {elbow: {max_effort: 1.0e-6}}")

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-import yaml
 from support.arm import JOINTS, arm_primitive, arm_robot, mass_matrix
 
 from mp_pca_planner.cli.main import main
@@ -17,7 +16,6 @@ from mp_pca_planner.control.law import (
     COMPUTED_TORQUE,
     FEEDFORWARD_PD,
     ControlLaw,
-    controller_parameters,
     pair_law,
     paired_law,
 )
@@ -96,7 +94,7 @@ def test_error_of_computed_torque_decays_as_the_chosen_second_order_system() -> 
 def test_poles_of_computed_torque_are_those_asked_for() -> None:
     robot = arm_robot()
     motion = arm_reach()
-    law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 20.0, 0.8)
+    law = ControlLaw(COMPUTED_TORQUE, JOINTS, np.full(4, 400.0), np.full(4, 32.0))
     known = analyse(ControlLoop(robot, law, motion, delay=0), ErrorModel())
     assert known.slowest_pole == pytest.approx(-16.0, rel=0.02)
     assert known.least_damping == pytest.approx(0.8, rel=0.02)
@@ -160,17 +158,6 @@ def test_law_survives_the_primitive_file(tmp_path: Path) -> None:
         paired_law(found)
 
 
-def test_controller_gets_the_gains_by_joint() -> None:
-    law = ControlLaw(FEEDFORWARD_PD, JOINTS, [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, 0.4])
-    parameters = yaml.safe_load(controller_parameters(law, "arm_controller"))
-    gains = parameters["arm_controller"]["ros__parameters"]["gains"]
-    assert gains[JOINTS[2]]["p"] == 3.0
-    assert gains[JOINTS[2]]["d"] == 0.3
-    other = ControlLaw(COMPUTED_TORQUE, JOINTS, np.ones(4), np.ones(4))
-    with pytest.raises(ControlError, match="has no law 'computed_torque'"):
-        controller_parameters(other, "arm_controller")
-
-
 def pendulum_loop(**sampling: float) -> ControlLoop:
     robot = Robot(PENDULUM)
     motion = reach(robot, [0.0], [1.0], 1.0)
@@ -197,15 +184,15 @@ def test_unusable_values_are_refused_in_a_sentence(build: object, reason: str) -
         build()  # type: ignore[operator]
 
 
-def test_command_verifies_and_writes_law_and_parameters(
+def test_command_verifies_and_writes_the_law(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     save_primitive(arm_primitive(), tmp_path / "reach.npz")
     urdf = str(config_file("human_arm.urdf"))
     request = [str(tmp_path / "reach.npz"), "--robot", urdf, "--start", "-0.5,-0.9,0.9,-0.5"]
     request += ["--goal", "-0.2,-0.4,0.9,-0.9", "--trials", "2", "--json"]
-    paired, parameters = tmp_path / "paired.npz", tmp_path / "controller.yaml"
-    outputs = ["--output", str(paired), "--controller-parameters", str(parameters)]
+    paired = tmp_path / "paired.npz"
+    outputs = ["--output", str(paired)]
     assert main(["verify", *request, *outputs]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["bound_held"] == facts["n_trials"] == 2
@@ -213,6 +200,5 @@ def test_command_verifies_and_writes_law_and_parameters(
     law = paired_law(load_primitive(paired))
     assert law is not None
     assert law.position_gains.tolist() == facts["position_gains"]
-    assert "gains" in parameters.read_text()
     assert main(["verify", *request, *outputs]) == 2
     assert "exists already" in capsys.readouterr().err

@@ -172,10 +172,6 @@ def test_friction_is_that_of_the_description_and_rotors_add_inertia() -> None:
     robot = Robot(ET.tostring(root, encoding="unicode"), ("elbow", "shoulder1", "shoulder3"))
     assert robot.described_friction.tolist() == [0.25, 0.0, 0.0]
     rotors = np.array([0.3, 0.1, 0.2])
-    if pin.__version__.startswith("2."):
-        with pytest.raises(RobotError, match="rotor inertias need Pinocchio 3"):
-            robot.with_armature(rotors)
-        return
     heavier = robot.with_armature(rotors)
     q, v, a = np.random.default_rng(0).normal(size=(3, 1, 3))
     added = heavier.inverse_dynamics(q, v, a) - robot.inverse_dynamics(q, v, a)
