@@ -68,7 +68,7 @@ setup(
     install_requires=[
         "numpy>=1.26",
         "scipy>=1.11",
-        "pin>=2.7",
+        "pin>=3.4",
         "rosbags>=0.11.9,<0.12",
         "lz4",  # as rosbags does
         "PyYAML>=6.0",

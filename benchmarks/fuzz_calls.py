@@ -37,7 +37,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import MissingDependencyError
@@ -414,7 +413,6 @@ def calls(folder: Path) -> list[Call]:
             "Robot.with_armature",
             robot.with_armature,
             {"inertias": q * 0.0},
-            free=not pin.__version__.startswith("2."),  # rejects rotor inertias
         ),
         Call("Robot.pinocchio_model", robot.pinocchio_model, {}),
         Call("Robot.mimicry", robot.mimicry, {"joint_names": names}),

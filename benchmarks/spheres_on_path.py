@@ -14,6 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+import coal
 import numpy as np
 import pinocchio as pin
 from scenes import plain_geometry, scene_of
@@ -123,7 +124,7 @@ class Course:
                 "sphere",
                 parent_joint=0,
                 placement=pin.SE3(np.eye(3), place),
-                collision_geometry=pin.hppfcl.Sphere(self._radius),
+                collision_geometry=coal.Sphere(self._radius),
             )
         )
         for i in range(sphere):

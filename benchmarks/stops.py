@@ -17,6 +17,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from scenes import plain_geometry
@@ -138,7 +139,7 @@ class PlainCheck:
         for obstacle in world:
             (shape,) = obstacle.shapes
             is_ball = isinstance(shape, mp.Sphere)
-            body = pin.hppfcl.Sphere(shape.radius) if is_ball else pin.hppfcl.Box(*shape.size)
+            body = coal.Sphere(shape.radius) if is_ball else coal.Box(*shape.size)
             place = pin.SE3(np.eye(3), shape.position)
             part = pin.GeometryObject(
                 obstacle.name, parent_joint=0, placement=place, collision_geometry=body

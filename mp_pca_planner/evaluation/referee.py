@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import trapezoid
@@ -25,12 +26,6 @@ from ..files import load_yaml, read_text, reading
 from ..motion.trajectory import Trajectory
 from ..robot.limits import JointLimits
 from .problems import Problem
-
-try:
-    import coal
-except ImportError:  # its name before release 3
-    import hppfcl as coal
-
 
 # Longest step of the grid [s].
 REFEREE_PERIOD = 5e-4

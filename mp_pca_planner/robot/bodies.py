@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -18,9 +19,8 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray, set_frozen
 from ..exceptions import RobotError, WorldError, unknown_name
 from ..input_limits import INPUT_LIMITS
-from .joints import joint_of
 from .mesh_files import find_mesh, scaled
-from .mesh_pieces import MeshPiece, coal
+from .mesh_pieces import MeshPiece
 from .urdf import Description, StatedShape
 from .world import Box, Capsule, Cylinder, Mesh, Shape, Sphere, World
 
@@ -230,4 +230,4 @@ class Bodies:
 def _attachment(model: Any, link: str) -> tuple[int, Any]:
     """The joint that moves a link, and the placement of the link there."""
     frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
-    return joint_of(frame), frame.placement
+    return frame.parentJoint, frame.placement

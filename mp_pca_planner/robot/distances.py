@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from .bodies import Bodies
-from .mesh_pieces import coal
 
 JointPoses = tuple[FloatArray, FloatArray]
 """Orientations and origins [m] of all joints in some configurations, in the base frame.
@@ -125,7 +125,6 @@ def _axes(model: Any, columns: list[int]) -> tuple[FloatArray, NDArray[np.bool_]
 CONTACT = 1e-6
 """Distance below which bodies are in contact [m]: the precision of touching surfaces."""
 
-_Transform = getattr(coal, "Transform3s", None) or coal.Transform3f  # before release 3
 # Precision of distances [m], at which relative errors of derivatives are usually below 1 %.
 _PRECISION = 1e-8
 # Hulls nearer than this beside their margin [m] are replaced by the meshes themselves.
@@ -335,7 +334,7 @@ class BodyPairs:
         origins = (turned @ bodies.origins[body][:, :, None])[..., 0] + places
         placed = self._transforms
         # To set one takes a quarter of the time to make one.
-        placed += [_Transform() for _ in range(len(every) - len(placed))]
+        placed += [coal.Transform3s() for _ in range(len(every) - len(placed))]
         for one, *where in zip(placed, turned @ bodies.rotations[body], origins, strict=False):
             one.setTransform(*where)
         first, second = found.reshape(-1, 2).T.tolist()
@@ -411,9 +410,7 @@ def _collision_check(
         request.security_margin = margin
     # The fastest broad phases of Coal: each pair of boxes, or sweep and prune of many.
     kind = "Naive" if len(bodies.names) <= _FEW else "SSaP"
-    manager = getattr(pin, f"BroadPhaseManager_{kind}CollisionManager", None)
-    if manager is None:  # before release 3
-        return lambda q: bool(pin.computeCollisions(*every, q[tree.order], True))
+    manager = getattr(pin, f"BroadPhaseManager_{kind}CollisionManager")
     # Its boxes are enlarged by the margins in their first update.
     phase = manager(bodies.model, geometry, every[-1])
     return lambda q: bool(pin.computeCollisions(*every[:2], phase, q[tree.order], True))

@@ -26,11 +26,6 @@ _ROUNDOFF = 1e-12
 _ROUNDING = 0.01
 
 
-def joint_of(frame: Any) -> int:
-    """The joint that moves a frame; releases of Pinocchio name the attribute differently."""
-    return int(frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent)
-
-
 class JointOrder:
     """Conversion between the order of the user's joints and that of Pinocchio's vectors.
 
@@ -142,7 +137,7 @@ class LockedModel:
         model = self._full
         moving = {i for i in range(1, model.njoints) if i not in self._locked}
         shapes, needed = (
-            {joint_of(f) for f in model.frames if f.type == pin.FrameType.BODY and f.name in some}
+            {f.parentJoint for f in model.frames if f.type == pin.FrameType.BODY and f.name in some}
             for some in (self._colliding, links)
         )
         found = []
@@ -183,7 +178,7 @@ class LockedModel:
         """Whether at most one joint is between two links, shape (n_links, n_links)."""
         full, body = self._full, pin.FrameType.BODY
         frames = (full.frames[full.getFrameId(name, body)] for name in links)
-        joints = np.array([joint_of(frame) for frame in frames], dtype=np.intp)
+        joints = np.array([frame.parentJoint for frame in frames], dtype=np.intp)
         above = np.array(full.parents, dtype=np.intp)[joints]
         moved = joints[:, None]
         return np.asarray((moved == joints) | (moved == above) | (above[:, None] == joints))
@@ -213,7 +208,7 @@ def inertia_flaws(model: Any, description: Description) -> tuple[dict[str, str],
     flaws: dict[str, str] = {}
     unknown, solid = set(), set()
     for frame in model.frames:
-        joint = joint_of(frame)
+        joint = frame.parentJoint
         if frame.type != pin.FrameType.BODY or joint == 0:
             continue
         if frame.name in description.solid_links:
@@ -287,11 +282,11 @@ class LinkInertias:
             if not model.existFrame(name, pin.FrameType.BODY):
                 continue
             frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-            if joint_of(frame) == 0:
+            if frame.parentJoint == 0:
                 continue
             placed = [frame.placement.act(part) for part in _parts(inertial)]
             links.append(name)
-            joints.append(joint_of(frame))
+            joints.append(frame.parentJoint)
             parts.append([part.toDynamicParameters() for part in placed])
         array = np.array(parts, dtype=np.float64).reshape(-1, 4, 10)
         return cls(tuple(links), tuple(joints), array)

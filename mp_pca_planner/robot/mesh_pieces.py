@@ -15,15 +15,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import coal
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-
-try:
-    import coal as coal
-except ImportError:  # its name before release 3
-    import hppfcl as coal
 
 THICKNESS = 1e-4
 """Thickness of the hull of a mesh without volume [m]."""
@@ -46,8 +42,6 @@ _SIDES = np.array(
     ],
     dtype=np.intp,
 )
-
-_Points = getattr(coal, "StdVec_Vec3s", None) or coal.StdVec_Vec3f  # before release 3
 
 Triangles = NDArray[np.intp]
 
@@ -93,7 +87,7 @@ class MeshPiece:
     @cached_property
     def hull(self) -> Any:
         """The convex hull for Coal, made once and never changed."""
-        points, faces = _Points(), coal.StdVec_Triangle()
+        points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
         for corner in self.corners:
             points.append(corner)
         # No list of each face: so many start a search for garbage, which stops all threads.

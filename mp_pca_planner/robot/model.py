@@ -37,7 +37,6 @@ from .joints import (
     LockedModel,
     effort_slopes,
     inertia_flaws,
-    joint_of,
     listed_flaws,
 )
 from .limits import JointLimits, Overrides, given_limits, merge_limits
@@ -149,10 +148,6 @@ class Robot:
         self._model, body = model, pin.FrameType.BODY
         self._ids = {name: model.getFrameId(name, body) for name in self.frame_names}
         self._data = data = model.createData()
-        # Releases of Pinocchio before 3.0 fill only the upper triangle of M.
-        q, zero = np.linspace(0.3, 0.7, model.nv), np.zeros(model.nv)
-        pin.computeRNEADerivatives(model, data, q, zero, zero)
-        self._mirror_mass_matrix = not np.allclose(data.M, data.M.T)
         # Views of the results, made once: making them takes as long as the call itself.
         self._results = (data.dtau_dq, data.dtau_dv, data.M, data.tau)
         self._pool: Any = pin.ModelPool(model, 1) if hasattr(pin, "rneaInParallel") else None
@@ -332,7 +327,7 @@ class Robot:
         check_number(mass, "the mass of a payload [kg]", RobotError, 0.0, 1e9)
         model = self._model.copy()
         carrier = model.frames[frame_id]
-        joint = joint_of(carrier)
+        joint = carrier.parentJoint
         if joint > 0 and mass != 0.0:
             point = pin.Inertia(float(mass), carrier.placement.translation, np.zeros((3, 3)))
             model.inertias[joint] = model.inertias[joint] + point
@@ -365,10 +360,8 @@ class Robot:
         Raises
         ------
         RobotError
-            If one is no finite number, or negative, or Pinocchio is older than release 3.
+            If one is no finite number, or negative.
         """
-        if pin.__version__.startswith("2."):  # its inverse dynamics leaves them out
-            raise RobotError(f"rotor inertias need Pinocchio 3, found {pin.__version__}")
         values = frozen_array(inertias, (self.n_joints,), "rotor inertias", RobotError)
         if np.any(values < 0.0):
             raise RobotError(f"rotor inertias must be at least 0, got {values.min():g}")
@@ -504,9 +497,6 @@ class Robot:
             derivatives(model, data, q_k, v_k, a_k)
             dtau_k[0], dtau_k[1], dtau_k[2] = by_q, by_v, by_a
             tau_k[:] = efforts
-        if self._mirror_mass_matrix:
-            upper = np.triu(dtau[:, 2])
-            dtau[:, 2] = upper + np.triu(upper, 1).transpose(0, 2, 1)
         dtau = self._order.restored_matrix(dtau)
         return self._order.restored(tau), dtau.transpose(0, 2, 1, 3).reshape(len(q), n, 3 * n)
 
@@ -593,8 +583,8 @@ class Robot:
         """
         (end,) = self._frame_ids([frame])
         frames, kind = list(self._model.frames), pin.FrameType.JOINT
-        of_joints = {joint_of(one): i for i, one in enumerate(frames) if one.type == kind}
-        chain, joint = [end], joint_of(frames[end])
+        of_joints = {one.parentJoint: i for i, one in enumerate(frames) if one.type == kind}
+        chain, joint = [end], frames[end].parentJoint
         while joint > 0:
             chain.insert(0, of_joints[joint])
             joint = int(self._model.parents[joint])
@@ -713,7 +703,9 @@ class Robot:
             placement = frame.placement * pin.SE3(np.eye(3), offset)
             kind = pin.FrameType.OP_FRAME
             ids.append(
-                model.addFrame(pin.Frame(f"point {i}", joint_of(frame), frame_id, placement, kind))
+                model.addFrame(
+                    pin.Frame(f"point {i}", frame.parentJoint, frame_id, placement, kind)
+                )
             )
         return AttachedPoints(model, ids, self._order)
 
@@ -781,7 +773,7 @@ def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple
 
 def _depth(model: Any, link: Any) -> int:
     """Number of joints that move a link."""
-    joint, depth = joint_of(link), 0
+    joint, depth = link.parentJoint, 0
     while joint > 0:
         joint, depth = int(model.parents[joint]), depth + 1
     return depth

@@ -18,7 +18,6 @@ import viser
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
-from ..robot.joints import joint_of
 from ..robot.mesh_files import find_mesh, scaled
 from ..robot.mesh_pieces import whole_piece
 from ..robot.model import Robot
@@ -163,7 +162,7 @@ class RobotShapes:
         """
         found = self._model.frames[self._model.getFrameId(frame, pin.FrameType.BODY)]
         (position,), (turn,) = _pose([found.placement])
-        return joint_of(found), position, turn
+        return found.parentJoint, position, turn
 
     def corners(self, q: FloatArray) -> FloatArray:
         """Lowest and highest coordinates of all shapes, shape (2, 3) [m]."""
@@ -209,7 +208,7 @@ def _shape(
     if material is not None:
         own = _named_colour(material)
         colour = own[1] if own else colours.get(material.get("name", ""))
-    return RobotShape(joint_of(frame), mesh, _PLAIN if colour is None and is_plain else colour)
+    return RobotShape(frame.parentJoint, mesh, _PLAIN if colour is None and is_plain else colour)
 
 
 def glb(mesh: Any) -> bytes:
@@ -264,7 +263,7 @@ def _skeleton(model: Any, drawn: Collection[int]) -> Iterator[RobotShape]:
         for joint in range(1, model.njoints)
     ]
     ends += [
-        (joint_of(frame), np.array(frame.placement.translation))
+        (frame.parentJoint, np.array(frame.placement.translation))
         for frame in model.frames
         if frame.type == pin.FrameType.BODY
     ]

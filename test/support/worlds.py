@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random worlds around the human arm, and distances in them by plain calls of the libraries."""
 
+import coal
 import numpy as np
 import pinocchio as pin
 from support.arm import arm_robot
@@ -10,12 +11,6 @@ import mp_pca_planner as mp
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.interpolation import interpolate
 
-try:
-    import coal
-except ImportError:
-    import hppfcl as coal
-
-_Transform = getattr(coal, "Transform3s", None) or coal.Transform3f
 TETRAHEDRON = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 # The sides and the bottom of a box, open at the top.
 TRAY = mp.Mesh(
@@ -78,9 +73,9 @@ def plain_distances(world: mp.World, q: np.ndarray) -> np.ndarray:
                 here = geometry_data.oMg[j]
                 found = coal.distance(
                     part.geometry,
-                    _Transform(here.rotation, here.translation),
+                    coal.Transform3s(here.rotation, here.translation),
                     body,
-                    _Transform(there.rotation, there.translation),
+                    coal.Transform3s(there.rotation, there.translation),
                     coal.DistanceRequest(),
                     coal.DistanceResult(),
                 )

@@ -33,7 +33,6 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.robot.mesh_pieces import coal
 
 ROBOT = arm_robot()
 LIMITS = ROBOT.limits()
@@ -147,9 +146,7 @@ def test_gradients_of_clearances_are_those_of_differences():
     n_limits = 5 * ROBOT.n_joints * terms.phases[0].size
     values, rows = terms.values(x)[n_limits:], terms.jacobian(x)[n_limits:]
     assert values.min() < 0.0 and np.abs(rows).max() > 0.01
-    # In contact, the nearest points of Coal before release 3 coincide: derivatives are approximate.
-    exact = values > (-np.inf if coal.__name__ == "coal" else 0.0)
-    near = np.any(rows != 0.0, axis=1) & exact
+    near = np.any(rows != 0.0, axis=1)
     assert np.count_nonzero(near) > 1
     for k, e in enumerate(1e-6 * np.eye(x.size)):
         ahead, behind = (terms.values(x + s * e)[n_limits:] for s in (1, -1))

@@ -224,13 +224,13 @@ def test_a_robot_without_inertias_plans_what_takes_no_efforts():
 def test_whatever_else_computes_efforts_takes_inertias():
     bare, sound = Robot(BARE, JOINTS), Robot(TEXT, JOINTS)
     limits, zero = bare.limits(FREE), np.zeros(4)
-    law = ControlLaw.from_frequency(COMPUTED_TORQUE, sound, TRAJECTORY, 10.0, 1.0)
+    law = ControlLaw.from_frequency(COMPUTED_TORQUE, sound, TRAJECTORY, 10.0)
     plan = Planner(sound, [arm_primitive()], sound.limits()).plan(GOAL, START)
     for attempt in (
         lambda: sequence_planner(bare, [arm_primitive()], limits),
         lambda: refine([plan.motion], bare, limits),
         lambda: random_reaches(bare, limits, 1, 1),
-        lambda: ControlLaw.from_frequency(FEEDFORWARD_PD, bare, TRAJECTORY, 10.0, 1.0),
+        lambda: ControlLaw.from_frequency(FEEDFORWARD_PD, bare, TRAJECTORY, 10.0),
         lambda: analyse(ControlLoop(bare, law, TRAJECTORY, limits.effort), ErrorModel()),
         lambda: simulate(ControlLoop(sound, law, TRAJECTORY), bare, zero),
     ):

@@ -3,7 +3,6 @@
 """The robot model: chosen joints, locked joints, dynamics and kinematics."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from support.arm import JOINTS, arm_robot, mass_matrix
 
@@ -99,21 +98,6 @@ def test_the_mass_matrix_is_whole_and_symmetric():
     mass = mass_matrix(arm_robot(), np.array([0.1, -0.4, 0.3, -1.0]))
     np.testing.assert_allclose(mass, mass.T, atol=1e-14)
     assert np.linalg.eigvalsh(mass)[0] > 0.0
-
-
-def test_a_mass_matrix_of_which_only_the_upper_triangle_is_filled_is_completed(monkeypatch):
-    # Releases before 3.0 fill the upper triangle alone; this one may fill both.
-    derivatives = pin.computeRNEADerivatives
-
-    def fill_upper(model, data, *state):
-        derivatives(model, data, *state)
-        data.M[np.tril_indices(model.nv, -1)] = 0.0
-
-    motion = random_motion(4)
-    _, whole = arm_robot().inverse_dynamics_derivatives(*motion)
-    monkeypatch.setattr(pin, "computeRNEADerivatives", fill_upper)
-    _, mirrored = arm_robot().inverse_dynamics_derivatives(*motion)
-    np.testing.assert_array_equal(mirrored, whole)
 
 
 def test_continuous_joints_are_angles_without_limits():
