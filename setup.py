@@ -74,6 +74,9 @@ setup(
         "PyYAML>=6.0",
         "tqdm>=4.66",
         "threadpoolctl>=3.1",
+        # Mesh files of links and obstacles: STL and OBJ, and COLLADA.
+        "trimesh>=4.6",
+        "pycollada>=0.8",
         # Detours around obstacles; there are no wheels for later versions of Python.
         "ompl>=2.0; python_version < '3.14'",
     ],
@@ -90,7 +93,6 @@ setup(
             "jinja2>=3.0",
             "msgspec>=0.18",
             "rich>=13.0",
-            "trimesh>=4.6",
             "viser>=1.1",
             "websockets>=15.0",
         ],
@@ -153,7 +155,6 @@ setup(
             "rich>=13.0",
             "ruff==0.17.*",
             "setuptools>=70.1",
-            "trimesh>=4.6",
             "types-PyYAML",
             "types-tqdm",
             "viser>=1.1",

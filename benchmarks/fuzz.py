@@ -48,7 +48,6 @@ from fuzz_files import (
     spoil_text,
     spoil_yaml,
 )
-from fuzz_meshes import spoil_mesh, spoil_plate
 
 from mp_pca_planner.cli.main import main as command
 from mp_pca_planner.recordings.cache import FOLDER_VARIABLE, default_folder
@@ -133,10 +132,6 @@ FORMATS = {
         ),
     ),
     "scene": Format("scene.yaml", spoil_yaml, ([*PLAN, "--obstacles", "{file}"],)),
-    "mesh": Format(
-        "meshed", spoil_mesh, ([*PLAN, "--robot", "{file}/a.urdf", "--collision"],), "a.urdf"
-    ),
-    "plate": Format("scene.yaml", spoil_plate, ([*PLAN, "--obstacles", "{file}"],)),
     "scene_text": Format("a.scene", spoil_text, ([*PLAN, "--obstacles", "{file}"],)),
 }
 

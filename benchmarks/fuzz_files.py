@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import yaml
-from mesh_inputs import SOUPS, binary_stl
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -104,10 +103,6 @@ cylinder
 0
 .
 """
-TOOL = """\
-<link name="tool"><collision><geometry><mesh filename="tool.stl" scale="0.01 0.01 0.01"/></geometry>
-</collision></link><joint name="flange" type="fixed"><parent link="wrist"/><child link="tool"/>
-</joint></robot>"""
 
 
 def make_seeds(folder: Path) -> None:
@@ -121,9 +116,6 @@ def make_seeds(folder: Path) -> None:
     bag, primitive = str(folder / "a.mcap"), str(folder / "a.npz")
     urdf = config_file("human_arm.urdf")
     shutil.copy(urdf, folder / "a.urdf")
-    (folder / "meshed").mkdir()
-    (folder / "meshed" / "a.urdf").write_text(urdf.read_text().replace("</robot>", TOOL))
-    (folder / "meshed" / "tool.stl").write_bytes(binary_stl(*SOUPS["cloud"]))
     (folder / "a.srdf").write_text(
         '<robot name="human_arm">\n <disable_collisions link1="upper_arm" link2="lower_arm" '
         'reason="Adjacent"/>\n <disable_collisions link1="torso" link2="wrist" reason="Never"/>\n'

@@ -25,8 +25,7 @@ from typing import Any
 
 import numpy as np
 from fuzz_states import ODD_STATES, odd_states
-from geometry_msgs.msg import Point, PoseStamped, Vector3
-from mesh_inputs import FILES, SOUPS
+from geometry_msgs.msg import PoseStamped, Vector3
 from node_setup import URDF, RobotClient, primitive_file, silent_node, start_node
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -123,7 +122,6 @@ def main() -> int:
                 fuzzer.stop_times.clear()
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
-                fuzzer.send_meshes(Path(folder))
                 fuzzer.send_odd_states(arguments.messages // 10)
                 fuzzer.send_unknown_frames()
                 fuzzer.set_odd_values(arguments.share)
@@ -207,28 +205,6 @@ class Fuzzer:
             if isinstance(message, JointState):
                 self._flood("joint_states", JointState, [serialize_message(message)] * 5)
             self.check(f"a large message to {topic}")
-
-    def send_meshes(self, folder: Path, share: int = 1) -> None:
-        """Send every n-th hostile mesh as a marker: files of a folder, and triangles."""
-        markers = {}
-        for name in list(FILES)[::share]:
-            FILES[name](folder / name)
-            resource = f"file://{folder}/{name}"
-            markers[name] = Marker(type=Marker.MESH_RESOURCE, mesh_resource=resource)
-        for name, (vertices, triangles) in list(SOUPS.items())[::share]:
-            corners = [vertices[k] for row in triangles for k in row if 0 <= k < len(vertices)]
-            points = [Point(x=x, y=y, z=z) for x, y, z in map(list, corners)]
-            markers[name] = Marker(type=Marker.TRIANGLE_LIST, points=points)
-        for name, marker in markers.items():
-            scale = self._random.choice([0.0, 0.1])
-            marker.scale = Vector3(x=0.1, y=0.1, z=scale)
-            marker.pose.position.x, marker.pose.orientation.w = 3.0, 1.0
-            gone = Marker(action=Marker.DELETEALL)
-            sent = [MarkerArray(markers=[one]) for one in (marker, gone)]
-            self._flood(
-                "mp_pca_planner/obstacles", MarkerArray, [serialize_message(one) for one in sent]
-            )
-            self.check(f"the mesh {name}")
 
     def send_odd_states(self, n_bursts: int) -> None:
         """Send bursts of joint states as odd robots do: split, stamped by other clocks, silent."""

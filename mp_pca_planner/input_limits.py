@@ -69,10 +69,6 @@ class InputLimits:
         Size or coordinate of a shape [m].
     mesh_bytes, kept_meshes : int
         Mesh file, and the number of those that are kept in memory.
-    mesh_cpu_seconds, mesh_wall_seconds : int, float
-        Computing time, and time on a busy machine, to parse a mesh file [s].
-    mesh_memory, mesh_memory_ratio : int
-        Memory for that [bytes], and how much more there is per byte of the file.
     targets : int
         Targets of a goal.
     duration : float
@@ -116,10 +112,6 @@ class InputLimits:
     world_length: float = 1e3
     mesh_bytes: int = 64 << 20
     kept_meshes: int = 500
-    mesh_cpu_seconds: int = 4
-    mesh_wall_seconds: float = 20.0
-    mesh_memory: int = 256 << 20
-    mesh_memory_ratio: int = 16
     targets: int = 200
     duration: float = 600.0
     shortest: float = 1e-6

@@ -358,13 +358,12 @@ def _are_apart(tree: JointTree, links: Bodies, pairs: Indices, q: FloatArray) ->
 
     near = touching(links, np.arange(len(pairs)))
     # Hulls may touch where the meshes in their place don't.
-    used, every = np.unique(pairs[near]), enumerate(zip(links.shapes, links.pieces, strict=True))
-    shapes = [piece.surface if piece and i in used else shape for i, (shape, piece) in every]
+    used, every = np.unique(pairs[near]), enumerate(zip(links.shapes, links.meshes, strict=True))
+    shapes = [mesh.surface if mesh and i in used else shape for i, (shape, mesh) in every]
     exact = replace(links, shapes=tuple(shapes), are_convex=np.zeros_like(links.are_convex))
-    # All pieces of two meshes may touch if two of them do.
-    both = links.numbers[pairs]
-    met = set(map(tuple, both[touching(exact, near)].tolist()))
-    return np.array([pair not in met for pair in map(tuple, both.tolist())], dtype=bool)
+    are_apart = np.ones(len(pairs), dtype=bool)
+    are_apart[touching(exact, near)] = False
+    return are_apart
 
 
 def _disabled(srdf: str | Path, links: Bodies) -> NDArray[np.bool_]:

@@ -4,35 +4,33 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from weakref import WeakValueDictionary
 
 import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, set_frozen
+from ..arrays import FloatArray
 from ..exceptions import RobotError, WorldError, unknown_name
 from ..input_limits import INPUT_LIMITS
-from .mesh_files import find_mesh, scaled
-from .mesh_pieces import MeshPiece
+from .meshes import MeshSolid, find_mesh, scaled
 from .urdf import Description, StatedShape
 from .world import Box, Capsule, Cylinder, Mesh, Shape, Sphere, World
 
-Solid = tuple[Any, Any, MeshPiece | None]
+Solid = tuple[Any, Any, MeshSolid | None]
 """A shape for the distance library, its convex hull (the same object if it is convex), and the
-piece of a mesh that both are made of."""
+mesh that both are made of."""
 
 
-def solids_of(shape: Shape) -> list[Solid]:
-    """The shape for the distance library: several for the pieces of a large mesh."""
+def solid_of_shape(shape: Shape) -> Solid:
+    """The shape for the distance library."""
     if isinstance(shape, Mesh):
-        return [(x.hull if x.is_convex else x.surface, x.hull, x) for x in shape.pieces]
+        mesh = shape.solid
+        return mesh.hull if mesh.is_convex else mesh.surface, mesh.hull, mesh
     if isinstance(shape, Box):
         body = coal.Box(*shape.size)
     elif isinstance(shape, Sphere):
@@ -42,18 +40,7 @@ def solids_of(shape: Shape) -> list[Solid]:
     else:
         assert isinstance(shape, Cylinder)
         body = coal.Cylinder(shape.radius, shape.height)
-    return [(body, body, None)]
-
-
-# A robot is built anew for each change of a parameter or of the primitives, and Coal keeps the lock
-# of the interpreter while it builds the tree of a mesh: robots with equal meshes share them.
-_MESHES: WeakValueDictionary[bytes, MeshPiece] = WeakValueDictionary()
-
-
-def shared(piece: MeshPiece) -> MeshPiece:
-    """The piece of a mesh, or an equal one as long as that is used."""
-    content = hashlib.sha256(piece.vertices.tobytes() + piece.triangles.tobytes()).digest()
-    return _MESHES.setdefault(content, piece)
+    return body, body, None
 
 
 def _stated(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
@@ -67,10 +54,7 @@ def _stated(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
         kind = Cylinder if stated.kind == "cylinder" else Capsule
         return kind(float(sizes[0]), float(sizes[1]))
     found = find_mesh(stated.file, package_dirs)
-    mesh = Mesh(scaled(found.vertices, sizes), found.triangles)
-    # Replaces the cached property.
-    set_frozen(mesh, pieces=tuple(map(shared, mesh.pieces)))
-    return mesh
+    return Mesh(scaled(found.vertices, sizes), found.triangles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +83,8 @@ class Bodies:
         Radius of that ball [m].
     halves : array, shape (n_shapes, 3)
         Half of the lengths of the edges of that box [m].
-    pieces : tuple of MeshPiece or None
-        The piece of a mesh that each shape is made of.
-    numbers : array of int, shape (n_shapes,)
-        Pieces of the same mesh have the same number.
+    meshes : tuple of MeshSolid or None
+        The mesh that each shape is made of.
     notes : tuple of str
         What is unusual about shapes of links, as sentences.
     """
@@ -118,8 +100,7 @@ class Bodies:
     centres: FloatArray
     radii: FloatArray
     halves: FloatArray
-    pieces: tuple[MeshPiece | None, ...]
-    numbers: NDArray[np.intp]
+    meshes: tuple[MeshSolid | None, ...]
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -166,7 +147,7 @@ class Bodies:
                     notes[f"link '{link}': {shape.note}"] = None
             place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
             joint, frame = _attachment(model, link)
-            parts.append((link, joint, frame * place, solids_of(shape)))
+            parts.append((link, joint, frame * place, solid_of_shape(shape)))
         return replace(cls._made(model, parts), notes=tuple(notes))
 
     def with_world(self, world: World) -> Bodies:
@@ -188,7 +169,7 @@ class Bodies:
             joint, frame = _attachment(self.model, link) if link else (0, pin.SE3.Identity())
             for shape in obstacle.shapes:
                 placement = frame * pin.XYZQUATToSE3(shape.pose)
-                parts.append((name, joint, placement, solids_of(shape)))
+                parts.append((name, joint, placement, solid_of_shape(shape)))
         others, joined = vars(self._made(self.model, parts)), {}
         for key, own in vars(self).items():
             if isinstance(own, tuple):
@@ -198,32 +179,30 @@ class Bodies:
         return replace(self, **joined)
 
     @classmethod
-    def _made(cls, model: Any, parts: Sequence[tuple[str, int, Any, list[Solid]]]) -> Bodies:
+    def _made(cls, model: Any, parts: Sequence[tuple[str, int, Any, Solid]]) -> Bodies:
         """Bodies of shapes with their names, joints and placements."""
-        every = [(k, part, solid) for k, part in enumerate(parts) for solid in part[3]]
-        hulls = tuple(hull for *_, (_, hull, _) in every)
-        for *_, (shape, hull, _) in every:
+        solids = [part[3] for part in parts]
+        for shape, hull, _ in solids:
             shape.computeLocalAABB()
             hull.computeLocalAABB()
         # That of a hull is larger, if the shape is a surface without volume.
-        boxes = [hull.aabb_local for hull in hulls]
+        boxes = [hull.aabb_local for _, hull, _ in solids]
         corners = np.array([(box.min_, box.max_) for box in boxes]).reshape(-1, 2, 3)
-        origins = np.reshape([part[2].translation for _, part, _ in every], (-1, 3))
-        rotations = np.reshape([part[2].rotation for _, part, _ in every], (-1, 3, 3))
+        origins = np.reshape([part[2].translation for part in parts], (-1, 3))
+        rotations = np.reshape([part[2].rotation for part in parts], (-1, 3, 3))
         return cls(
             model,
-            tuple(shape for *_, (shape, _, _) in every),
-            hulls,
-            tuple(part[0] for _, part, _ in every),
-            np.array([shape is hull for *_, (shape, hull, _) in every], dtype=bool),
-            np.array([part[1] for _, part, _ in every], dtype=np.intp),
+            tuple(shape for shape, _, _ in solids),
+            tuple(hull for _, hull, _ in solids),
+            tuple(part[0] for part in parts),
+            np.array([shape is hull for shape, hull, _ in solids], dtype=bool),
+            np.array([part[1] for part in parts], dtype=np.intp),
             origins,
             rotations,
             origins + (rotations @ corners.mean(axis=1)[:, :, None])[..., 0],
-            np.array([float(hull.aabb_radius) for hull in hulls]),
+            np.array([float(hull.aabb_radius) for _, hull, _ in solids]),
             0.5 * (corners[:, 1] - corners[:, 0]),
-            tuple(piece for *_, (_, _, piece) in every),
-            np.array([k for k, *_ in every], dtype=np.intp),
+            tuple(mesh for _, _, mesh in solids),
         )
 
 

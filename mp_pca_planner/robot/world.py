@@ -26,7 +26,7 @@ from ..arrays import (
 from ..exceptions import PlannerError, WorldError, quote_names, shown, unknown_name
 from ..files import as_path
 from ..input_limits import INPUT_LIMITS
-from .mesh_pieces import THICKNESS, MeshPiece, is_point, pieces_of
+from .meshes import THICKNESS, MeshSolid, is_point, read_mesh, solid_of
 
 NO_VOLUME = f"a mesh has no volume: it is used as a surface {1e3 * THICKNESS:g} mm thick"
 """Note on a flat or needle-thin mesh."""
@@ -271,22 +271,18 @@ class Mesh(Shape):
         WorldError
             If the file can't be read.
         """
-        from .mesh_files import read_mesh
-
         size, found = _positive(scale, "scale of a mesh"), read_mesh(as_path(path, WorldError))
         return cls(size * found.vertices, found.triangles, position, orientation)
 
     @cached_property
-    def pieces(self) -> tuple[MeshPiece, ...]:
-        """The mesh, cut into pieces if it is large, with convex hulls; copies share them."""
-        return pieces_of(self.vertices, self.triangles)
+    def solid(self) -> MeshSolid:
+        """The mesh with its convex hull; copies share it."""
+        return solid_of(self.vertices, self.triangles)
 
     @property
     def note(self) -> str:
         """What is unusual about it; empty for a mesh with a volume."""
-        if not all(piece.is_thin for piece in self.pieces):
-            return ""
-        return NO_VOLUME
+        return NO_VOLUME if self.solid.is_thin else ""
 
     def _dimensions(self) -> str:
         return f"{len(self.triangles)} triangles"

@@ -20,9 +20,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import WorldError, printable
 from ..input_limits import INPUT_LIMITS
-from ..robot.bodies import solids_of
-from ..robot.mesh_files import find_mesh, scaled
-from ..robot.mesh_formats import MeshContent
+from ..robot.bodies import solid_of_shape
+from ..robot.meshes import MeshContent, find_mesh, scaled
 from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere
 from .nodes import LOG_PERIOD, PolledSubscription
 from .serialised import MarkerData, read_markers
@@ -197,7 +196,7 @@ class ObstacleBuilder:
             while len(self._meshes) > INPUT_LIMITS.kept_meshes:
                 del self._meshes[next(iter(self._meshes))]
         with suppress(WorldError):
-            solids_of(mesh)  # made here, and kept
+            solid_of_shape(mesh)  # made here, and kept
         return _obstacle(marker, mesh)
 
 

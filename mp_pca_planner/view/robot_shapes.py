@@ -18,8 +18,7 @@ import viser
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
-from ..robot.mesh_files import find_mesh, scaled
-from ..robot.mesh_pieces import whole_piece
+from ..robot.meshes import find_mesh, scaled, solid_of
 from ..robot.model import Robot
 from ..robot.urdf import numbers_of, parse_xml, stated_shape
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
@@ -65,8 +64,8 @@ class RobotShape:
     @property
     def hull(self) -> Any:
         """The convex hull of the mesh, a little larger than that, as the surface of a ghost."""
-        piece = whole_piece(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
-        hull = trimesh.Trimesh(piece.corners, piece.faces, process=False)
+        solid = solid_of(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
+        hull = trimesh.Trimesh(solid.corners, solid.faces, process=False)
         hull.vertices = hull.centroid + _GHOST_GROWTH * (hull.vertices - hull.centroid)
         return hull
 

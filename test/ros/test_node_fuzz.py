@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -240,10 +239,6 @@ def test_good_goals_are_served_after_garbage_on_every_topic(fuzzer: Fuzzer) -> N
 
 def test_good_goals_are_served_after_messages_that_are_far_too_large(fuzzer: Fuzzer) -> None:
     fuzzer.send_too_much()
-
-
-def test_good_goals_are_served_after_hostile_meshes(fuzzer: Fuzzer, tmp_path: Path) -> None:
-    fuzzer.send_meshes(tmp_path, share=20)
 
 
 def test_good_goals_are_served_after_odd_values_of_every_parameter(fuzzer: Fuzzer) -> None:

@@ -18,7 +18,6 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Quaternion
-from mesh_inputs import FILES
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
@@ -346,9 +345,9 @@ def test_a_scale_of_zero_is_refused(scale: tuple[float, ...]) -> None:
         obstacle_of(one)
 
 
-@pytest.mark.parametrize("name", ["pipe.stl", "cycle.dae", "glb.stl", "small.irr"])
-def test_a_mesh_of_a_hostile_file_is_refused(tmp_path: Path, name: str) -> None:
-    FILES[name](tmp_path / name)
+@pytest.mark.parametrize("name", ["bad.stl", "bad.dae", "bad.irr"])
+def test_a_mesh_of_a_bad_file_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"solid of nothing")
     one = marker(
         1, np.zeros(3), type=Marker.MESH_RESOURCE, mesh_resource=f"file://{tmp_path}/{name}"
     )
