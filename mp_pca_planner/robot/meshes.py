@@ -34,6 +34,8 @@ _THIN, _SMALLEST = 1e-6, 1e-7
 # Share of its convex hull's volume, or area, from which on a mesh is convex: files hold 6 digits.
 # The hull in its place is on the safe side.
 _CONVEX_SHARE = 1.0 - 1e-3
+# Faces of a hull that may meet in a corner: Coal rejects more.
+_MOST_FACES = 255
 # The corners of a box by their coordinates, and its triangles.
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
 _SIDES = np.array(
@@ -316,9 +318,10 @@ def _solid(vertices: FloatArray, triangles: Triangles) -> MeshSolid:
     if not is_flat[1]:
         try:
             hull = ConvexHull(points)
-        except QhullError:  # nearly flat: the box around it takes the place of the hull
-            pass
-        else:
+        except QhullError:  # nearly flat
+            hull = None
+        # Else the box around it takes the place of the hull.
+        if hull is not None and np.bincount(hull.simplices.ravel()).max() <= _MOST_FACES:
             used, indices = np.unique(hull.simplices, return_inverse=True)
             corners, faces = points[used], indices.reshape(-1, 3).astype(np.intp)
             a, b, c = np.moveaxis(corners[faces], 1, 0)

@@ -121,6 +121,14 @@ def test_hulls_hold_their_vertices_and_their_faces_look_outwards(seed):
     assert solid.is_thin == (seed >= 3)
 
 
+def test_a_cone_of_many_sides_is_used_with_a_box_around_it():
+    angles = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(400)], axis=1)
+    sides = [[k, (k + 1) % 400, 400] for k in range(400)]
+    cone = solid_of(np.vstack([ring, [0.0, 0.0, 1.0]]), np.array(sides))
+    assert cone.hull.num_points == 8 and not cone.is_convex
+
+
 def test_a_closed_ball_is_convex_and_what_is_in_a_bowl_is_free():
     vertices, triangles = sphere(110)
     assert solid_of(vertices, triangles).is_convex
