@@ -16,7 +16,6 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from functools import lru_cache
-from html import escape
 from itertools import islice
 from math import inf, prod
 from numbers import Integral, Real
@@ -361,13 +360,6 @@ def text_table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
         ).rstrip()
         for line in lines
     )
-
-
-def html_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table for notebooks."""
-    cells = [[f"<th>{escape(name)}</th>" for name in header]]
-    cells += [[f"<td>{escape(value)}</td>" for value in row] for row in rows]
-    return "<table>" + "".join(f"<tr>{''.join(row)}</tr>" for row in cells) + "</table>"
 
 
 @lru_cache(maxsize=64)  # The same few joints are checked often.

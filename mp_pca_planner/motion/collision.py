@@ -13,10 +13,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,13 +155,6 @@ class CollisionModel:
         margin: float = 0.0,
         self_collision: bool = True,
     ) -> None:
-        self._made = partial(
-            type(self),
-            robot,
-            srdf=srdf,
-            package_dirs=tuple(package_dirs),
-            self_collision=self_collision,
-        )
         model, order = robot.pinocchio_model()
         self._links = links = robot.link_bodies(package_dirs)
         self._tree = JointTree(model, np.argsort(order))
@@ -176,10 +168,6 @@ class CollisionModel:
         self._pairs_of_links = [(a, b) for a, b in pairs.tolist()]
         self.margin = _checked_margin(margin)
         self.set_world(World() if world is None else world)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Meshes are read again where it is unpickled.
-        return partial(self._made, world=self.world, margin=self.margin), ()
 
     def set_world(self, world: World, margin: float | None = None) -> None:
         """Replace the obstacles.

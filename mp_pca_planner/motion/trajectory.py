@@ -9,7 +9,6 @@ import json
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from html import escape
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -83,9 +82,6 @@ class Trajectory:
 
     def __repr__(self) -> str:
         return f"Trajectory: {self.n_joints} joints, {self.n_steps} points, {self.duration:.3g} s"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
 
     @property
     def n_joints(self) -> int:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from types import NoneType
-from typing import Any
 
 from ..arrays import check_choice, check_type
 from ..exceptions import (
@@ -134,9 +133,6 @@ class Planner:
         bases = BasisStore(self.options)
         longest = INPUT_LIMITS.longest_motion(self.options.sample_period)
         self._context = Context(self.robot, self.limits, self.options, collision, bases, longest)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Planner, (self.robot, self.primitives, self.limits, self.options, self.collision)
 
     def __repr__(self) -> str:
         names = quote_names(self.primitives.names)

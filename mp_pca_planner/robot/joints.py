@@ -15,11 +15,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import MAX_SIZE, FloatArray, frozen_array
-from ..exceptions import RobotError, quote_names
+from ..exceptions import RobotError
 from .urdf import Description, stated_origin
 
 _NOT_A_LINK = " (joint)"
-_NO_MASS = "no mass"
 # Share of the largest principal moment below which the smallest one counts as 0.
 _ROUNDOFF = 1e-12
 # Share by which a moment may exceed the sum of the others: descriptions are rounded.
@@ -184,7 +183,7 @@ class LockedModel:
         return np.asarray((moved == joints) | (moved == above) | (above[:, None] == joints))
 
 
-def inertia_flaws(model: Any, description: Description) -> tuple[dict[str, str], list[int]]:
+def inertia_flaws(model: Any, description: Description) -> tuple[list[str], list[int]]:
     """Moving links without a valid inertia.
 
     A body consists of the links between one joint and the next ones. Therefore a massless frame at
@@ -200,55 +199,34 @@ def inertia_flaws(model: Any, description: Description) -> tuple[dict[str, str],
 
     Returns
     -------
-    flaws : dict of str to str
-        What is wrong with each link that has no valid inertia.
+    flaws : list of str
+        The links.
     unknown : list of int
         Joints whose efforts can't be computed, because the inertia of their body is unknown.
     """
-    flaws: dict[str, str] = {}
-    unknown, solid = set(), set()
-    for frame in model.frames:
-        joint = frame.parentJoint
-        if frame.type != pin.FrameType.BODY or joint == 0:
-            continue
-        if frame.name in description.solid_links:
-            solid.add(joint)
-        if frame.name in description.lost_inertials:
-            flaws[frame.name] = description.lost_inertials[frame.name]
-            unknown.add(joint)
+    links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint > 0]
+    lost = [link for link in links if link.name in description.lost_inertials]
+    flaws, unknown = [link.name for link in lost], {link.parentJoint for link in lost}
+    solid = {link.parentJoint for link in links if link.name in description.solid_links}
     masses = [inertia.mass for inertia in model.inertias]
     for joint in sorted(set(range(1, model.njoints)) - unknown):
-        flaw = _flaw(model.inertias[joint])
-        if flaw == _NO_MASS:
+        inertia = model.inertias[joint]
+        is_empty = inertia.mass == 0.0 and not inertia.inertia.any()
+        if is_empty:
             carries = any(masses[k] != 0.0 or k in unknown for k in model.subtrees[joint])
             if carries and joint not in solid:
                 continue
             unknown.add(joint)
-        if flaw:
-            flaws[description.child_links[model.names[joint]]] = flaw
+        if is_empty or not _is_valid(inertia):
+            flaws.append(description.child_links[model.names[joint]])
     return flaws, sorted(unknown)
 
 
-def _flaw(inertia: Any) -> str:
-    if inertia.mass == 0.0 and not inertia.inertia.any():
-        return _NO_MASS
-    if not inertia.mass > 0.0:
-        return f"a mass of {inertia.mass:g} kg"
+def _is_valid(inertia: Any) -> bool:
+    """Whether mass and inertia tensor of a body are positive, and those of a distribution."""
     low, middle, high = np.linalg.eigvalsh(inertia.inertia)
-    moments = f"(principal moments with what is fixed to it {low:.3g}, {middle:.3g}, {high:.3g})"
-    if not low > _ROUNDOFF * high:
-        return f"an inertia tensor that is not positive definite {moments}"
-    if high > (1.0 + _ROUNDING) * (low + middle):
-        return f"an inertia tensor that violates the triangle inequality {moments}"
-    return ""
-
-
-def listed_flaws(flaws: Mapping[str, str]) -> str:
-    """Flaws, given by link, in a message: each with all of its links."""
-    links: dict[str, list[str]] = {}
-    for link, flaw in flaws.items():
-        links.setdefault(flaw, []).append(link)
-    return ", ".join(f"{quote_names(names)} ({flaw})" for flaw, names in links.items())
+    is_definite = low > _ROUNDOFF * high and high <= (1.0 + _ROUNDING) * (low + middle)
+    return bool(inertia.mass > 0.0 and is_definite)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, check_type, html_table, is_number, unique_names
+from ..arrays import FloatArray, check_type, is_number, unique_names
 from ..exceptions import LimitsError, shown, unknown_name
 from ..files import load_yaml, read_text, reading
 
@@ -105,23 +105,17 @@ class JointLimits:
         return tuple(name for name, values in rates.items() if np.isinf(values).any())
 
     def __repr__(self) -> str:
-        rows = [["JointLimits", *_KINDS], *self._rows()]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = (zip(row, widths, strict=True) for row in rows)
-        return "\n".join("  ".join(x.ljust(width) for x, width in line).rstrip() for line in lines)
-
-    def _repr_html_(self) -> str:
-        return html_table(["joint", *_KINDS], self._rows())
-
-    def _rows(self) -> list[list[str]]:
-        """The limits of each joint as text, in the order of `_KINDS`."""
         magnitudes = (self.velocity, self.acceleration, self.jerk, self.effort)
         rates = zip(*(values.tolist() for values in magnitudes), strict=True)
         ends = zip(self.lower.tolist(), self.upper.tolist(), strict=True)
-        return [
+        rows = [
             [name, f"{low:.4g} to {high:.4g}", *(f"{value:.4g}" for value in values)]
             for name, (low, high), values in zip(self.joint_names, ends, rates, strict=True)
         ]
+        rows.insert(0, ["JointLimits", *_KINDS])
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = (zip(row, widths, strict=True) for row in rows)
+        return "\n".join("  ".join(x.ljust(width) for x, width in line).rstrip() for line in lines)
 
 
 def _absent(key: str) -> float:

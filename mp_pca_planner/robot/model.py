@@ -5,12 +5,9 @@
 from __future__ import annotations
 
 import copy
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property, partial
-from html import escape
 from pathlib import Path
-from types import NoneType
 from typing import Any
 from xml.etree import ElementTree
 
@@ -18,17 +15,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import (
-    FloatArray,
-    as_list,
-    check_number,
-    check_type,
-    float_array,
-    frozen_array,
-    html_table,
-    unique_names,
-)
-from ..exceptions import RobotError, quote_names, shown, unknown_name
+from ..arrays import FloatArray, check_number, frozen_array, unique_names
+from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import as_path, read_text, reading
 from .bodies import Bodies
 from .joints import (
@@ -37,19 +25,9 @@ from .joints import (
     LockedModel,
     effort_slopes,
     inertia_flaws,
-    listed_flaws,
 )
 from .limits import JointLimits, Overrides, given_limits, merge_limits
 from .urdf import read_description
-
-_SHOWN = {
-    "lowest [rad or m]": "min_position",
-    "highest": "max_position",
-    "speed [/s]": "max_velocity",
-    "effort [N·m or N]": "max_effort",
-}
-# Attributes that are not pickled, because `_use` makes them of the model.
-_WORKING_MEMORY = ("_data", "_results", "_pool", "_slopes")
 
 
 class Robot:
@@ -110,8 +88,6 @@ class Robot:
         locked: Mapping[str, float] | None = None,
         source: str = "robot description",
     ) -> None:
-        check_type(urdf, "a robot description", RobotError, str)
-        check_type(locked, "locked joints", RobotError, Mapping, NoneType)
         self._source, self._given = source, (urdf, dict(locked or {}))
         self.path: Path | None = None
         self._description = found = read_description(urdf, source)
@@ -153,13 +129,6 @@ class Robot:
         self._pool: Any = pin.ModelPool(model, 1) if hasattr(pin, "rneaInParallel") else None
         self._slopes: Callable[..., FloatArray] | None = None
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: x for name, x in vars(self).items() if name not in _WORKING_MEMORY}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._use(state["_model"])
-
     def _with_model(self, model: Any) -> Robot:
         other = copy.copy(self)
         other._use(model)
@@ -167,21 +136,6 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot '{self.name}': {', '.join(self.joint_names)}"
-
-    def _repr_html_(self) -> str:
-        limits = self._description.limits
-        rows = [
-            [
-                name,
-                self._description.types[name],
-                *(f"{limits.get(name, {}).get(key, np.inf):.4g}" for key in _SHOWN.values()),
-            ]
-            for name in self.joint_names
-        ]
-        table = html_table(["joint", "type", *_SHOWN], rows)
-        return (
-            f"<p>Robot '{escape(self.name)}', end effector '{escape(self.end_effector)}'</p>{table}"
-        )
 
     @classmethod
     def from_file(
@@ -192,7 +146,6 @@ class Robot:
         locked: Mapping[str, float] | None = None,
     ) -> Robot:
         """Read the robot description from a URDF file (see the class)."""
-        check_type(path, "the path of a URDF file", RobotError, str, Path)
         path = as_path(path, RobotError)
         with reading(f"the URDF file {str(path)!r:.100}", RobotError):
             urdf = read_text(path)
@@ -243,15 +196,7 @@ class Robot:
             carries matter, too.
         links : collection of str
             Links whose poses are needed.
-
-        Raises
-        ------
-        RobotError
-            If the links are no collection of names.
         """
-        links = as_list(links, "links must be a list of names", RobotError)
-        for name in links:
-            check_type(name, "the name of a link", RobotError, str)
         return self._locked.relevant(pairs=pairs, links=links)
 
     def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
@@ -306,7 +251,7 @@ class Robot:
         alternative = f", or {instead}" if instead else ""
         raise RobotError(
             f"{self._source}: {purpose} need the inertia of every moving link, but these have no "
-            f"valid one: {listed_flaws(self._inertia_flaws)}; give each an <inertial> with a "
+            f"valid one: {quote_names(self._inertia_flaws)}; give each an <inertial> with a "
             "positive mass and a positive definite inertia tensor, of which no principal moment "
             f"exceeds the sum of the others{alternative}"
         )
@@ -315,15 +260,15 @@ class Robot:
         """Pinocchio's model of the joints that move, and the index of each joint in its vectors."""
         return self._model.copy(), self._order.to_pin
 
-    def with_payload(self, mass: float, frame: str | None = None) -> Robot:
-        """The same robot with a point mass [kg] at a link, by default the end effector.
+    def with_payload(self, mass: float) -> Robot:
+        """The same robot with a point mass [kg] at the end effector.
 
         Raises
         ------
         RobotError
-            If there is no such link, or the mass is no number of at least 0.
+            If the mass is no number of at least 0.
         """
-        (frame_id,) = self._frame_ids([self.end_effector if frame is None else frame])
+        (frame_id,) = self._frame_ids([self.end_effector])
         check_number(mass, "the mass of a payload [kg]", RobotError, 0.0, 1e9)
         model = self._model.copy()
         carrier = model.frames[frame_id]
@@ -378,8 +323,6 @@ class Robot:
             Factors of the mass and of the three principal moments of inertia about the centre of
             mass of each link of `link_inertias`.
         """
-        shape = (len(self.link_inertias.links), 4)
-        factors = frozen_array(factors, shape, "factors of inertias", RobotError)
         model = self._model.copy()
         self.link_inertias.change(model, factors)
         return self._with_model(model)
@@ -411,13 +354,7 @@ class Robot:
         -------
         are_neighbours : array of bool, shape (n_links, n_links)
             For each two of them.
-
-        Raises
-        ------
-        RobotError
-            If there is no such link.
         """
-        self._frame_ids(links)
         return self._locked.are_neighbours(links)
 
     # Dynamics
@@ -557,7 +494,7 @@ class Robot:
         Raises
         ------
         RobotError
-            If there is no such frame, or the positions have another shape.
+            If there is no such frame.
         """
         return self._positions(q, self._frame_ids(frames))
 
@@ -621,11 +558,10 @@ class Robot:
         Raises
         ------
         RobotError
-            If there is no such frame, or the arrays have other shapes.
+            If there is no such frame.
         """
         ids = self._frame_ids(frames)
         (q,) = self._order.checked(q, n_dims=2)
-        origins = float_array(origins, "origins", RobotError, (len(ids), 6))
         places = [pin.SE3(pin.rpy.rpyToMatrix(origin[3:]), origin[:3]) for origin in origins]
         poses = np.empty((len(q), len(ids), 7))
         for k, configuration in enumerate(q):
@@ -661,10 +597,9 @@ class Robot:
         Raises
         ------
         RobotError
-            If there is no such frame, or the arrays have other shapes.
+            If there is no such frame.
         """
         model, data, frame_id = self._model, self._data, self._frame_ids([frame])[0]
-        position = float_array(position, "position [m]", RobotError, (3,))
         pin.computeJointJacobians(model, data, *self._order.checked(q, n_dims=1))
         placement = pin.updateFramePlacement(model, data, frame_id)
         aligned = pin.getFrameJacobian(
@@ -672,7 +607,7 @@ class Robot:
         )
         error, jacobian = placement.translation - position, aligned[:3]
         if orientation is not None:
-            x, y, z, w = float_array(orientation, "orientation", RobotError, (4,))
+            x, y, z, w = orientation
             expected = pin.Quaternion(w, x, y, z).toRotationMatrix()
             turned = expected.T @ placement.rotation
             own_axes = placement.rotation.T @ aligned[3:]
@@ -693,10 +628,9 @@ class Robot:
         Raises
         ------
         RobotError
-            If there is no such frame, or the positions have another shape.
+            If there is no such frame.
         """
         model, frame_ids = self._model.copy(), self._frame_ids(frames)
-        offsets = float_array(offsets, "positions of points [m]", RobotError, (len(frame_ids), 3))
         ids = []
         for i, (frame_id, offset) in enumerate(zip(frame_ids, offsets, strict=True)):
             frame = model.frames[frame_id]
@@ -710,10 +644,8 @@ class Robot:
         return AttachedPoints(model, ids, self._order)
 
     def _frame_ids(self, frames: Sequence[str]) -> list[int]:
-        if isinstance(frames, str) or not isinstance(frames, Sequence):
-            raise RobotError(f"frames must be a list of names of links, got {shown(frames)}")
         for name in frames:
-            if not isinstance(name, str) or name not in self._ids:
+            if name not in self._ids:
                 raise RobotError(f"{self._source}: {unknown_name('link', name, self.frame_names)}")
         return [self._ids[name] for name in frames]
 
@@ -764,10 +696,7 @@ def _movable(names: Sequence[str], movable: Sequence[str], source: str) -> tuple
     """The names of joints, if they differ and can move."""
     for name in unique_names(names, f"joints of the {source}", RobotError):
         if name not in movable:
-            hint = ""
-            if re.fullmatch(r"joint\d+", name):  # as MovementPrimitive.fit calls them
-                hint = "; MovementPrimitive.fit names the joints of arrays by joint_names="
-            raise RobotError(f"{source}: {unknown_name('movable joint', name, movable)}{hint}")
+            raise RobotError(f"{source}: {unknown_name('movable joint', name, movable)}")
     return tuple(names)
 
 

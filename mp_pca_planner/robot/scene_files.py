@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ _PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
 _N_SIZES = {"box": 3, "sphere": 1, "cylinder": 2}
 _ACCEPTED = "accepted are box, sphere, cylinder and mesh"
 # Values of CollisionObject.operation that add an object, as numbers and as bytes in YAML.
-_ADD, _APPEND = (0, "\0"), (2, "\2")
+_ADDED = (0, "\0", 2, "\2")
 
 
 def read_scene(path: str | Path) -> World:
@@ -131,34 +131,27 @@ def _yaml_world(content: Any) -> World:
     world, state = _mapping(content, "world"), _mapping(content, "robot_state")
     if _mapping(_mapping(world, "octomap"), "octomap").get("data"):
         raise WorldError("an octomap is not supported; give boxes or meshes instead")
-    for key, usual in (("link_padding", "padding"), ("link_scale", "scale")):
-        neutral = 0.0 if usual == "padding" else 1.0
-        if any(_mapping(one).get(usual, neutral) != neutral for one in _list(content, key)):
-            raise WorldError(f"{key} is not supported; give a margin of the clearance instead")
-    frames = _fixed_frames(content)
+    for key, neutral in (("padding", 0.0), ("scale", 1.0)):
+        if any(one.get(key, neutral) != neutral for one in _list(content, f"link_{key}")):
+            raise WorldError(f"link_{key} is not supported; give a margin of the clearance instead")
+    frames = {}
+    for one in _list(content, "fixed_frame_transforms"):
+        place = _mapping(one, "transform")
+        pose = {"position": place.get("translation"), "orientation": place.get("rotation")}
+        frames[str(one.get("child_frame_id", ""))] = _pose(pose, "fixed_frame_transforms")
     obstacles: list[Obstacle] = []
     for one in _list(world, "collision_objects"):
-        obstacles += _collision_object(_mapping(one), frames)
+        obstacles += _collision_object(one, frames)
     for one in _list(state, "attached_collision_objects"):
-        obstacles += _attached_object(_mapping(one))
+        obstacles += _attached_object(one)
     return World(obstacles, _allowed(_mapping(content, "allowed_collision_matrix")))
-
-
-def _fixed_frames(scene: Mapping[str, Any]) -> dict[str, FloatArray]:
-    """Poses of the frames that a scene fixes in the base frame, by name."""
-    poses = {}
-    for one in _list(scene, "fixed_frame_transforms"):
-        transform = _mapping(_mapping(one), "transform")
-        pose = {"position": transform.get("translation"), "orientation": transform.get("rotation")}
-        poses[str(_mapping(one).get("child_frame_id", ""))] = _pose(pose, "fixed_frame_transforms")
-    return poses
 
 
 def _collision_object(
     one: Mapping[str, Any], frames: Mapping[str, FloatArray]
 ) -> Iterator[Obstacle]:
     name, frame = str(one.get("id", "")), _frame_of(one)
-    if one.get("operation", 0) not in (*_ADD, *_APPEND):
+    if one.get("operation", 0) not in _ADDED:
         raise WorldError(
             f"object '{printable(name)}': operation {shown(one['operation'], 40)} is not "
             "supported; accepted is a scene whose objects are added (0)"
@@ -179,7 +172,7 @@ def _attached_object(one: Mapping[str, Any]) -> Iterator[Obstacle]:
             f"'{printable(link)}', got frame '{printable(frame)}'"
         )
     if shapes := _shapes_of(body, name):
-        yield Obstacle(name, shapes, link, [str(name) for name in _list(one, "touch_links")])
+        yield Obstacle(name, shapes, link, [str(name) for name in one.get("touch_links") or ()])
 
 
 def _frame_of(one: Mapping[str, Any]) -> str:
@@ -188,18 +181,17 @@ def _frame_of(one: Mapping[str, Any]) -> str:
 
 def _shapes_of(one: Mapping[str, Any], name: str) -> list[Shape]:
     """The shapes of a moveit_msgs/CollisionObject in its frame."""
-    if _list(one, "planes"):
+    if one.get("planes"):
         raise _unsupported("plane", name)
-    whole, what = _pose(one.get("pose"), f"pose of '{name}'"), f"poses of '{name}'"
+    whole = _pose(one.get("pose"), f"pose of '{name}'")
     shapes: list[Shape] = []
-    for key, make in (("primitive", _primitive), ("mesh", _mesh)):
-        many = _list(one, "meshes" if key == "mesh" else "primitives")
-        poses = _list(one, f"{key}_poses")
-        if poses and len(poses) != len(many):
-            raise WorldError(f"'{name}' has {len(many)} shapes, but {len(poses)} {key}_poses")
-        placed = [_pose(pose, what) for pose in poses] or [_IDENTITY] * len(many)
-        for shape, pose in zip(many, placed, strict=True):
-            shapes.append(make(_mapping(shape), name).moved(pose).moved(whole))
+    for key, many in (("primitive", "primitives"), ("mesh", "meshes")):
+        made = [(_primitive if key == "primitive" else _mesh)(x, name) for x in _list(one, many)]
+        poses = one.get(f"{key}_poses") or [None] * len(made)
+        if len(poses) != len(made):
+            raise WorldError(f"'{name}' has {len(made)} shapes, but {len(poses)} {key}_poses")
+        for shape, pose in zip(made, poses, strict=True):
+            shapes.append(shape.moved(_pose(pose, f"poses of '{name}'")).moved(whole))
     return shapes
 
 
@@ -209,7 +201,8 @@ def _primitive(one: Mapping[str, Any], name: str) -> Shape:
     if kind not in _N_SIZES:
         raise _unsupported(str(kind), name)
     what = f"dimensions of the {kind} of '{name}'"
-    return _solid(kind, frozen_array(_list(one, "dimensions"), (_N_SIZES[kind],), what, WorldError))
+    sizes = one.get("dimensions") or ()
+    return _solid(kind, frozen_array(sizes, (_N_SIZES[kind],), what, WorldError))
 
 
 def _solid(kind: str, sizes: FloatArray) -> Shape:
@@ -224,18 +217,19 @@ def _solid(kind: str, sizes: FloatArray) -> Shape:
 def _mesh(one: Mapping[str, Any], name: str) -> Shape:
     """A shape_msgs/Mesh."""
     what = f"vertices of the mesh of '{name}'"
-    vertices = [_numbers_of(v, "xyz", what) for v in _list(one, "vertices")]
+    vertices = [_numbers_of(v, "xyz", what) for v in one.get("vertices") or ()]
     triangles = [
-        _list(t, "vertex_indices") if isinstance(t, dict) else t for t in _list(one, "triangles")
+        t["vertex_indices"] if isinstance(t, dict) else t for t in one.get("triangles") or ()
     ]
     return Mesh(np.reshape(vertices, (-1, 3)), triangles or np.zeros((0, 3)))
 
 
-def _pose(content: Any, what: str) -> FloatArray:
+def _pose(pose: Any, what: str) -> FloatArray:
     """A geometry_msgs/Pose as an array, shape (7,); the identity if there is none."""
-    pose = _mapping({what: content}, what)
     found = [
-        default if pose.get(key) is None else _numbers_of(pose[key], names, f"{key}, {what}")
+        default
+        if (pose or {}).get(key) is None
+        else _numbers_of(pose[key], names, f"{key}, {what}")
         for key, names, default in (
             ("position", "xyz", _IDENTITY[:3]),
             ("orientation", "xyzw", _IDENTITY[3:]),
@@ -256,40 +250,32 @@ def _numbers_of(content: Any, names: str, what: str) -> FloatArray:
 
 def _allowed(matrix: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """The pairs that a moveit_msgs/AllowedCollisionMatrix doesn't check."""
-    names, rows = _list(matrix, "entry_names"), _list(matrix, "entry_values")
-    if len(names) != len(rows):
+    names, rows = matrix.get("entry_names") or [], matrix.get("entry_values") or []
+    enabled = [row["enabled"] if isinstance(row, dict) else row for row in rows]
+    if any(len(row) != len(names) for row in (enabled, *enabled)):
         raise WorldError(
-            f"allowed_collision_matrix has {len(names)} entry_names, but {len(rows)} entry_values"
+            f"allowed_collision_matrix must have {len(names)} entry_values with as many values, "
+            "as it has entry_names"
         )
-    for name, row in zip(names, rows, strict=True):
-        enabled = _list(row, "enabled") if isinstance(row, dict) else row
-        if not isinstance(enabled, list) or len(enabled) != len(names):
-            raise WorldError(
-                f"allowed_collision_matrix: the row of '{printable(str(name))}' must have "
-                f"{len(names)} values"
-            )
-        yield from ((str(name), str(n)) for n, may in zip(names, enabled, strict=True) if may)
-    names = _list(matrix, "default_entry_names")
-    values = _list(matrix, "default_entry_values")
-    yield from ((str(name), ANY) for name, may in zip(names, values, strict=False) if may)
+    for name, row in zip(names, enabled, strict=True):
+        yield from ((str(name), str(n)) for n, may in zip(names, row, strict=True) if may)
+    defaults = (matrix.get(f"default_entry_{kind}") or [] for kind in ("names", "values"))
+    yield from ((str(name), ANY) for name, may in zip(*defaults, strict=False) if may)
 
 
-def _mapping(content: Any, key: str | None = None) -> Mapping[str, Any]:
-    """A mapping, or that of a key; an empty one in the place of nothing."""
-    found = content if key is None else content.get(key)
-    if found is None:
-        return {}
+def _mapping(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """The mapping of a key; an empty one in the place of nothing."""
+    found = content.get(key) or {}
     if not isinstance(found, dict):
-        raise WorldError(f"{key or 'an entry'} must be a mapping, got {shown(found, 60)}")
+        raise WorldError(f"{key} must be a mapping, got {shown(found, 60)}")
     return found
 
 
-def _list(content: Mapping[str, Any], key: str) -> Sequence[Any]:
-    found = content.get(key)
-    if found is None:
-        return []
-    if not isinstance(found, list):
-        raise WorldError(f"{key} must be a list, got {shown(found, 60)}")
+def _list(content: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    """The list of mappings of a key; an empty one in the place of nothing."""
+    found = content.get(key) or []
+    if not (isinstance(found, list) and all(isinstance(one, dict) for one in found)):
+        raise WorldError(f"{key} must be a list of mappings, got {shown(found, 60)}")
     return found
 
 

@@ -155,8 +155,8 @@ class Description:
         The link that each of them moves.
     inertials : mapping of str to Element
         The usable <inertial> elements by link.
-    lost_inertials : mapping of str to str
-        Defect of the inertial of each link whose inertial can't be used.
+    lost_inertials : frozenset of str
+        Links whose inertial can't be used.
     shapes : mapping of str to sequence of StatedShape
         The usable collision shapes by link.
     lost_shapes : mapping of str to str
@@ -172,7 +172,7 @@ class Description:
     mimics: Mapping[str, Mimic]
     child_links: Mapping[str, str]
     inertials: Mapping[str, ET.Element]
-    lost_inertials: Mapping[str, str]
+    lost_inertials: frozenset[str]
     shapes: Mapping[str, Sequence[StatedShape]]
     lost_shapes: Mapping[str, str]
     solid_links: frozenset[str]
@@ -200,7 +200,7 @@ def read_description(urdf: str, source: str) -> Description:
         raise RobotError(f"{source} has no revolute, continuous or prismatic joint")
     _check_tree(root, source)
     clean = ET.Element("robot", name=root.get("name") or "robot")
-    inertials, lost_inertials = _copy_links(root, clean)
+    inertials = _copy_links(root, clean)
     shapes, lost_shapes = _collision_shapes(root)
     mimics: dict[str, Mimic] = {}
     for name, joint in every.items():
@@ -226,7 +226,11 @@ def read_description(urdf: str, source: str) -> Description:
         mimics=mimics,
         child_links={name: _end(joint, "child") for name, joint in joints.items()},
         inertials=inertials,
-        lost_inertials=lost_inertials,
+        lost_inertials=frozenset(
+            link.get("name", "")
+            for link in root.findall("link")
+            if link.find("inertial") is not None and link.get("name") not in inertials
+        ),
         shapes=shapes,
         lost_shapes=lost_shapes,
         solid_links=frozenset(
@@ -349,36 +353,27 @@ def _check_tree(root: ET.Element, source: str) -> None:
         )
 
 
-def _copy_links(
-    root: ET.Element, clean: ET.Element
-) -> tuple[dict[str, ET.Element], dict[str, str]]:
-    """Copy the links; return the usable inertials, and what is wrong with the others, by link."""
+def _copy_links(root: ET.Element, clean: ET.Element) -> dict[str, ET.Element]:
+    """Copy the links; return the usable inertials by link."""
     found: dict[str, ET.Element] = {}
-    lost: dict[str, str] = {}
     for link in root.findall("link"):
         name = link.get("name", "")
         copy, inertial = ET.SubElement(clean, "link", name=name), link.find("inertial")
-        if inertial is None:
-            continue
-        if problem := _wrong_inertial(inertial):
-            lost[name] = problem
-        else:
+        if inertial is not None and _is_usable(inertial):
             copy.append(inertial)
             found[name] = inertial
-    return found, lost
+    return found
 
 
-def _wrong_inertial(inertial: ET.Element) -> str:
-    """The defect of an inertial; empty if there is none."""
-    for tag in ("mass", "inertia"):
-        if inertial.find(tag) is None:
-            return f"an <inertial> without <{tag}>"
+def _is_usable(inertial: ET.Element) -> bool:
+    mass = inertial.find("mass")
+    if mass is None or inertial.find("inertia") is None:
+        return False
     try:
         _check_numbers(inertial)
-    except RobotError as error:
-        return f"an <inertial> in which {error}"
-    mass = next(inertial.iter("mass")).attrib["value"]
-    return f"a mass of {mass} kg" if float(mass) < 0.0 else ""
+    except RobotError:
+        return False
+    return float(mass.attrib["value"]) >= 0.0
 
 
 def _collision_shapes(root: ET.Element) -> tuple[dict[str, list[StatedShape]], dict[str, str]]:

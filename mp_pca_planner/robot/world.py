@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import (
     FloatArray,
-    as_list,
     check_type,
-    float_array,
     frozen_array,
     set_frozen,
     unique_names,
@@ -73,9 +71,7 @@ class Shape:
 
     def moved(self, pose: FloatArray) -> Self:
         """The same shape in a frame in which its present one has a pose, shape (7,)."""
-        pose = float_array(pose, "pose", WorldError, (7,))
-        position = _coordinates(pose[:3], (3,), "position")
-        frame = [*position, *unit_quaternion(pose[3:], "orientation", WorldError)]
+        frame = [*pose[:3], *unit_quaternion(pose[3:], "orientation", WorldError)]
         placed = pin.XYZQUATToSE3(np.array(frame)) * pin.XYZQUATToSE3(self.pose)
         found = np.array(pin.SE3ToXYZQUAT(placed))
         other = object.__new__(type(self))
@@ -239,17 +235,14 @@ class Mesh(Shape):
     ) -> None:
         points = _coordinates(vertices, (None, 3), "vertices of a mesh")
         indices = frozen_array(triangles, (None, 3), "triangles of a mesh", WorldError)
-        most = INPUT_LIMITS.mesh_triangles
+        most, whole = INPUT_LIMITS.mesh_triangles, indices.astype(np.intp)
         if not 1 <= len(indices) <= most:
             raise WorldError(f"a mesh must have 1 to {most} triangles, got {len(indices)}")
-        if np.any(indices != np.round(indices)) or not (
-            indices.min() >= 0 and indices.max() < len(points)
-        ):
+        if np.any(indices != whole) or whole.min() < 0 or whole.max() >= len(points):
             raise WorldError(
                 f"triangles of a mesh must be indices of its {len(points)} vertices, from 0 to "
                 f"{len(points) - 1}"
             )
-        whole = indices.astype(np.intp)
         if is_point(points[whole.ravel()]):
             raise WorldError("a mesh must have an extent, but all its vertices are at one point")
         whole.setflags(write=False)
@@ -367,22 +360,13 @@ class Obstacle:
     ) -> None:
         if not isinstance(name, str) or not name.strip() or name == ANY:
             raise WorldError(f"an obstacle must have a name, got {shown(name)}")
-        parts: tuple[Shape, ...]
-        if isinstance(shapes, Shape):
-            parts = (shapes,)
-        else:
-            needed = f"obstacle '{name}': one or several shapes are needed"
-            parts = tuple(as_list(shapes, needed, WorldError))
+        parts = (shapes,) if isinstance(shapes, Shape) else tuple(shapes)
         if not parts or not all(isinstance(part, Shape) for part in parts):
             raise WorldError(
                 f"obstacle '{name}' must have one or several shapes (Box, Sphere, Cylinder, "
                 f"Capsule, Mesh), got {shown(parts)}"
             )
-        check_type(frame, f"frame of obstacle '{name}'", WorldError, str)
-        touched = as_list(touch_links, f"links of obstacle '{name}': a list is needed", WorldError)
-        for link in touched:
-            check_type(link, f"a link of obstacle '{name}'", WorldError, str)
-        set_frozen(self, name=name, shapes=parts, frame=frame, touch_links=tuple(touched))
+        set_frozen(self, name=name, shapes=parts, frame=frame, touch_links=tuple(touch_links))
 
     def __repr__(self) -> str:
         frame = f" on '{self.frame}'" if self.frame else ""
@@ -419,8 +403,7 @@ class World:
     def __init__(
         self, obstacles: Iterable[Obstacle] = (), allowed: Iterable[tuple[str, str]] = ()
     ) -> None:
-        needed = "the obstacles of a world must be a list"
-        bodies = tuple(as_list(obstacles, needed, WorldError))
+        bodies = tuple(obstacles)
         for one in bodies:
             check_type(one, "each obstacle of a world", WorldError, Obstacle)
         if bodies:
@@ -433,12 +416,7 @@ class World:
         ):
             if count > most:
                 raise WorldError(f"a world of {count} {kind} is too large: at most {most} are used")
-        needed = "allowed contacts must be pairs of names"
-        couples = [as_list(x, needed, WorldError) for x in as_list(allowed, needed, WorldError)]
-        for pair in couples:
-            if len(pair) != 2 or not all(isinstance(one, str) for one in pair):
-                raise WorldError(f"{needed}, got {shown(pair)}")
-        pairs = frozenset((min(pair), max(pair)) for pair in couples)
+        pairs = frozenset((min(pair), max(pair)) for pair in allowed)
         set_frozen(self, obstacles=bodies, allowed=pairs)
 
     def __repr__(self) -> str:
@@ -485,15 +463,7 @@ class World:
         return read_scene(as_path(path, WorldError))
 
     def with_obstacles(self, *obstacles: Obstacle) -> World:
-        """The world with further obstacles; those of the same name are replaced.
-
-        Raises
-        ------
-        WorldError
-            If one is no obstacle.
-        """
-        for one in obstacles:
-            check_type(one, "an obstacle", WorldError, Obstacle)
+        """The world with further obstacles; those of the same name are replaced."""
         new = {one.name for one in obstacles}
         kept = [one for one in self.obstacles if one.name not in new]
         return World([*kept, *obstacles], self.allowed)
@@ -504,23 +474,15 @@ class World:
         Raises
         ------
         WorldError
-            If there is no such obstacle, or the names are no list of strings.
+            If there is no such obstacle.
         """
-        removed = as_list(names, "a list of names of obstacles is needed", WorldError)
+        removed = set(names)
         for name in removed:
-            if not isinstance(name, str) or name not in self.names:
+            if name not in self.names:
                 raise WorldError(unknown_name("obstacle", name, self.names))
         return World([one for one in self.obstacles if one.name not in removed], self.allowed)
 
     def allows(self, first: str, second: str) -> bool:
-        """Whether two bodies, by their names, are not checked for contact.
-
-        Raises
-        ------
-        WorldError
-            If a name is no string.
-        """
-        for name in (first, second):
-            check_type(name, "the name of a body", WorldError, str)
+        """Whether two bodies, by their names, are not checked for contact."""
         pairs = ((first, second), (first, ANY), (second, ANY))
         return any((min(pair), max(pair)) in self.allowed for pair in pairs)

@@ -4,7 +4,6 @@
 
 import doctest
 import io
-import math
 import os
 import pickle
 import re
@@ -273,7 +272,6 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
         (lambda reach, robot, ends: mp.SequenceGoal([{"elbow": 0}], ["x"]), "increase, got 'x'"),
         (lambda reach, robot, ends: mp.JointState("elbow", [0]), "a list of names is needed"),
         (lambda reach, robot, ends: mp.Robot.from_file(URDF, "elbow"), "a list of names is needed"),
-        (lambda reach, robot, ends: mp.Robot.from_file(None), "path of a URDF file must be"),
         (lambda reach, robot, ends: mp.load_demonstrations(None), "paths of recordings must be"),
         (lambda reach, robot, ends: mp.load_demonstrations("x", robot=3), "robot must be a Robot"),
         (lambda reach, robot, ends: mp.show(reach), "planner must be a Planner"),
@@ -281,11 +279,7 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
         (lambda reach, robot, ends: mp.JointLimits(["a"], {"a": {"velocity": 1}}), "max_velocity"),
         (lambda reach, robot, ends: mp.JointLimits(["a"], None), "must be a Mapping"),
         (lambda reach, robot, ends: robot.frame_positions(ends[0], ["wrist"]), "any, 4"),
-        (lambda reach, robot, ends: robot.frame_positions(ends, "wrist"), "a list of names"),
-        (lambda reach, robot, ends: mp.World(mp.Sphere(1.0)), "obstacles of a world must"),
         (lambda reach, robot, ends: mp.World([mp.Sphere(1.0)]), "must be an Obstacle"),
-        (lambda reach, robot, ends: mp.Obstacle("x", None), "one or several shapes"),
-        (lambda reach, robot, ends: mp.Obstacle("x", mp.Sphere(1.0), frame=3), "must be a str"),
         (lambda reach, robot, ends: mp.write_example_recording("x.mcap", 1.5), "whole number"),
         (lambda reach, robot, ends: mp.write_example_recording("x.mcap", seed=-1), "the seed"),
     ],
@@ -404,43 +398,8 @@ def test_a_file_that_is_no_trajectory_is_refused(
         mp.Trajectory.load(tmp_path / f"bad{suffix}")
 
 
-def test_limits_and_robots_are_tables_in_notebooks() -> None:
+def test_limits_are_a_table() -> None:
     _, _, robot, _ = planned()
     limits = robot.limits({"elbow": {"max_velocity": 1.25}})
     assert len(repr(limits).splitlines()) == 5
     assert "1.25" in repr(limits) and "array" not in repr(limits)
-    for value in (limits, robot):
-        assert "<table>" in value._repr_html_() and "elbow" in value._repr_html_()
-
-
-def test_robots_and_worlds_are_pickled() -> None:
-    _, _, robot, _ = planned()
-    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.1, position=[0.4, 0.0, 0.5]))])
-    q = np.random.default_rng(1).normal(size=(5, robot.n_joints))
-    for one in (robot, robot.with_payload(1.5), robot.with_joints(robot.joint_names[::-1])):
-        again = pickle.loads(pickle.dumps(one))
-        assert again.joint_names == one.joint_names and again.path == one.path
-        expected = one.inverse_dynamics(q, q, q)
-        np.testing.assert_array_equal(again.inverse_dynamics(q, q, q), expected)
-        np.testing.assert_array_equal(again.limits().upper, one.limits().upper)
-    assert repr(pickle.loads(pickle.dumps(world))) == repr(world)
-
-
-@pytest.mark.parametrize("is_avoiding", [False, True])
-def test_planners_and_plans_are_pickled(is_avoiding: bool) -> None:
-    demonstrations, primitive, robot, _ = planned()
-    ball = mp.World([mp.Obstacle("ball", mp.Sphere(0.05, position=[0.40, -0.57, -0.15]))])
-    options = mp.PlannerOptions(max_solve_time=math.inf)
-    world = ball if is_avoiding else None
-    planner = mp.Planner(robot, [primitive], options=options, world=world)
-    start, goal = demonstrations[0].positions[[0, -1]]
-    plan = planner.plan(start=start, goal=goal)
-    copies = pickle.loads(pickle.dumps((planner, plan)))
-    assert copies[1].planner is copies[0]
-    again = copies[0].plan(start=start, goal=goal)
-    for found in (copies[1], again):
-        assert found.status == plan.status
-        np.testing.assert_array_equal(found.trajectory.positions, plan.trajectory.positions)
-    assert (copies[0].collision is None) != is_avoiding
-    if is_avoiding:
-        assert copies[0].collision.pairs == planner.collision.pairs

@@ -61,14 +61,14 @@ def test_forward_dynamics_undo_inverse_dynamics_in_any_joint_order() -> None:
 
 def test_payload_adds_its_weight_and_inertia_at_its_place() -> None:
     robot = Robot(PENDULUM)
-    loaded = robot.with_link_inertias(np.full((1, 4), 1.5)).with_payload(3.0, "rod")
+    loaded = robot.with_link_inertias(np.full((1, 4), 1.5)).with_payload(3.0)
     q, a = np.array([[0.4]]), np.array([[2.0]])
     # The link's own origin is on the axis: the payload there has no effect.
     tau = 1.5 * robot.inverse_dynamics(q, 0 * q, a)
     assert np.allclose(loaded.inverse_dynamics(q, 0 * q, a), tau)
     arm = arm_robot()
-    frame = arm.frame_names[-1]
-    heavy = arm.with_payload(0.5, frame)
+    frame = arm.end_effector
+    heavy = arm.with_payload(0.5)
     model = pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
     data = model.createData()
     q = np.array([0.1, -0.3, 0.5, -0.8])

@@ -60,54 +60,42 @@ def refusal(urdf: str) -> str:
 
 
 BROKEN = {
-    "no mass": ("", "'middle' (no mass)"),
-    "mass 0": (inertial(0, tensor(0, 0, 0)), "'middle' (no mass)"),
-    "mass 0 with a tensor": (inertial(0), "'middle' (a mass of 0 kg)"),
-    "empty": ("<inertial/>", "'middle' (an <inertial> without <mass>)"),
-    "mass alone": ('<inertial><mass value="1"/></inertial>', "without <inertia>"),
-    "mass without value": ("<inertial><mass/>" + tensor(1, 1, 1) + "</inertial>", "'value'"),
-    "NaN": (inertial("nan"), "'value' of <mass> is 'nan', expected a finite number"),
-    "absurd": (
-        inertial("1e308"),
-        "'value' of <mass> is '1e308', expected a finite number of at most 1e+09",
-    ),
-    "infinite": (inertial("inf"), "'value' of <mass> is 'inf'"),
-    "text": (inertial("2 kg"), "'value' of <mass> is '2 kg'"),
-    "comma": (inertial("2,5"), "'value' of <mass> is '2,5'"),
-    "negative": (inertial(-2), "'middle' (a mass of -2.0 kg)"),
-    "NaN in the tensor": (inertial(2, tensor("nan", 1, 1)), "'ixx' of <inertia> is 'nan'"),
-    "part of a tensor": (inertial(2, '<inertia ixx="1"/>'), "<inertia> lacks 'ixy'"),
-    "wrong origin": (inertial(xyz="0 0"), "'xyz' of <origin> is '0 0', expected 3 finite numbers"),
-    "point": (inertial(2, tensor(0, 0, 0)), "not positive definite"),
-    "negative moment": (inertial(2, tensor(-0.1, 1, 1)), "not positive definite"),
-    "products": (inertial(2, tensor(1, 1, 1, 1.5, 0, 0)), "not positive definite"),
-    "triangle": (inertial(2, tensor(1, 1, 2.5)), "violates the triangle inequality"),
+    "no mass": "",
+    "mass 0": inertial(0, tensor(0, 0, 0)),
+    "mass 0 with a tensor": inertial(0),
+    "empty": "<inertial/>",
+    "mass alone": '<inertial><mass value="1"/></inertial>',
+    "mass without value": "<inertial><mass/>" + tensor(1, 1, 1) + "</inertial>",
+    "NaN": inertial("nan"),
+    "absurd": inertial("1e308"),
+    "infinite": inertial("inf"),
+    "text": inertial("2 kg"),
+    "comma": inertial("2,5"),
+    "negative": inertial(-2),
+    "NaN in the tensor": inertial(2, tensor("nan", 1, 1)),
+    "part of a tensor": inertial(2, '<inertia ixx="1"/>'),
+    "wrong origin": inertial(xyz="0 0"),
+    "point": inertial(2, tensor(0, 0, 0)),
+    "negative moment": inertial(2, tensor(-0.1, 1, 1)),
+    "products": inertial(2, tensor(1, 1, 1, 1.5, 0, 0)),
+    "triangle": inertial(2, tensor(1, 1, 2.5)),
 }
 
 
-@pytest.mark.parametrize(("middle", "reason"), BROKEN.values(), ids=BROKEN)
-def test_links_without_a_valid_inertia_are_refused_by_name_and_in_silence(middle, reason, capfd):
+@pytest.mark.parametrize("middle", BROKEN.values(), ids=BROKEN)
+def test_links_without_a_valid_inertia_are_refused_by_name_and_in_silence(middle, capfd):
     message = refusal(pendulum(middle, "", last="fixed"))
-    assert reason in message
-    assert "'middle' (" in message and "'base'" not in message and "'tip'" not in message
-    assert "give each an <inertial> with a positive mass" in message
+    assert "these have no valid one: 'middle'; give each an <inertial> with a positive" in message
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(("broken", "reason"), BROKEN.values(), ids=BROKEN)
-def test_what_does_not_move_needs_no_inertia(broken, reason, capfd):
+@pytest.mark.parametrize("broken", BROKEN.values(), ids=BROKEN)
+def test_what_does_not_move_needs_no_inertia(broken, capfd):
     robot = Robot(pendulum().replace('<link name="base"/>', f'<link name="base">{broken}</link>'))
     robot.require_inertias("tests")
     locked = Robot(pendulum(broken, GOOD, last="revolute"), ["end"])
     locked.require_inertias("tests")
     assert capfd.readouterr() == ("", "")
-
-
-def test_links_with_the_same_flaw_are_named_together():
-    message = refusal(pendulum("", "", last="revolute"))
-    assert "these have no valid one: 'middle', 'tip' (no mass); give each" in message
-    several = refusal(pendulum(inertial(-1), "", last="revolute"))
-    assert "'middle' (a mass of -1.0 kg), 'tip' (no mass)" in several
 
 
 def test_fixed_links_count_as_one_body():
@@ -127,13 +115,13 @@ def test_a_bracket_without_mass_has_the_efforts_of_what_it_carries():
 
 
 def test_lost_masses_are_refused_though_what_is_fixed_to_them_has_some():
-    assert "'middle' (an <inertial> in which" in refusal(pendulum(inertial("nan"), GOOD))
-    assert "'tip' (a mass of -2.0 kg)" in refusal(pendulum(GOOD, inertial(-2)))
+    assert "one: 'middle'; give" in refusal(pendulum(inertial("nan"), GOOD))
+    assert "one: 'tip'; give" in refusal(pendulum(GOOD, inertial(-2)))
 
 
 def test_links_without_mass_between_two_axes_are_valid_unless_they_have_a_shape():
     Robot(pendulum("", GOOD, last="revolute")).require_inertias("tests")
-    assert "'middle' (no mass)" in refusal(pendulum(SHAPE, GOOD, last="revolute"))
+    assert "one: 'middle'; give" in refusal(pendulum(SHAPE, GOOD, last="revolute"))
     Robot.from_file(config_file("human_arm.urdf"), JOINTS).require_inertias("tests")
 
 
@@ -165,7 +153,7 @@ def test_bodies_of_point_masses_are_valid_and_others_are_not(cloud, seed, excess
     Robot(pendulum(inertial(masses.sum(), symmetric(valid)), "")).require_inertias("tests")
     rotation = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     wrong = rotation @ np.diag([*moments[:2], excess * moments[:2].sum()]) @ rotation.T
-    assert "triangle" in refusal(pendulum(inertial(1, symmetric(wrong)), ""))
+    assert "one: 'middle'; give" in refusal(pendulum(inertial(1, symmetric(wrong)), ""))
 
 
 def symmetric(inertia: np.ndarray) -> str:
@@ -184,7 +172,7 @@ START = JointState(JOINTS, MOTION.positions[0])
 TRAJECTORY = Trajectory(
     JOINTS, MOTION.times, MOTION.positions, MOTION.velocities, MOTION.accelerations
 )
-BY_NAME = "'upper_arm', 'lower_arm' .no mass."
+BY_NAME = "'upper_arm', 'lower_arm'; give"
 
 
 @pytest.mark.parametrize("objective", [effort, energy])

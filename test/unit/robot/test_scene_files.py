@@ -187,7 +187,7 @@ def test_planning_scene_is_read(tmp_path):
         ({"primitives": [{"type": "box"}]}, "dimensions of the box of 'a'"),
         ({"primitive_poses": [{}, {}]}, "'a' has 1 shapes, but 2 primitive_poses"),
         ({"operation": 1}, "'a': operation 1 is not supported"),
-        ({"primitives": 3}, "primitives must be a list, got 3"),
+        ({"primitives": 3}, "primitives must be a list of mappings, got 3"),
         ({"pose": {"position": [1, 2]}}, "position, pose of 'a' must have the shape"),
         ({"pose": {"position": {"u": 2}}}, "no number is called 'u'"),
         ({"id": ""}, "an obstacle must have a name"),
