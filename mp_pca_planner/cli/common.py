@@ -46,6 +46,41 @@ def print_json(content: Any) -> None:
     say(json_text(content))
 
 
+def show(arguments: argparse.Namespace, facts: Mapping[str, Any]) -> None:
+    """Print the results of a command: one JSON object if ``--json`` was given, else as text."""
+    if arguments.json:
+        print_json(facts)
+    else:
+        say(*fact_lines(facts))
+
+
+def fact_lines(facts: Mapping[str, Any], most: int = 12) -> list[str]:
+    """Results as text: a line for each name; unknown values and long lists are left out."""
+    width, lines = max(map(len, facts), default=0), []
+    for name, value in plain(dict(facts)).items():
+        if isinstance(value, list) and any(isinstance(one, str | dict) for one in value):
+            is_list_of_names = all(isinstance(one, str) and " " not in one for one in value)
+            rows = [", ".join(value)] if is_list_of_names else [*map(_fact, value)]
+        elif value in (None, "", [], {}) or (isinstance(value, list) and len(value) > most):
+            continue
+        else:
+            rows = [_fact(value)]
+        lines += [f"{name:<{width}}  {row}" for row in rows]
+    return lines
+
+
+def _fact(value: Any) -> str:
+    """A value as text: numbers with four digits, and what a container holds on one line."""
+    if isinstance(value, dict):
+        parts = ((name, _fact(one)) for name, one in value.items())
+        return ", ".join(f"{name}={one}" for name, one in parts if one)
+    if isinstance(value, list):
+        return " ".join(map(_fact, value))
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: ""}[value]
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 def report(arguments: argparse.Namespace, content: Any, *lines: str) -> None:
     """Print one JSON object if ``--json`` was given, else lines of text."""
     if arguments.json:
