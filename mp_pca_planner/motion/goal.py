@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from ..arrays import (
     FloatArray,
-    as_list,
     by_name,
     check_type,
     float_array,
@@ -115,7 +114,6 @@ class Pose:
     def __init__(
         self, frame: str, position: ArrayLike, orientation: ArrayLike | None = None
     ) -> None:
-        check_type(frame, "the frame of a pose", GoalError, str)
         position = frozen_array(position, (3,), "position of a pose", GoalError)
         if orientation is not None:
             what = "the orientation of a pose"
@@ -201,7 +199,6 @@ class PoseGoal:
 
     def __post_init__(self) -> None:
         _check_duration(self.duration)
-        check_type(self.pose, "the pose of a goal", GoalError, Pose)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,20 +238,17 @@ class SequenceGoal:
     stops: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        targets = as_list(self.targets, "the targets of a sequence must be a list", GoalError)
-        _check_count(len(targets))
-        named = (_named(x, "a target", JointState, Pose) for x in targets)
-        set_frozen(self, targets=tuple(named))
         n = len(self.targets)
+        _check_count(n)
+        named = (_named(x, "a target", JointState, Pose) for x in self.targets)
+        set_frozen(self, targets=tuple(named))
         for field, what, usual in (("times", "time (or None)", None), ("stops", "stop", False)):
-            given = as_list(getattr(self, field), f"the {field} must be a list", GoalError)
-            set_frozen(self, **{field: tuple(given) or (usual,) * n})
-            if len(getattr(self, field)) != n:
+            given = tuple(getattr(self, field)) or (usual,) * n
+            set_frozen(self, **{field: given})
+            if len(given) != n:
                 raise GoalError(
                     f"a sequence needs a {what} for each of its {n} targets, got {len(given)}"
                 )
-        for stop in self.stops:
-            check_type(stop, "a stop of a sequence", GoalError, bool)
         last = 0.0
         for time in self.times:
             if time is None:

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import FloatArray, check_type, frozen_array, set_frozen, unique_names
+from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import PlannerError, TrajectoryError, require
-from ..files import as_path, read_bytes, reading, write_whole
-from ..input_limits import INPUT_LIMITS
+from ..files import as_path, write_whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,25 +111,10 @@ class Trajectory:
         return float(0.25 * np.diff(self.times) @ (power[1:] + power[:-1]))
 
     def columns(self) -> dict[str, FloatArray]:
-        """Times and values of all points, by the names of the public interface.
-
-        Values have the shape (n_steps, n_joints); :meth:`table` has a column for each joint.
-        """
+        """Times and values of all points, by the names of the public interface."""
         names = ("times", "positions", "velocities", "accelerations", "efforts")
         columns = {name: getattr(self, name) for name in names}
         return {name: values for name, values in columns.items() if values is not None}
-
-    def table(self) -> dict[str, FloatArray]:
-        """Columns of the CSV file, each of shape (n_steps,), as of ``pandas.DataFrame(table)``.
-
-        They are called time [s], NAME.positions [rad or m], NAME.velocities and so on.
-        """
-        blocks = self.columns()
-        columns = {"time": blocks.pop("times")}
-        for kind, values in blocks.items():
-            names = [f"{name}.{kind}" for name in self.joint_names]
-            columns |= dict(zip(names, values.T, strict=True))
-        return columns
 
     def with_efforts(self, efforts: FloatArray | None) -> Trajectory:
         """The same points with efforts [N·m or N], shape (n_steps, n_joints), or without any."""
@@ -172,33 +156,6 @@ class Trajectory:
 
         write_joint_trajectory(path, self, overwrite=overwrite)
 
-    @classmethod
-    def load(cls, path: str | Path) -> Trajectory:
-        """Read a trajectory that :meth:`save` wrote as a .csv, .json or .npz file.
-
-        Raises
-        ------
-        TrajectoryError
-            If it can't be read, or holds no trajectory.
-
-        Examples
-        --------
-        >>> import mp_pca_planner as mp
-        >>> zero = [[0.0], [0.0]]
-        >>> motion = mp.Trajectory(["elbow"], [0.0, 1.0], [[0.0], [0.5]], zero, zero)
-        >>> motion.save("motion.csv", overwrite=True)
-        >>> mp.Trajectory.load("motion.csv")
-        Trajectory: 1 joints, 2 points, 1 s
-        """
-        path = as_path(path, TrajectoryError)
-        read = {".csv": _from_csv, ".json": _from_json, ".npz": _from_npz}.get(path.suffix)
-        if read is None:
-            raise TrajectoryError(f"'{path}' is not a .csv, .json or .npz file of a trajectory")
-        with reading(f"the trajectory '{path}'", TrajectoryError):
-            content = read(read_bytes(path, INPUT_LIMITS.primitive_bytes))
-            names, columns = content.pop("joint_names"), content
-            return cls(names, **{name: columns[name] for name in _COLUMNS if name in columns})
-
     def to_message(self, *, with_efforts: bool = False) -> Any:
         """Convert the trajectory to a ``trajectory_msgs/JointTrajectory``.
 
@@ -212,9 +169,8 @@ class Trajectory:
         MissingDependencyError
             If ROS 2 is not installed.
         TrajectoryError
-            If efforts are requested and the trajectory has none, or that is no truth value.
+            If efforts are requested and the trajectory has none.
         """
-        check_type(with_efforts, "with_efforts", TrajectoryError, bool)
         names = ("rclpy.serialization", "trajectory_msgs.msg")
         serialization, messages = (require(name, "ros", "a message") for name in names)
         from ..ros.serialised import serialize_trajectory
@@ -235,37 +191,14 @@ def check_format(path: Path) -> None:
         )
 
 
-_COLUMNS = ("times", "positions", "velocities", "accelerations", "efforts")
-
-
 def _csv(trajectory: Trajectory) -> bytes:
-    columns = trajectory.table()
-    table, header = np.column_stack(list(columns.values())), ",".join(columns)
+    blocks = trajectory.columns()
+    names = [f"{joint}.{kind}" for kind in list(blocks)[1:] for joint in trajectory.joint_names]
+    table, header = np.column_stack(list(blocks.values())), ",".join(["time", *names])
     text = io.StringIO()
     # 17 digits restore every number exactly.
     np.savetxt(text, table, "%.17g", delimiter=",", header=header, comments="")
     return text.getvalue().encode()
-
-
-def _from_csv(content: bytes) -> dict[str, Any]:
-    head, _, rows = content.decode().partition("\n")
-    _, *header = head.split(",")
-    if not header or not rows.strip():
-        raise ValueError("it has no columns or no rows")
-    table = np.loadtxt(io.StringIO(rows), delimiter=",", ndmin=2)
-    kinds = list(dict.fromkeys(name.rpartition(".")[2] for name in header))
-    names = [name.rpartition(".")[0] for name in header[: len(header) // len(kinds)]]
-    blocks = np.split(table[:, 1:], len(kinds), axis=1)
-    return {"joint_names": names, "times": table[:, 0], **dict(zip(kinds, blocks, strict=True))}
-
-
-def _from_json(content: bytes) -> dict[str, Any]:
-    return dict(json.loads(content))
-
-
-def _from_npz(content: bytes) -> dict[str, Any]:
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files if name in ("joint_names", *_COLUMNS)}
 
 
 def _json(trajectory: Trajectory) -> bytes:

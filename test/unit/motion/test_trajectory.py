@@ -129,4 +129,3 @@ def test_without_ros_the_message_names_the_extra(monkeypatch):
 def test_a_trajectory_is_described_in_one_line():
     motion = Trajectory(["a", "b"], [0.0, 0.5], *np.zeros((3, 2, 2)))
     assert repr(motion) == "Trajectory: 2 joints, 2 points, 0.5 s"
-    assert motion._repr_html_() == f"<pre>{motion!r}</pre>"
