@@ -293,25 +293,16 @@ def as_state(value: StateLike, joint_names: Sequence[str], what: str) -> JointSt
     names: Sequence[str] = tuple(value) if isinstance(value, Mapping) else joint_names
     given = list(value.values()) if isinstance(value, Mapping) else value
     try:
-        positions = float_array(given, what, GoalError)
-        if positions.ndim == 0:
-            raise GoalError
+        positions = float_array(given, what, GoalError, (len(names),))
     except GoalError:
         raise GoalError(
-            f"{what} must be positions [rad or m] of the {len(joint_names)} joints, or a dict of "
-            f"positions by joint name, got {shown(value, 100)}"
+            f"{what} must be one position [rad or m] for each of the {len(joint_names)} joints "
+            f"({', '.join(joint_names)}), or a dict of positions by joint name, got "
+            f"{shown(given, 100)}"
         ) from None
-    if positions.shape != (len(names),):
-        raise GoalError(
-            f"{what} needs one position for each of the {len(joint_names)} joints "
-            f"({', '.join(joint_names)}), got an array of shape {positions.shape}"
-        )
     for name, position in zip(names, positions, strict=True):
         if not np.isfinite(position):
-            raise GoalError(
-                f"{what}: the position of joint '{name}' is {position}, but only finite numbers "
-                "are accepted"
-            )
+            raise GoalError(f"{what}: the position of joint '{name}' is {position}, not finite")
     return JointState(names, positions)
 
 

@@ -221,7 +221,7 @@ def test_pose_is_reached() -> None:
 
 def test_wrong_numbers_of_positions_are_rejected() -> None:
     demonstrations, _, _, planner = planned()
-    with pytest.raises(GoalError, match="the start needs one position for each of the 4 joints"):
+    with pytest.raises(GoalError, match="the start must be one position .* for each of the 4 joints"):
         planner.plan(start=[0.0], goal=demonstrations[0].positions[-1])
 
 
@@ -293,7 +293,7 @@ def test_wrong_value_is_refused_in_one_sentence(wrong, said) -> None:
     [
         ({"goal": {"elbow": -0.6}, "mode": "fast"}, "one of 'real_time', 'optimal', got 'fast'"),
         ({"goal": {"elbow": float("nan")}}, "the goal: the position of joint 'elbow' is nan"),
-        ({"goal": None}, "the goal must be positions .* got None"),
+        ({"goal": None}, "the goal must be one position .* got None"),
         ({"goal": {}}, "at least one"),
     ],
 )
