@@ -11,7 +11,16 @@ import numpy as np
 
 from ..arrays import FloatArray, text_table
 from ..control.closed_loop import ControlLoop, ErrorModel, Verification, verify
-from ..control.law import KINDS, ControlLaw, excluded, pair_law, paired_law, verified_case
+from ..control.law import (
+    KINDS,
+    STATEMENT,
+    ControlLaw,
+    bound_statement,
+    excluded,
+    pair_law,
+    paired_law,
+    verified_case,
+)
 from ..control.stability import Stability, analyse
 from ..exceptions import ControlError
 from ..primitives.file import save_primitive
@@ -64,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
         "median_error": np.median(found.errors, axis=0).tolist(),
         "holds_for": verified_case(robot, trajectory),
     }
+    facts[STATEMENT] = bound_statement(robot.joint_names, facts)
     if output is not None:
         paired = pair_law(request.primitives[0], law, facts)
         save_primitive(paired, output, overwrite=arguments.force)
@@ -83,6 +93,8 @@ def _by_joint(text: str, option: str, robot: Robot) -> FloatArray:
     if "=" not in text and len(text.replace(",", " ").split()) == 1:
         text = ",".join([text] * len(robot.described_joints))
     values = joint_values(text, robot.described_joints, option)
+    if min(values.values()) < 0.0:
+        raise ControlError(f"{option} must be at least 0, got {min(values.values()):g}")
     return np.array([values.get(name, 0.0) for name in robot.joint_names])
 
 

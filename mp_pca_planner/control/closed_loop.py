@@ -14,8 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import FloatArray, check_number, set_frozen
-from ..exceptions import ControlError, quote_names
+from ..arrays import FloatArray, set_frozen
 from ..motion.interpolation import interpolate_at, segment_ends
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
@@ -37,24 +36,12 @@ class ErrorModel:
         Largest error of each joint at the start [rad or m].
     friction : tuple of float
         Largest Coulomb friction of each joint [N·m or N]; empty: none.
-
-    Raises
-    ------
-    ControlError
-        If one is negative, or inertias may vanish.
     """
 
     inertia: float = 0.05
     payload: float = 0.0
     position: float = 0.001
     friction: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_number(self.inertia, "the error of inertia", ControlError, 0.0, 0.999)
-        for name in ("payload", "position"):
-            check_number(getattr(self, name), f"the error of {name}", ControlError, 0.0, 1e6)
-        for friction in self.friction:
-            check_number(friction, "the friction of a joint", ControlError, 0.0, 1e6)
 
     def sample(
         self, robot: Robot, rng: np.random.Generator, *, extreme: bool = False
@@ -105,11 +92,6 @@ class ControlLoop:
         Time between samples [s].
     delay : int
         Samples from measuring to acting.
-
-    Raises
-    ------
-    ControlError
-        If the joints differ, a limit is NaN, the period isn't positive or the delay negative.
     """
 
     model: Robot
@@ -120,19 +102,7 @@ class ControlLoop:
     delay: int = 1
 
     def __post_init__(self) -> None:
-        check_number(self.period, "a control period [s]", ControlError, 1e-5, 0.1)
-        check_number(self.delay, "a delay [samples]", ControlError, 0, 100, is_whole=True)
-        names, n = self.model.joint_names, self.model.n_joints
-        if not names == self.law.joint_names == self.trajectory.joint_names:
-            raise ControlError(
-                f"the law is of {quote_names(self.law.joint_names)}, the model of "
-                f"{quote_names(names)} and the motion of "
-                f"{quote_names(self.trajectory.joint_names)}"
-            )
-        limits = np.asarray(self.effort_limits, dtype=np.float64)
-        if limits.shape not in ((), (n,)) or np.isnan(limits).any():
-            raise ControlError(f"effort limits must be {n} numbers or one, got {limits}")
-        set_frozen(self, effort_limits=np.broadcast_to(limits, (n,)))
+        set_frozen(self, effort_limits=np.broadcast_to(self.effort_limits, (self.model.n_joints,)))
 
     @cached_property
     def times(self) -> FloatArray:

@@ -12,7 +12,7 @@ Siciliano et al., "Robotics: Modelling, Planning and Control", 2009, sections 8.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,6 +36,8 @@ FEEDFORWARD_PD, COMPUTED_TORQUE = "feedforward_pd", "computed_torque"
 KINDS = (FEEDFORWARD_PD, COMPUTED_TORQUE)
 
 _KEY, _KNOWN = "control_law", "known"
+STATEMENT = "statement"
+"""Key of the sentence on an error bound, among what is known of a law."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,12 +160,6 @@ def paired_law(primitive: MovementPrimitive) -> ControlLaw | None:
         ) from None
 
 
-def known_stability(primitive: MovementPrimitive) -> dict[str, Any] | None:
-    """Stability of a primitive's law as stored by :func:`pair_law`; None if unknown."""
-    stored = primitive.metadata.get(_KEY) or {}
-    return stored.get(_KNOWN)
-
-
 def with_gains_only(metadata: Mapping[str, Any]) -> dict[str, Any]:
     """Metadata without the stability of the law, which holds for the original motion only."""
     law = metadata.get(_KEY)
@@ -222,8 +218,8 @@ def verified_case(robot: Robot, trajectory: Trajectory) -> dict[str, Any]:
 
 def excluded(assumed: Mapping[str, Any]) -> str:
     """What an error bound does not include, given the errors that it assumes."""
-    friction = [] if any(assumed.get("friction", ())) else ["friction"]
-    rotors = [] if assumed.get("armature") else ["inertias of the rotors"]
+    friction = [] if any(assumed["friction"]) else ["friction"]
+    rotors = [] if assumed["armature"] else ["inertias of the rotors"]
     return ", ".join([*friction, *rotors, _EXCLUDED])
 
 
@@ -231,34 +227,37 @@ def control_statement(primitive: MovementPrimitive) -> str:
     """Sentences on the control law of a primitive, also on one that can't be read."""
     try:
         law = paired_law(primitive)
-        if law is None:
-            return NO_LAW
-        known = known_stability(primitive)
-        if known is None:
-            return f"{law.kind}; no error bound: verify has not been run for this primitive"
-        if "holds_for" not in known:
-            return f"{law.kind}; the error bound is void: it names no motion, run verify again"
-        return f"{law.kind}; {_bound(primitive, known)}"
-    except (PrimitiveError, KeyError, TypeError, ValueError, AttributeError) as error:
-        return f"unusable: {error!r:.200}; run verify again"
+    except PrimitiveError as error:
+        return f"unusable: {error}; run verify again"
+    if law is None:
+        return NO_LAW
+    known = primitive.metadata[_KEY].get(_KNOWN)
+    statement = known.get(STATEMENT) if isinstance(known, Mapping) else None
+    return f"{law.kind}; {statement or 'no error bound: run verify for this primitive'}"
 
 
-def _bound(primitive: MovementPrimitive, known: Mapping[str, Any]) -> str:
-    names = primitive.joint_names
+def bound_statement(names: Sequence[str], known: Mapping[str, Any]) -> str:
+    """A sentence on the error bound of a law, of joints with some names.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The joints.
+    known : mapping
+        What `verify` has found.
+    """
     if not known["bound_holds"]:
         verdict = "no error bound"
     else:
         bound = dict(zip(names, known["error_bound"], strict=True))
         verdict = f"errors stay within {name_values(bound)} rad or m"
     case, assumed = known["holds_for"], known["assumed"]
-    # Names are in alphabetical order in files.
-    start, goal = ({name: case[end][name] for name in names} for end in ("start", "goal"))
-    friction = dict(zip(names, assumed.get("friction", ()), strict=False))
-    rubbing = ""
+    friction, rubbing = dict(zip(names, assumed["friction"], strict=True)), ""
     if any(friction.values()):
         rubbing = f"friction within {name_values(friction)} N·m or N, "
+    start, goal = (name_values(case[end]) for end in ("start", "goal"))
     return (
-        f"{verdict} on the motion from {name_values(start)} to {name_values(goal)} in "
+        f"{verdict} on the motion from {start} to {goal} in "
         f"{case['duration']:.6g} s of robot '{case['robot']}', if each mass and moment of inertia "
         f"is within {100.0 * assumed['inertia_error']:g} %, the payload within "
         f"{assumed['payload']:g} kg, {rubbing}the start within "

@@ -305,11 +305,9 @@ class Robot:
         Raises
         ------
         RobotError
-            If one is no finite number, or negative.
+            If one is no finite number.
         """
         values = frozen_array(inertias, (self.n_joints,), "rotor inertias", RobotError)
-        if np.any(values < 0.0):
-            raise RobotError(f"rotor inertias must be at least 0, got {values.min():g}")
         model = self._model.copy()
         model.armature = self._order.sorted(values)
         return self._with_model(model)

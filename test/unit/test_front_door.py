@@ -221,7 +221,7 @@ def test_pose_is_reached() -> None:
 
 def test_wrong_numbers_of_positions_are_rejected() -> None:
     demonstrations, _, _, planner = planned()
-    with pytest.raises(GoalError, match="the start must be one position .* for each of the 4 joints"):
+    with pytest.raises(GoalError, match="the start must be one position .* for each of the 4"):
         planner.plan(start=[0.0], goal=demonstrations[0].positions[-1])
 
 

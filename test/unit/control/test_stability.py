@@ -178,9 +178,8 @@ def test_friction_is_that_of_the_description_and_rotors_add_inertia() -> None:
     np.testing.assert_allclose(added, rotors * a, atol=1e-12)
     tau = heavier.inverse_dynamics(q, v, a)[0]
     np.testing.assert_allclose(heavier.forward_dynamics(q[0], v[0], tau), a[0], rtol=1e-9)
-    for wrong in ([1.0], [-1.0, 0.0, 0.0]):
-        with pytest.raises(RobotError, match="rotor inertias"):
-            robot.with_armature(np.array(wrong))
+    with pytest.raises(RobotError, match="rotor inertias"):
+        robot.with_armature(np.array([1.0]))
 
 
 def test_a_common_factor_is_not_all_that_the_bound_covers() -> None:

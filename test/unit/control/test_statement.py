@@ -15,6 +15,7 @@ from mp_pca_planner.control.law import (
     FEEDFORWARD_PD,
     NO_LAW,
     ControlLaw,
+    bound_statement,
     control_statement,
     pair_law,
     paired_law,
@@ -110,30 +111,21 @@ def test_refined_primitive_keeps_gains_but_not_the_bound(verified: Path, tmp_pat
     assert np.array_equal(after.position_gains, before.position_gains)
     assert np.array_equal(after.velocity_gains, before.velocity_gains)
     assert "known" not in refined.metadata["control_law"]
-    assert "verify has not been run" in control_statement(refined)
+    assert "no error bound: run verify" in control_statement(refined)
 
 
-@pytest.mark.parametrize(
-    ("known", "words"),
-    [
-        ({"error_bound": [0.1] * 4, "bound_holds": True}, "the error bound is void"),
-        ({"holds_for": 3}, "unusable"),
-        ({"holds_for": {}, "bound_holds": True, "error_bound": [0.1]}, "unusable"),
-    ],
-)
-def test_statement_that_names_no_motion_or_is_malformed_is_no_bound(
-    known: dict[str, Any], words: str
-) -> None:
-    text = control_statement(pair_law(arm_primitive(), LAW, known))
-    assert words in text
-    assert "run verify" in text
-    assert "stay within" not in text
+@pytest.mark.parametrize("known", [{}, {"holds_for": 3}, []])
+def test_a_law_that_was_not_verified_has_no_bound(known: Any) -> None:
+    primitive = pair_law(arm_primitive(), LAW, {})
+    primitive.metadata["control_law"]["known"] = known
+    assert "no error bound: run verify" in control_statement(primitive)
+    primitive.metadata["control_law"]["kind"] = "pid"
+    assert "unusable" in control_statement(primitive)
 
 
 def test_statement_without_a_bound_claims_none(verified: Path) -> None:
     known = load_primitive(verified).metadata["control_law"]["known"] | {"bound_holds": False}
-    text = control_statement(pair_law(arm_primitive(), LAW, known))
-    assert "no error bound on the motion from" in text
+    assert bound_statement(JOINTS, known).startswith("no error bound on the motion from")
 
 
 def test_primitive_without_a_law_says_so() -> None:

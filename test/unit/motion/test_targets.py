@@ -73,5 +73,5 @@ def test_finished_goal_stays_as_it_is_and_takes_no_second_duration() -> None:
 
 
 def test_message_names_the_target_of_a_list() -> None:
-    with pytest.raises(GoalError, match=r"^target 2 must be one position .* for each of the 2 joints"):
+    with pytest.raises(GoalError, match="^target 2 must be one position .* for each of the 2"):
         as_goal([[0.1, 0.2], [0.3]], JOINTS)
