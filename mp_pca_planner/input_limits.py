@@ -64,7 +64,7 @@ class InputLimits:
     robot_shapes : int
         Collision shapes of a robot: the pairs of more take seconds to set up.
     mesh_triangles : int
-        Of a mesh, and of all collision meshes of a robot.
+        Of a mesh.
     world_length : float
         Size or coordinate of a shape [m].
     mesh_bytes, kept_meshes : int

@@ -130,21 +130,15 @@ class Bodies:
         count, most = sum(map(len, description.shapes.values())), INPUT_LIMITS.robot_shapes
         if count > most:
             raise RobotError(f"{source} has {count} collision shapes, at most {most} are accepted")
-        parts, notes, n_triangles = [], dict[str, None](), 0
+        parts, notes = [], dict[str, None]()
         every = [(link, one) for link, many in description.shapes.items() for one in many]
         for link, stated in every:
             try:
                 shape = _stated(stated, package_dirs)
             except WorldError as error:
                 raise RobotError(f"{source}: <collision> of link '{link}': {error}") from None
-            if isinstance(shape, Mesh):
-                n_triangles += len(shape.triangles)
-                if n_triangles > (most := INPUT_LIMITS.mesh_triangles):
-                    raise RobotError(
-                        f"the collision meshes of the {source} have more than {most} triangles"
-                    )
-                if shape.note:
-                    notes[f"link '{link}': {shape.note}"] = None
+            if isinstance(shape, Mesh) and shape.note:
+                notes[f"link '{link}': {shape.note}"] = None
             place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
             joint, frame = _attachment(model, link)
             parts.append((link, joint, frame * place, solid_of_shape(shape)))

@@ -169,8 +169,9 @@ class Robot:
         mimics, found = self._description.mimics, dict[str, str]()
         for name in self.movable_joints:
             followed = name
-            while followed in mimics and followed not in self.joint_names:
-                followed, _, _ = mimics[followed]
+            for _ in mimics:  # which may also mimic each other in a circle
+                if followed in mimics and followed not in self.joint_names:
+                    followed, _, _ = mimics[followed]
             if followed != name and followed in self.joint_names:
                 found[name] = followed
         return found

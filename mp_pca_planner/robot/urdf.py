@@ -217,7 +217,6 @@ def read_description(urdf: str, source: str) -> Description:
                 mimics[name] = mimic.get("joint", ""), multiplier, offset
         except RobotError as error:
             raise RobotError(f"{source}: joint '{name}': {error}") from None
-    _check_mimics(mimics, source)
     return Description(
         name=root.get("name", ""),
         xml=ET.tostring(clean, encoding="unicode"),
@@ -308,18 +307,6 @@ def _limits_of(joint: ET.Element) -> dict[str, float]:
     return {key: float(text) for key, text in found.items()}
 
 
-def _check_mimics(mimics: Mapping[str, Mimic], source: str) -> None:
-    """Reject joints that mimic each other in a circle."""
-    for name in mimics:
-        chain = [name]
-        while chain[-1] in mimics and chain.count(name) < 2 and len(chain) <= len(mimics):
-            followed, _, _ = mimics[chain[-1]]
-            chain.append(followed)
-        if chain.count(name) > 1:
-            circle = " mimics ".join(f"'{one}'" for one in chain)
-            raise RobotError(f"{source}: joints mimic each other in a circle: {circle}")
-
-
 def _end(joint: ET.Element, which: str) -> str:
     element = joint.find(which)
     return "" if element is None else element.get("link", "")
@@ -327,24 +314,21 @@ def _end(joint: ET.Element, which: str) -> str:
 
 def _check_tree(root: ET.Element, source: str) -> None:
     """Reject joints between missing links, and links that form no tree."""
-    links = [link.get("name", "") for link in root.findall("link")]
     joints = root.findall("joint")
+    links = [link.get("name", "") for link in root.findall("link")]
     for kind, names in (("link", links), ("joint", [joint.get("name", "") for joint in joints])):
-        twice = repeated_names(names)
-        if twice or "" in names:
+        if "" in names or repeated_names(names):
             raise RobotError(
-                f"{source}: every {kind} needs a name of its own, but "
-                + (f"several are called {quote_names(twice)}" if twice else "one has none")
+                f"{source}: every {kind} needs a name of its own, but one has none, or several "
+                f"have the same: {quote_names(repeated_names(names))}"
             )
-    known = set(links)
     for joint in joints:
         for which in ("parent", "child"):
-            if _end(joint, which) not in known:
+            if _end(joint, which) not in links:
                 unknown = unknown_name("link", _end(joint, which), links)
                 raise RobotError(f"{source}: {which} of joint '{joint.get('name')}': {unknown}")
     children = [_end(joint, "child") for joint in joints]
-    below = set(children)
-    roots = [name for name in links if name not in below]
+    roots = [name for name in links if name not in children]
     if len(roots) != 1 or repeated_names(children):
         raise RobotError(
             f"{source}: the links must form one tree, each but one the child of one joint; "

@@ -11,8 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LOGGING_PYTHON = """#!/bin/sh
-[ "$2" = pip ] && echo "$@" >>"$(dirname "$0")/pip.log"
-true
+case "$*" in *--editable*) echo "$@" >>"$(dirname "$0")/pip.log"; true ;; esac
 """
 
 
@@ -43,7 +42,7 @@ def in_venv(checkout: Path, extras: str, *command: str, cwd: Path) -> str:
 
 
 def installed(checkout: Path) -> list[str]:
-    """What pip was asked to install, call by call."""
+    """What pip or uv was asked to install, call by call."""
     log = checkout / ".venv/bin/pip.log"
     calls = log.read_text(encoding="utf-8").splitlines() if log.exists() else []
     return [call.rpartition("[")[2].rstrip("]").removeprefix("ros,") for call in calls]

@@ -36,7 +36,7 @@ def changed(old: str, new: str) -> str:
         (changed('parent link="base"', 'parent link="bas"'), "parent of joint 'one': no link is "),
         (changed('<child link="rod"/>', ""), "child of joint 'one': no link is called ''"),
         (changed('<link name="base"/>', '<link name="base"/><link name="x"/>'), "'base', 'x' are"),
-        (changed('<link name="base"/>', '<link name="base"/>' * 2), "several are called 'base'"),
+        (changed('<link name="base"/>', '<link name="base"/>' * 2), "have the same: 'base'"),
         (changed('<link name="base"/>', '<link name="base"/><link/>'), "one has none"),
         (
             changed('xyz="0 0 1"', 'xyz="0 1"'),
