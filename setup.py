@@ -45,9 +45,7 @@ setup(
     ],
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={
-        PACKAGE: ["py.typed", "cli/*.toml", "plotting/*.mplstyle", "plotting/templates/*.html"]
-    },
+    package_data={PACKAGE: ["py.typed", "plotting/*.mplstyle", "plotting/templates/*.html"]},
     zip_safe=False,
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -115,8 +113,6 @@ setup(
         "lerobot": ["pyarrow>=15.0"],
         # The panda of the command `example`, with meshes.
         "example": ["example-robot-data-loaders>=4.4"],
-        # Completion of commands and options in the shell.
-        "completion": ["argcomplete>=3.1"],
         # The documentation site.
         "doc": [
             "sphinx>=7.0",
@@ -137,7 +133,6 @@ setup(
         # release to the next are held.
         "test": [
             "aiobotocore>=3.0",  # the narrowest demand for botocore: pip fits the others to it
-            "argcomplete>=3.1",
             "cmaes>=0.10",
             "distributed>=2024.1",
             "filelock>=3.12",

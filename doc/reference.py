@@ -49,13 +49,11 @@ def commands_page() -> str:
     """The help of every command but the node, which has only ROS arguments."""
     parts = [
         "# Commands",
-        "In a ROS workspace, `mp-pca COMMAND` is `ros2 run mp_pca_planner COMMAND`. `--help` shows "
-        "the everyday options, `--help-all` all of them.",
+        "In a ROS workspace, `mp-pca COMMAND` is `ros2 run mp_pca_planner COMMAND`.",
     ]
     for name in COMMANDS:
-        help_option = "--help" if name == "planner_node" else "--help-all"
         text = subprocess.run(
-            [sys.executable, "-m", "mp_pca_planner", name, help_option],
+            [sys.executable, "-m", "mp_pca_planner", name, "--help"],
             capture_output=True,
             text=True,
             check=True,

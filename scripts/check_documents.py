@@ -63,7 +63,7 @@ ROSDEP_NAMES = {
 }
 # Extras that rosdep has no name for: pip brings them.
 EXTRAS_ONLY = {
-    *("argcomplete", "cmaes", "distributed", "pyarrow"),
+    *("cmaes", "distributed", "pyarrow"),
     "threadpoolctl",  # planning is slower without it
     *("msgspec", "rich", "viser", "websockets"),
 }

@@ -34,7 +34,8 @@ from ..primitives.file import load_primitive, save_primitive
 from ..primitives.foreign import foreign_recordings
 from ..primitives.kinds import KindErrors, KindOptions, choose_kinds
 from ..primitives.motion_statistics import MotionStatistics
-from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive import COUPLINGS, MovementPrimitive
+from ..primitives.timing import ALIGNMENTS
 from ..recordings.cache import ReadingCache, default_folder
 from ..recordings.cutting import segments_table
 from ..recordings.load import load_recordings, position_limits
@@ -42,7 +43,143 @@ from ..recordings.recording_set import RecordingSet
 from ..recordings.segmentation import SegmentationOptions
 from ..robot.model import Robot
 from .common import check_output, print_json, progress_bar
+from .options import add_bag_topic, add_report, name_list, seconds, whole
 from .terminal import DONE, complain, say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.description = "Learn a movement primitive from recorded bags and write it to a file."
+    parser.add_argument(
+        "bags",
+        metavar="BAG",
+        nargs="*",
+        help="ROS 1 .bag, rosbag2 folder, .db3, .mcap; .csv; LeRobot dataset; globs and folders "
+        "of these",
+    )
+    _add_input(parser)
+    _add_primitive(parser)
+    parser.add_argument(
+        "--output", metavar="FILE", type=Path, help="file to write (default: that of --update)"
+    )
+    parser.add_argument(
+        "--report",
+        metavar="FILE.html",
+        type=Path,
+        help="page to write that shows recordings, cuts and components",
+    )
+    parser.add_argument(
+        "--write-segments",
+        metavar="FILE.csv",
+        type=Path,
+        help="table of the motions to write; edit it for --segments",
+    )
+    parser.add_argument("--update", metavar="FILE", type=Path, help="primitive file to add to")
+    parser.add_argument("--remove", type=name_list, default=[], help="recordings to remove")
+    parser.add_argument("--resume", metavar="FOLDER", type=Path, help="folder to continue")
+    parser.add_argument("--no-cache", action="store_true", help="don't use the cache")
+    add_report(parser)
+
+
+def _add_input(parser: argparse.ArgumentParser) -> None:
+    add_bag_topic(parser)
+    parser.add_argument(
+        "--joints", metavar="a,b,c", type=name_list, help="joints to use, in this order"
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="URDF",
+        type=Path,
+        help="robot of the recordings; without --joints, its joints that move in them are used",
+    )
+    parser.add_argument(
+        "--degrees",
+        action="store_true",
+        help="recorded positions are in degrees, not in radians",
+    )
+    parser.add_argument(
+        "--markers", metavar="TOPIC", help="topic of markers to compute joint angles from"
+    )
+    parser.add_argument(
+        "--marker-map",
+        metavar="FILE.yaml",
+        type=Path,
+        help="positions of the markers on the robot's links",
+    )
+    parser.add_argument(
+        "--max-gap",
+        metavar="S",
+        type=seconds,
+        help="longest gap that doesn't cut a recording [s] (default: 0.5, or 5 usual periods)",
+    )
+    workers = parser.add_mutually_exclusive_group()
+    workers.add_argument(
+        "--jobs",
+        metavar="N",
+        type=whole(1, 1024),
+        default=1,
+        help="number of recordings to read at the same time",
+    )
+    workers.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="scheduler (tcp://HOST:PORT) of a Dask cluster that reads the recordings",
+    )
+    cutting = parser.add_argument_group("cutting recordings into motions")
+    cutting.add_argument(
+        "--segment",
+        choices=["auto", "none"],
+        default="auto",
+        help="cut recordings at rests (auto), or don't cut them",
+    )
+    cutting.add_argument(
+        "--min-rest",
+        metavar="S",
+        type=seconds,
+        help="shortest rest that cuts a recording [s] (default: 0.6)",
+    )
+    cutting.add_argument(
+        "--min-motion", metavar="S", type=seconds, help="shortest motion [s] (default: 0.25)"
+    )
+    cutting.add_argument(
+        "--segments",
+        metavar="FILE.csv",
+        type=Path,
+        help="table of motions: recording,start_time_s,end_time_s[,label]",
+    )
+    cutting.add_argument(
+        "--label",
+        metavar="a,b,c",
+        type=name_list,
+        help="use only motions with these labels in the table of --segments",
+    )
+
+
+def _add_primitive(parser: argparse.ArgumentParser) -> None:
+    primitive = parser.add_argument_group("primitive")
+    primitive.add_argument("--name", help="name of the primitive (default: the name of the file)")
+    primitive.add_argument(
+        "--coupling",
+        choices=COUPLINGS,
+        default="arm",
+        help="make a PCA of each joint, or of the whole arm (default: %(default)s)",
+    )
+    size = primitive.add_mutually_exclusive_group()
+    size.add_argument("--components", metavar="K", type=int, help="number of components")
+    size.add_argument(
+        "--variance",
+        type=float,
+        default=0.99,
+        help="share of the variance that the components explain (default: %(default)g)",
+    )
+    primitive.add_argument("--phases", type=int, default=101, help="number of samples per motion")
+    primitive.add_argument("--degree", type=int, default=15, help="degree of the polynomials")
+    primitive.add_argument(
+        "--align",
+        choices=ALIGNMENTS,
+        default="arc_length",
+        help="align motions by time, or by path length (default: %(default)s)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,8 +37,6 @@ REPORTED = (
     "in_span_score",
 )
 """Values of the node's report that are printed by default."""
-INTERNAL = ("kkt_residual",)
-"""Values that only ``--json`` has, because they describe the solver and not the motion."""
 
 
 def print_json(content: Any) -> None:
@@ -46,12 +44,24 @@ def print_json(content: Any) -> None:
     say(json_text(content))
 
 
-def show(arguments: argparse.Namespace, facts: Mapping[str, Any]) -> None:
-    """Print the results of a command: one JSON object if ``--json`` was given, else as text."""
+def show(
+    arguments: argparse.Namespace, facts: Mapping[str, Any], *, hidden: Collection[str] = ()
+) -> None:
+    """Print the results of a command: one JSON object if ``--json`` was given, else as text.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        The arguments.
+    facts : mapping
+        The results.
+    hidden : collection of str
+        Names that the text leaves out.
+    """
     if arguments.json:
         print_json(facts)
     else:
-        say(*fact_lines(facts))
+        say(*fact_lines({name: x for name, x in facts.items() if name not in hidden}))
 
 
 def fact_lines(facts: Mapping[str, Any], most: int = 12) -> list[str]:
@@ -81,14 +91,6 @@ def _fact(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def report(arguments: argparse.Namespace, content: Any, *lines: str) -> None:
-    """Print one JSON object if ``--json`` was given, else lines of text."""
-    if arguments.json:
-        print_json(content)
-    else:
-        say(*lines)
-
-
 def json_text(content: Any) -> str:
     """One JSON object; numbers that JSON does not know become null."""
     return json.dumps(plain(content), allow_nan=False)
@@ -104,7 +106,7 @@ def plain(content: Any) -> Any:
         return [plain(value) for value in content]
     if isinstance(content, float) and not np.isfinite(content):
         return None
-    return content
+    return str(content) if isinstance(content, Path) else content
 
 
 @contextmanager
@@ -203,23 +205,7 @@ def check_frame(frame: str, robot: Robot | None) -> None:
         raise RobotError(unknown_name("link", frame, robot.frame_names))
 
 
-def known(values: Mapping[str, str], names: Sequence[str] | None = None) -> dict[str, str]:
-    """The known values of a report, by name.
-
-    Parameters
-    ----------
-    values : mapping
-        The values; "nan" marks an unknown one.
-    names : sequence of str, optional
-        Which of them, in this order; by default all.
-    """
-    chosen = values if names is None else {n: values[n] for n in names if n in values}
-    return {name: value for name, value in chosen.items() if value != "nan"}
-
-
-def report_lines(values: Mapping[str, str], *, is_verbose: bool) -> list[str]:
-    """Lines of text with the values of a report: all of them, or the most important ones."""
-    if is_verbose:
-        shown = [name for name in known(values) if name not in INTERNAL]
-        return [f"  {name:<18} {values[name]}" for name in shown]
-    return [f"  {name:<19} {short(value)}" for name, value in known(values, REPORTED).items()]
+def reported(values: Mapping[str, str]) -> dict[str, str]:
+    """The values of the node's report that are printed by default; "nan" marks an unknown one."""
+    found = {name: values.get(name, "nan") for name in REPORTED}
+    return {name: short(value) for name, value in found.items() if value != "nan"}

@@ -40,9 +40,8 @@ from ..robot.model import Robot
 from ..ros.client import READY, Answer, GoalClient, this_machine_only
 from ..ros.live_node import LiveNode
 from ..ros.messages import to_trajectory
-from . import build_primitives
 from .common import make_folder
-from .main import load_command, parse
+from .main import run_command
 from .terminal import DONE, FAILED, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -107,6 +106,31 @@ class Children:
             raise KeyboardInterrupt
 
 
+_DESCRIPTION = """\
+Record, build, plan and execute: the whole pipeline with a simulated human-like arm.
+
+The demo records demonstrations into a bag and builds primitives from them. It starts the planner
+node and a simulated robot. Another process sends goals, the robot executes the motions, and
+pictures show the results."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.description = _DESCRIPTION
+    parser.add_argument(
+        "--output",
+        metavar="DIR",
+        type=Path,
+        default=Path("demo_output"),
+        help="folder of the results (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help="at the end, show the robot, its primitive and plans on a page in the browser",
+    )
+
+
 # Numbers of recorded motions and of goals; the robot returns after each goal.
 _N_DEMONSTRATIONS = 30
 _N_GOALS = 6
@@ -141,8 +165,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_example_recording(bag, n, seed=_SEED)
     say("2. Building primitives from the bag", f"   $ build_primitives {bag}")
     options = ["--robot", str(urdf), "--joints", ",".join(JOINT_NAMES), "--force"]
-    build = parse("build_primitives", [str(bag), "--output", str(file), *options])
-    build_primitives.run(build)
+    run_command("build_primitives", [str(bag), "--output", str(file), *options])
     robot = Robot.from_file(urdf, JOINT_NAMES)
     say("", "3. Starting the planner node and a simulated robot, sending goals over ROS 2 topics")
     served = _execute_over_topics(folder, file)
@@ -153,7 +176,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.view:
         say("", "5. Open this address in a browser")
         shown = ["--robot", str(urdf), "--demonstrations", str(bag)]
-        load_command("view")([str(file), *shown])
+        run_command("view", [str(file), *shown])
     return FAILED if failures else DONE
 
 

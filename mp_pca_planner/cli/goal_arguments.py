@@ -7,17 +7,14 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Collection, Sequence
-from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..exceptions import GoalError, unknown_name
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from .main import Stop, seconds
-
-if TYPE_CHECKING:
-    from ..robot.model import Robot
+from ..planning.options import AUTO
+from ..robot.model import Robot
+from .options import Stop, seconds
 
 
 def number_list(text: str, what: str) -> list[float]:
@@ -108,88 +105,66 @@ def _finite(text: str, what: str) -> float:
     return value
 
 
-def locked_at_start(arguments: argparse.Namespace, robot: Robot, whole: Robot) -> dict[str, float]:
-    """Positions that ``--start`` names for joints that the primitives do not move.
-
-    Parameters
-    ----------
-    arguments : Namespace
-        The arguments.
-    robot, whole : Robot
-        The robot of the joints that move, and that of all joints.
-
-    Raises
-    ------
-    GoalError
-        If the text can't be read.
-    """
-    names, angles = _names_at_start(arguments, robot), angles_in_degrees(arguments, whole)
-    q = joint_values(arguments.start, names, "--start", angles=angles)
-    return {name: value for name, value in q.items() if name not in robot.joint_names}
-
-
-def _names_at_start(arguments: argparse.Namespace, robot: Robot) -> Sequence[str]:
-    """The joints that ``--start`` may name; a list of values has those that move."""
-    return robot.movable_joints if "=" in arguments.start else robot.described_joints
-
-
-def start_state(arguments: argparse.Namespace, robot: Robot) -> JointState:
-    """The start of a motion, at rest.
+def start_positions(arguments: argparse.Namespace, robot: Robot) -> dict[str, float]:
+    """Positions by name that ``--start`` gives, also for joints that the primitives don't move.
 
     Raises
     ------
     GoalError
         If the text can't be read, or positions of joints are missing.
     """
-    names, angles = _names_at_start(arguments, robot), angles_in_degrees(arguments, robot)
+    names = robot.movable_joints if "=" in arguments.start else robot.described_joints
+    whole = Robot.from_file(arguments.robot, robot.movable_joints)
+    angles = angles_in_degrees(arguments, whole)
     q = joint_values(arguments.start, names, "--start", angles=angles)
     missing = [name for name in robot.joint_names if name not in q]
     if missing:
         raise GoalError(f"--start lacks a position for {', '.join(missing)}")
-    return JointState(robot.joint_names, [q[name] for name in robot.joint_names])
+    return q
 
 
 def planned_goal(
     arguments: argparse.Namespace, robot: Robot
 ) -> JointGoal | PoseGoal | SequenceGoal:
-    """The goal of `plan`; with ``--via``, a sequence.
+    """The goal of `plan`; with ``--via`` or ``--stop``, a sequence.
 
     Raises
     ------
     GoalError
-        If the text can't be read, or the duration of a sequence is none that it can have.
+        If a text can't be read, or the duration of a sequence is none that it can have.
     """
-    read = partial(target, robot, angles_in_degrees(arguments, robot))
-    duration = arguments.duration if isinstance(arguments.duration, float) else None
-    if arguments.goal is not None:
-        end = read(arguments.goal, "--goal")
-    else:
-        end = _pose(_frame(arguments, robot), arguments.goal_pose, "--goal-pose")
-    if arguments.via and isinstance(arguments.duration, str):
-        raise GoalError(
-            f"--duration {arguments.duration} can't be given with --via: sequences are timed like "
-            "the demonstrations, or by a number"
-        )
-    if arguments.via:
-        vias = [_via(text, read) for text in arguments.via]
-        times = (*(None for _ in vias), duration)
-        return SequenceGoal((*vias, end), times, arguments.primitive)
-    if isinstance(end, Pose):
-        return PoseGoal(end, duration, arguments.primitive)
-    return JointGoal(end, duration, arguments.primitive)
+    angles = angles_in_degrees(arguments, robot)
 
+    def read(text: str, option: str) -> JointState | Pose:
+        if option == "--goal-pose":
+            return pose(arguments.frame or robot.end_effector, text, option)
+        frame, is_pose, numbers = text.partition(":")
+        if is_pose:
+            return pose(frame.strip(), numbers, option)
+        q = joint_values(text, robot.described_joints, option, angles=angles)
+        return JointState(list(q), list(q.values()))
 
-def _via(text: str, read: Callable[[str, str], JointState | Pose]) -> JointState | Pose:
-    if "@" in text:
+    option = "--goal" if arguments.goal_pose is None else "--goal-pose"
+    text = arguments.goal if arguments.goal_pose is None else arguments.goal_pose
+    duration, primitive = arguments.duration, arguments.primitive
+    if not arguments.via:
+        end = read(text, option)
+        if isinstance(end, Pose):
+            return PoseGoal(end, duration, primitive)
+        return JointGoal(end, duration, primitive)
+    if arguments.timing != AUTO:
         raise GoalError(
-            f"--via '{text}': plan passes vias at times of its own; "
-            "`sequence --via V@T` passes one at T s"
+            f"--timing {arguments.timing} can't be given with --via: sequences are timed like the "
+            "demonstrations, or by --duration or @T"
         )
-    return read(text, "--via")
+    return sequence_goal(arguments, read, (option, text), duration)
 
 
 def sequence_goal(
-    arguments: argparse.Namespace, read: Callable[[str, str], JointState | Pose], goal: str
+    arguments: argparse.Namespace,
+    read: Callable[[str, str], JointState | Pose],
+    goal: tuple[str, str],
+    duration: float | None = None,
 ) -> SequenceGoal:
     """Targets, stops and times of a sequence, from ``--via``, ``--stop`` and the goal.
 
@@ -199,8 +174,10 @@ def sequence_goal(
         The arguments.
     read : callable
         Reads one target from its text and the name of its option.
-    goal : str
-        Name of the goal's option in messages.
+    goal : (str, str)
+        Name of the goal's option, and its text.
+    duration : float, optional
+        Time of the goal [s], where its text has none.
 
     Raises
     ------
@@ -208,60 +185,26 @@ def sequence_goal(
         If a text can't be read or the times don't increase.
     """
     targets, times = [], []
-    for option, text in [*(("--via", via) for via in arguments.via), (goal, arguments.goal)]:
+    for option, text in [*(("--via", via) for via in arguments.via), goal]:
         place, at, moment = text.partition("@")
         targets.append(read(place, option))
         try:
             times.append(seconds(moment) if at else None)
         except argparse.ArgumentTypeError as error:
             raise GoalError(f"{option} '{text}': after @, {error}") from None
+    times[-1] = times[-1] or duration
     stops = (*(isinstance(via, Stop) for via in arguments.via), False)
     return SequenceGoal(tuple(targets), tuple(times), arguments.primitive, stops)
 
 
-def target(robot: Robot, angles: Collection[str], text: str, option: str) -> JointState | Pose:
-    """Read a configuration (name=value,…) or a pose ('FRAME: X Y Z' or with a quaternion).
+def pose(frame: str, text: str, option: str) -> Pose:
+    """Read a position, or a pose with a quaternion, of or in a frame.
 
     Raises
     ------
     GoalError
-        If it is neither.
+        If these are not three or seven numbers, or the quaternion is not of length 1.
     """
-    frame, is_pose, numbers = text.partition(":")
-    if is_pose:
-        return _pose(frame.strip(), numbers, option)
-    q = joint_values(text, robot.described_joints, option, angles=angles)
-    return JointState(list(q), list(q.values()))
-
-
-def asked_texts(arguments: argparse.Namespace, robot: Robot) -> list[str]:
-    """The texts of the vias and the goal; a pose with the name of its frame."""
-    goal = arguments.goal or f"{_frame(arguments, robot)}: {arguments.goal_pose}"
-    return [*arguments.via, goal]
-
-
-def _frame(arguments: argparse.Namespace, robot: Robot) -> str:
-    return str(arguments.frame or robot.end_effector)
-
-
-def stated_pose(frame: str, text: str) -> Pose:
-    """Read ``--pose``: a position and a quaternion, stated in a frame.
-
-    Raises
-    ------
-    GoalError
-        If these are not seven numbers, or the quaternion is not of length 1.
-    """
-    pose = _pose(frame, text, "--pose")
-    if pose.orientation is None:
-        raise GoalError(
-            f"--pose '{text}' has 3 numbers, but a pose for the node has 7 (x y z qx qy qz qw): "
-            "its message always has an orientation; `plan --goal-pose` takes a position alone, too"
-        )
-    return pose
-
-
-def _pose(frame: str, text: str, option: str) -> Pose:
     numbers = number_list(text, option)
     if len(numbers) not in (3, 7):
         raise GoalError(

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals, sequences and poses sent to the node, calls of its services, and the answers."""
+"""`send_goal`: goals, sequences and poses sent to the node, and its answers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, quote_names
-from ..execution.options import Serving
 from ..execution.serving.execution import MotionOutcome
 from ..motion.goal import JointState
 from ..ros.client import (
@@ -28,29 +27,69 @@ from ..ros.client import (
     report_values,
 )
 from ..ros.goal_messages import to_pose_message, to_sequence_message
-from .common import print_json, report_lines
-from .goal_arguments import joint_values, number_list, sequence_goal, stated_pose
+from .common import print_json, reported, show
+from .goal_arguments import joint_values, number_list, pose, sequence_goal
+from .options import add_node, add_targets, number
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
 
-_SERVICES = {"reload": "reload_primitives"}
-"""Names of services that differ from their command's."""
-
 _MARGIN = 30.0  # s from the end of the motion to its report, where --wait is not given
-_RESUMPTION_MARGIN = _MARGIN + Serving.resumption_timeout  # where it may go on later
+_DESCRIPTION = """\
+Send a goal configuration, a sequence of them, or a pose to the running planner node.
+
+The command prints the node's report, then waits until the robot has arrived. The status is 0 if it
+arrived, and 2 if the goal was rejected. It is 1 if the robot did not arrive, the node did not
+answer, or a newer goal or a stop came. With --wait 0, or a node without execution reports, status 0
+means that the motion was published."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.description = _DESCRIPTION
+    place = "positions by joint name, or in the robot description's joint order"
+    goal = parser.add_mutually_exclusive_group(required=True)
+    goal.add_argument(
+        "goal", metavar="NAME=VALUE,…", nargs="?", default=argparse.SUPPRESS, help=f"goal: {place}"
+    )
+    goal.add_argument("--goal", metavar="NAME=VALUE,…[@T]", help="the same as an option")
+    goal.add_argument(
+        "--goal-pose",
+        "--pose",
+        metavar="'X Y Z QX QY QZ QW'",
+        help="pose of the end effector [m, unit quaternion]",
+    )
+    parser.add_argument(
+        "--frame",
+        metavar="LINK",
+        default="",
+        help="link in whose frame --goal-pose is stated (default: the base)",
+    )
+    add_targets(parser, place)
+    parser.add_argument(
+        "--degrees", action="store_true", help="all positions are in degrees, not in radians"
+    )
+    parser.add_argument(
+        "--primitive", metavar="NAME", default="", help="primitive to use (default: the nearest)"
+    )
+    parser.add_argument(
+        "--wait",
+        metavar="S",
+        type=number(0.0, 1e6, "s"),
+        help="longest time to wait until the node is ready for goals, and from the end of the "
+        "motion until the robot has arrived [s]; 0: don't wait (default: 0 and 30)",
+    )
+    add_node(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    command = arguments.command
     check_node_name(arguments.namespace, arguments.node)
     try:
-        with GoalClient(command, arguments.namespace, arguments.node) as client:
-            if command != "send_goal":
-                return _call(arguments, client, _SERVICES.get(command, command))
-            make = _pose_message if arguments.pose else _joint_message
+        with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
+            make = _pose_message if arguments.goal_pose else _joint_message
             return _send(arguments, client, make(arguments, client))
     except NoAnswerError as error:
-        complain(f"{PROGRAM} {command}: {error}")
+        complain(f"{PROGRAM} send_goal: {error}")
         return FAILED
 
 
@@ -63,10 +102,10 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     if arguments.wait:
         client.wait_for_diagnostics(lambda values: values["text"] == READY, arguments.wait)
     answer = client.send(message, arguments.timeout, with_trajectory=False)
-    found, lines = answer.report, report_lines(answer.values, is_verbose=arguments.verbose)
+    found = answer.report
     facts: dict[str, Any] = {"message": found.message, **answer.values}
     if not arguments.json:
-        say(found.message, *lines)
+        show(arguments, {"message": found.message, **reported(answer.values)})
         flush()
     status = DONE if is_served(found) else FAILED
     margin, earlier = arguments.wait or _MARGIN, list[dict[str, str]]()
@@ -82,31 +121,24 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
             break
         earlier.append(facts["execution"])
         facts["earlier_executions"] = earlier
-        margin = arguments.wait or _RESUMPTION_MARGIN
         execution = client.execution(answer, margin, len(earlier))
     if arguments.json:
         print_json(facts)
     return REFUSED if found.level == DiagnosticStatus.ERROR else status
 
 
-def _call(arguments: argparse.Namespace, client: GoalClient, service: str) -> int:
-    """Call a service of the node, and print its answer."""
-    client.wait_for_node(arguments.timeout, with_trajectory=False)
-    answer = client.call(service, arguments.timeout)
-    if arguments.json:
-        print_json({"success": answer.success, "message": answer.message})
-    elif answer.success:
-        say(answer.message)
-    else:
-        complain(f"{PROGRAM} {arguments.command}: {answer.message}")
-    return DONE if answer.success else FAILED
-
-
 def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> PoseStamped:
     for option in ("via", "primitive", "degrees"):
         if getattr(arguments, option):
-            raise GoalError(f"--{option} is for joint goals, and is not accepted with --pose")
-    return to_pose_message(stated_pose(arguments.frame, arguments.pose))
+            raise GoalError(f"--{option} is for joint goals, and is not accepted with --goal-pose")
+    found = pose(arguments.frame, arguments.goal_pose, "--goal-pose")
+    if found.orientation is None:
+        raise GoalError(
+            f"--goal-pose '{arguments.goal_pose}' has 3 numbers, but a pose for the node has 7 "
+            "(x y z qx qy qz qw): its message always has an orientation; `plan --goal-pose` takes "
+            "a position alone, too"
+        )
+    return to_pose_message(found)
 
 
 def _joint_message(
@@ -114,7 +146,7 @@ def _joint_message(
 ) -> JointStateMessage | JointTrajectory:
     """The message of a goal and its vias, all of them positions of the same joints."""
     if arguments.frame:
-        raise GoalError("--frame is for --pose, and is not accepted with joint positions")
+        raise GoalError("--frame is for --goal-pose, and is not accepted with joint positions")
     unit = math.pi / 180.0 if arguments.degrees else 1.0
     text = arguments.goal.partition("@")[0]
     names = [part.partition("=")[0].strip() for part in text.split(",") if "=" in part]
@@ -131,7 +163,7 @@ def _joint_message(
             )
         return JointState(names, [unit * values[name] for name in names])
 
-    goal = sequence_goal(arguments, read, "the goal")
+    goal = sequence_goal(arguments, read, ("the goal", arguments.goal))
     message: JointStateMessage | JointTrajectory
     if len(goal.targets) > 1 or goal.times[0] is not None:
         message = to_sequence_message(goal)

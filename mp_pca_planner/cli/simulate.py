@@ -22,11 +22,76 @@ from ..robot.model import Robot
 from ..ros.nodes import spin_until, start_ros
 from ..ros.simulated_robot import SimulatedRobotNode
 from ..simulation.robot import Faults, SimulatedRobot
-from .common import check_output, report
+from .common import check_output, show
 from .goal_arguments import angles_in_degrees, joint_values
-from .terminal import DONE, written_lines
+from .options import add_report, name_list, number, whole
+from .terminal import DONE
 
-_FAULTS = ("speed_scaling", "payload", "delay", "jitter", "drop", "noise")
+_FAULTS = {
+    "speed_scaling": (1.0, "speed of the controller's clock, 0 to 1"),
+    "payload": (0.0, "unknown mass at the end effector [kg]"),
+    "delay": (0.0, "time until a trajectory reaches the controller [s]"),
+    "jitter": (0.0, "largest random addition to the delay [s]"),
+    "drop": (0.0, "probability that a trajectory is lost"),
+    "noise": (0.0, "standard deviation of measured positions [rad or m]"),
+}
+_DESCRIPTION = """\
+Simulate a robot that publishes joint_states and robot_description and executes trajectories.
+
+Its controller has the semantics of joint_trajectory_controller. Its faults are parameters of the
+node simulated_robot: speed_scaling, held, silent, delay, jitter, active, drop, payload, noise. Pass
+node arguments after --ros-args. Ctrl-C ends it."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.description = _DESCRIPTION
+    parser.add_argument(
+        "--robot", metavar="URDF", type=Path, required=True, help="robot description"
+    )
+    parser.add_argument(
+        "--joints", metavar="A,B", type=name_list, help="joints of the controller (default: all)"
+    )
+    parser.add_argument(
+        "--start",
+        metavar="VALUES",
+        help="start: name=value,… or one value per joint [rad or m] (default: 0, or the middle of "
+        "the limits)",
+    )
+    parser.add_argument(
+        "--degrees", action="store_true", help="angles are in degrees, not in radians"
+    )
+    parser.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=number(0.01, 1000.0, "Hz"),
+        default=500.0,
+        help="rate of joint_states (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--controller-topic",
+        metavar="TOPIC",
+        default="mp_pca_planner/joint_trajectory",
+        help="topic of the trajectories to execute (default: %(default)s)",
+    )
+    for name, (default, meaning) in _FAULTS.items():
+        parser.add_argument(
+            f"--{name.replace('_', '-')}", metavar="X", type=float, default=default, help=meaning
+        )
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        type=whole(0, 2**63 - 1),
+        default=0,
+        help="seed of all random numbers",
+    )
+    parser.add_argument(
+        "--record",
+        metavar="FILE.npz",
+        type=Path,
+        help="file to write every command to, at 1 kHz",
+    )
+    add_report(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -48,7 +113,6 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
         robot,
         _start(robot, arguments.start, angles_in_degrees(arguments, robot)),
         seed=arguments.seed,
-        plant=arguments.plant,
         time_ns=time.time_ns(),
         state_rate=arguments.rate,
     )
@@ -67,9 +131,7 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
             "delays": np.array(node.delays),
         }
         _write(arguments.record, arrays, robot, overwrite=arguments.force)
-    summary = _summary(simulated)
-    line = f"{summary['received']} trajectories received, {len(summary['rejected'])} rejected"
-    report(arguments, summary, line, *written_lines([arguments.record]))
+    show(arguments, _summary(simulated) | {"written": arguments.record})
     return DONE
 
 

@@ -12,16 +12,68 @@ import termios
 import tty
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from ..robot.model import Robot
 from ..teaching.dialogue import KEYS, PlayedBag, Record, SessionWords, hold_dialogue
 from ..teaching.session import TeachingSession
-from . import build_primitives
-from .common import check_frame, check_output, report_lines
-from .main import parse
+from .common import check_frame, check_output, fact_lines, reported
+from .main import run_command
+from .options import add_node, name_list
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
+
+_DESCRIPTION = """\
+Teach a primitive to the running robot: record, cut, learn and try.
+
+The command records all joint states while you move the arm by hand. When the arm has rested for
+0.6 s, it shows the motion and a summary of all motions so far. Keys: d discards the last motion;
+b builds the primitive and makes the node reload it; q, or the end of the input, quits. The first
+goal is sent to the node after an explicit yes. The recording FILE.mcap and tables of the
+motions are beside FILE.npz. The same command continues a session that was quit or killed."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.description = _DESCRIPTION
+    parser.add_argument(
+        "--output",
+        metavar="FILE.npz",
+        type=Path,
+        required=True,
+        help="primitive to write; the recording is written beside it",
+    )
+    parser.add_argument(
+        "--joints",
+        metavar="a,b,c",
+        type=name_list,
+        help="joints to use, in this order (default: the robot's joints, or all)",
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="URDF",
+        type=Path,
+        help="robot description; positions of the end effector are then shown",
+    )
+    parser.add_argument(
+        "--frame",
+        metavar="LINK",
+        default="",
+        help="end effector of the robot (default: the last link that most joints move)",
+    )
+    parser.add_argument(
+        "--topic",
+        help="topic of joint states (default: joint_states, or the only such topic of --play)",
+    )
+    parser.add_argument(
+        "--play",
+        metavar="BAG",
+        type=Path,
+        help="recording to play back in place of a robot, without ROS",
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite the primitive")
+    add_node(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -91,7 +143,7 @@ def _build(arguments: argparse.Namespace, session: TeachingSession) -> int:
     options = ["--segments", str(session.segments), "--output", str(arguments.output)]
     options += ["--joints", names, *(["--robot", str(arguments.robot)] if arguments.robot else [])]
     options += ["--force"] if arguments.force else []
-    return build_primitives.run(parse("build_primitives", [str(session.recording), *options]))
+    return run_command("build_primitives", [str(session.recording), *options])
 
 
 def _try(
@@ -117,7 +169,7 @@ def _try(
                 return DONE
             goals = dict(zip(names, goal.tolist(), strict=True))
             answer = robot.move(arguments.output.stem, goals, arguments.timeout)
-            _say_now(answer.report.message, *report_lines(answer.values, is_verbose=False))
+            _say_now(answer.report.message, *fact_lines(reported(answer.values)))
             if not is_served(answer.report):
                 return REFUSED
             execution = robot.execution(answer)

@@ -7,11 +7,11 @@ from __future__ import annotations
 import argparse
 import errno
 import io
+import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable
-from pathlib import Path
-from typing import NoReturn
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 from ..exceptions import PlannerError, printable
 
@@ -26,6 +26,11 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 class OneLineParser(argparse.ArgumentParser):
     """Argument parser whose errors are one line on stderr, with exit status 2."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        # Lists such as -0.2,0.1 are values, too, not options.
+        self._negative_number_matcher = re.compile(r"-[\d.]")
 
     def error(self, message: str) -> NoReturn:
         """Print the error and exit."""
@@ -42,11 +47,6 @@ def say(*lines: str) -> None:
 def complain(text: str) -> None:
     """Print one line on stderr."""
     print(printable(text), file=sys.stderr)
-
-
-def written_lines(files: Iterable[Path | None]) -> list[str]:
-    """Lines of text that say which files were written."""
-    return [f"written      {file}" for file in files if file is not None]
 
 
 def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> int:

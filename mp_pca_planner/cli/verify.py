@@ -5,18 +5,18 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, text_table
-from ..control.closed_loop import ControlLoop, ErrorModel, Verification, verify
+from ..arrays import FloatArray
+from ..control.closed_loop import ControlLoop, ErrorModel, verify
 from ..control.law import (
     KINDS,
     STATEMENT,
     ControlLaw,
     bound_statement,
-    excluded,
     pair_law,
     paired_law,
     verified_case,
@@ -25,12 +25,86 @@ from ..control.stability import Stability, analyse
 from ..exceptions import ControlError
 from ..primitives.file import save_primitive
 from ..robot.model import Robot
-from .common import check_output, progress_bar, report
+from .common import check_output, progress_bar, show
 from .goal_arguments import joint_values
+from .options import add_report, add_request, number, whole
 from .plan import PlannedRequest, plan_request
-from .terminal import DONE, FAILED, written_lines
+from .terminal import DONE, FAILED
 
 _ASSUMED = ("inertia_error", "payload", "start_error", "control_period", "delay")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.description = (
+        "Simulate a planned motion under a control law, and compare with the claimed error bound. "
+        "The simulations include errors of the model and the start, effort limits, sampling and "
+        "delay."
+    )
+    add_request(parser)
+    parser.add_argument(
+        "--trials",
+        type=whole(1, 1_000_000),
+        default=100,
+        help="number of simulations (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--output", metavar="FILE.npz", type=Path, help="primitive to write, with this law"
+    )
+    add_report(parser)
+    law = parser.add_argument_group("control law (default: the primitive's own, if it has one)")
+    law.add_argument("--law", choices=KINDS, help=f"kind of law (default: {KINDS[0]})")
+    law.add_argument(
+        "--natural-frequency",
+        metavar="ω",
+        type=number(1e-3, 1e5),
+        default=30.0,
+        help="natural frequency of the error, which determines the gains [rad/s] "
+        "(default: %(default)g)",
+    )
+    errors = parser.add_argument_group("assumed errors")
+    errors.add_argument(
+        "--inertia-error",
+        metavar="SHARE",
+        type=number(0.0, 1.0),
+        default=0.05,
+        help="relative error of the links' masses and principal moments of inertia, up or down "
+        "(default: %(default)g)",
+    )
+    errors.add_argument(
+        "--payload",
+        type=number(0.0, 1e4),
+        default=0.0,
+        help="largest unknown mass at the last link that most joints move [kg]",
+    )
+    errors.add_argument(
+        "--friction",
+        help="largest Coulomb friction: one number, or name=value,… [N·m or N] (default: from the "
+        "<dynamics> of the robot description)",
+    )
+    errors.add_argument(
+        "--armature",
+        help="inertias of the rotors, reflected to the joints: one number, or name=value,… "
+        "[kg·m² or kg]",
+    )
+    errors.add_argument(
+        "--start-error",
+        type=number(0.0, 10.0),
+        default=0.001,
+        help="error of each joint at the start [rad or m] (default: %(default)g)",
+    )
+    errors.add_argument(
+        "--control-period",
+        type=number(1e-6, 1.0, "s"),
+        default=0.001,
+        help="sampling period [s] (default: %(default)g)",
+    )
+    errors.add_argument(
+        "--delay",
+        type=whole(0, 1000),
+        default=1,
+        help="delay from measurement to action [samples] (default: %(default)s)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -77,14 +151,16 @@ def run(arguments: argparse.Namespace) -> int:
     if output is not None:
         paired = pair_law(request.primitives[0], law, facts)
         save_primitive(paired, output, overwrite=arguments.force)
-    lines = [
-        *request.lines(),
-        f"duration     {trajectory.duration:.3f} s, of robot '{robot.name}'",
-        *_lines(robot, law, stability, found),
-        f"not included  {excluded(facts['assumed'])}",
-    ]
-    content = facts | {"law": law.kind, "joint_names": list(law.joint_names)}
-    report(arguments, content, *lines, *written_lines([output]))
+    content = {
+        "law": law.kind,
+        "joint_names": list(law.joint_names),
+        "duration": trajectory.duration,
+        **facts,
+        "remedy": None if stability.holds else _remedy(stability),
+        "remarks": request.remarks,
+        "written": output,
+    }
+    show(arguments, content)
     return DONE if found.bound_held == n and stability.holds else FAILED
 
 
@@ -105,34 +181,6 @@ def _choose_law(arguments: argparse.Namespace, request: PlannedRequest, robot: R
         return own
     kind, frequency = arguments.law or KINDS[0], arguments.natural_frequency
     return ControlLaw.from_frequency(kind, robot, request.plan.trajectory, frequency)
-
-
-def _lines(robot: Robot, law: ControlLaw, stability: Stability, found: Verification) -> list[str]:
-    n, bound = len(found.errors), stability.error_bound
-    rows = [
-        [
-            name,
-            f"{law.position_gains[j]:.4g}",
-            f"{law.velocity_gains[j]:.4g}",
-            "none" if bound is None else f"{1e3 * bound[:, j].max():.3g}",
-            f"{1e3 * found.errors[:, j].max():.3g}",
-            f"{1e3 * np.median(found.errors[:, j]):.3g}",
-        ]
-        for name in robot.described_joints
-        for j in [law.joint_names.index(name)]
-    ]
-    header = ["joint", "Kp", "Kd", "bound [mrad]", "worst [mrad]", "median [mrad]"]
-    held = f"held in {found.bound_held} of {n} simulations"
-    return [
-        f"law           {law.kind}",
-        f"poles         slowest {stability.slowest_pole:.3g} 1/s, least damping ratio "
-        f"{stability.least_damping:.3g}, sampled radius {stability.sampled_radius:.4f}",
-        f"loop gain     {stability.loop_gain:.3g} (of the model's errors; below 1: stable)",
-        f"effort left   {100 * stability.effort_reserve:.1f} % of the limit",
-        f"saturated     {found.saturated} of {n} simulations",
-        f"bound         {_remedy(stability) if bound is None else held}",
-        *text_table(rows, header=header).splitlines(),
-    ]
 
 
 def _remedy(stability: Stability) -> str:

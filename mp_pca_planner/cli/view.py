@@ -8,6 +8,7 @@ import argparse
 import threading
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 from ..exceptions import PlannerError
 from ..primitives.library import load_primitives
@@ -16,7 +17,50 @@ from ..robot.world import World
 from ..view.content import LiveLink, PageContent, read_content
 from ..view.page import ViewPage
 from .common import check_frame
+from .options import add_node, add_robot_files, seconds, whole
 from .terminal import DONE, complain, flush, say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.description = (
+        "Show the robot, its primitives and plans on a page in the browser. You drag the goal, and "
+        "the plan follows. Sliders of the components bend a typical demonstration. The page also "
+        "plays demonstrations. Ctrl-C ends the command."
+    )
+    add_robot_files(parser)
+    parser.add_argument(
+        "--obstacles",
+        metavar="FILE",
+        type=Path,
+        help="obstacles: a planning scene of MoveIt, .scene or YAML",
+    )
+    parser.add_argument(
+        "--frame",
+        metavar="LINK",
+        default="",
+        help="link that the handle moves (default: the last link that most joints move)",
+    )
+    parser.add_argument(
+        "--demonstrations",
+        metavar="BAG",
+        nargs="+",
+        help="recordings of the demonstrations (default: as the primitives reproduce them)",
+    )
+    parser.add_argument("--topic", help="JointState topic of --demonstrations (default: the only)")
+    parser.add_argument(
+        "--port",
+        type=whole(0, 65535),
+        default=8080,
+        help="port, or the first free port after it; 0: any free port (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--for", metavar="S", dest="duration", type=seconds, help="end after this time [s]"
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on")
+    parser.add_argument("--live", action="store_true", help="show a node and its robot")
+    parser.add_argument("--controller-topic", default="", help="topic of the node's motions")
+    add_node(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

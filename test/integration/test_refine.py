@@ -3,7 +3,6 @@
 """The command `refine`."""
 
 import json
-import resource
 
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ from support.obstacle_scenes import write_scene
 from support.worlds import plain_distances
 from test_commands import GOAL, START, URDF, refusal, run
 
-from mp_pca_planner.cli.main import load_command
-from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.robot.world import World
 
@@ -67,17 +64,9 @@ def test_refined_motion_is_written_and_kept_as_a_primitive(primitive, tmp_path):
 
 def test_motion_that_gains_too_little_is_not_kept(primitive, tmp_path):
     new = tmp_path / "new.npz"
-    facts = refine(primitive, "--output", new, "--min-gain", "0.9", ok=False)
+    facts = refine(primitive, "--output", new, ok=False)
     assert not facts["kept"]
     assert not new.exists()
-
-
-def test_text_says_what_was_gained(primitive):
-    request = ("--robot", URDF, "--start", START, "--goal", GOAL)
-    lines = run("refine", primitive, *request, ok=True).stdout.splitlines()
-    (cost,) = (line for line in lines if line.startswith("cost "))
-    assert "% less" in cost
-    assert lines[-1].endswith("not kept (pass --output to keep it)")
 
 
 def joint_list(q):
@@ -119,73 +108,14 @@ def test_pose_on_the_way_is_still_passed_after_refinement(primitive):
     assert missed.min() < 0.01 * np.abs(v).sum(axis=1).max()
 
 
-# By trials
-
-
-def test_trials_go_on_from_call_to_call_until_one_is_kept(primitive, tmp_path):
-    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
-    state, motion, new = tmp_path / "t.json", tmp_path / "trial.csv", tmp_path / "new.npz"
-    options = ("--trials", state, "--trajectory", motion, "--force")
-    first = refine(primitive, *options)
-    assert first["n_trials"] == 0 and not state.exists()
-    assert refine(primitive, *options)["positions"] == first["positions"]
-    second = refine(primitive, *options, "--cost", "10.0")
-    assert second["n_trials"] == 1
-    assert second["positions"] != first["positions"]
-    third = refine(primitive, *options, "--cost", "8.0", "--output", new, ok=False)
-    assert third["n_trials"] == 2
-    # Nothing is kept until the planned motion and the best one are repeated.
-    assert third["gain"] is None and not third["kept"] and not new.exists()
-    fourth = refine(primitive, *options, "--cost", "10.0")
-    assert fourth["positions"] == second["positions"]
-    fifth = refine(primitive, *options, "--cost", "8.0", "--output", new)
-    assert fifth["gain"] == pytest.approx(0.2) and fifth["gain_error"] == 0.0
-    assert fifth["kept"] and load_primitive(new).metadata["refined_from"]["cost"] == 8.0
-
-
-def test_cost_is_not_counted_if_the_next_trial_could_not_be_written(primitive, tmp_path):
-    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
-    state, motion = tmp_path / "t.json", tmp_path / "trial.csv"
-    request = ("--robot", URDF, "--start", START, "--goal", GOAL, "--trials", state)
-    options = [str(word) for word in (primitive, *request, "--trajectory", motion, "--force")]
-    main = load_command("refine")
-    assert main(options) == 0
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    limit = 4096  # between the sizes of the trials and of the motion
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
-    try:
-        with pytest.raises(PlannerError, match="can't be written"):
-            main([*options, "--cost", "10"])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert not state.exists()
-    assert main([*options, "--cost", "10"]) == 0
-    assert len(json.loads(state.read_text())["trials"]) == 1
-    assert state.stat().st_size < limit < motion.stat().st_size
-
-
-def test_trials_of_a_sequence_pass_its_vias(primitive, tmp_path):
-    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
-    via = arm_primitive().boundary_states[1][3]
-    options = ("--via", joint_list(via), "--trials", tmp_path / "t.json")
-    for cost in (None, "10.0", "9.0", "8.0"):
-        facts = refine(primitive, *options, *(() if cost is None else ("--cost", cost)))
-        q, v = np.array(facts["positions"]), np.array(facts["velocities"])
-        assert np.abs(q - via).max(axis=1).min() < 0.01 * np.abs(v).max()
-    assert facts["n_trials"] == 3
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--cost", "3"), "also pass --trials"),
-        (("--min-gain", "2"), "--min-gain: '2' is not a number from 0"),
         (("--time-price", "-1"), "--time-price: '-1' is not a number from 0"),
         (("--trajectory", "motion.docx"), "must end in"),
-        (("--trials", "t.json", "--cost", "nan"), "--cost: 'nan' is not a number"),
         (("--limits", "{tight}"), "no motion to refine"),
-        (("--via", GOAL, "--duration", "3"), "--duration can't be given with --via"),
-        (("--via", f"{GOAL}@0.5"), "times (@) are not accepted"),
+        (("--via", GOAL, "--duration", "3"), "(@ or --duration) are not accepted"),
+        (("--via", f"{GOAL}@0.5"), "(@ or --duration) are not accepted"),
     ],
 )
 def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, options, words):
@@ -195,7 +125,6 @@ def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, optio
     options = [option.format(tight=tight) for option in options]
     line = refusal("refine", primitive, "--robot", URDF, "--start", START, "--goal", GOAL, *options)
     assert words in line
-    assert not (tmp_path / "t.json").exists()
 
 
 def test_existing_files_are_not_lost(primitive, tmp_path):

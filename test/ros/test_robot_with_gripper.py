@@ -174,27 +174,27 @@ def test_commands_save_the_motion_and_reload_the_primitives(
     client: NodeClient, capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
     client.send(goal_message())
-    status, output = run(capsys, "save_motion")
+    status, output = run(capsys, "call", "save_motion")
     assert status == 0
     name = load_primitive(folder / f"{arm_primitive().name}_1.npz").name
     assert f"{name}.npz" in output
-    status, output = run(capsys, "reload")
+    status, output = run(capsys, "call", "reload")
     assert (status, output) == (0, f"loaded: '{arm_primitive().name}'\n")
     good = (folder / "arm.npz").read_bytes()
     (folder / "arm.npz").write_bytes(b"damaged")
-    status, output = run(capsys, "reload")
+    status, output = run(capsys, "call", "reload")
     (folder / "arm.npz").write_bytes(good)
     assert status == 1
     assert output.count("\n") == 1
     assert "kept" in output
 
 
-@pytest.mark.parametrize("command", ["stop", "save_motion", "reload"])
+@pytest.mark.parametrize("command", ["stop", "call save_motion", "call reload"])
 def test_command_without_a_node_says_so(
     command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     set_domain(monkeypatch, 34)
-    assert main([command, "--timeout", "0.5"]) == 1
+    assert main([*command.split(), "--timeout", "0.5"]) == 1
     output = capsys.readouterr()
     assert output.out == ""
     assert "'mp_pca_planner' is not there within 0.5 s" in output.err

@@ -11,7 +11,6 @@ import sys
 import sysconfig
 import unicodedata
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
 
@@ -20,7 +19,7 @@ from support.arm import arm_primitive
 from support.bags import reaching, stamped, write_bag
 
 import mp_pca_planner.cli.main as program
-from mp_pca_planner.cli.common import report_lines
+from mp_pca_planner.cli.common import fact_lines, reported
 from mp_pca_planner.exceptions import MissingDependencyError, PlannerError, printable
 from mp_pca_planner.primitives.file import save_primitive
 
@@ -50,13 +49,13 @@ def test_printable_leaves_no_control_format_or_surrogate_character() -> None:
 # Errors
 
 
-def failing(error: BaseException) -> Callable[[str], Callable[[list[str]], int]]:
-    """What loads a command that raises an error."""
+def failing(error: BaseException) -> Callable[[str, list[str]], NoReturn]:
+    """A command that raises an error."""
 
-    def command(argv: list[str]) -> NoReturn:
+    def command(name: str, argv: list[str]) -> NoReturn:
         raise error
 
-    return lambda name: command
+    return command
 
 
 @pytest.mark.parametrize(
@@ -79,7 +78,7 @@ def test_every_error_is_one_line_and_debug_adds_its_traceback(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(program, "load_command", failing(error))
+    monkeypatch.setattr(program, "run_command", failing(error))
     assert program.main(["plan"]) == status
     usual = capsys.readouterr()
     assert usual.out == "" and usual.err.count("\n") == 1 and words in usual.err
@@ -88,16 +87,7 @@ def test_every_error_is_one_line_and_debug_adds_its_traceback(
     assert debugged.startswith("Traceback") and debugged.endswith(usual.err)
 
 
-def test_debug_is_taken_off_before_the_arguments_for_ros_only(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    seen = []
-    monkeypatch.setattr(program, "load_command", lambda name: lambda argv: seen.append(argv) or 0)
-    assert program.main(["--debug", "planner_node", "--ros-args", "-p", "x:=1", "--debug"]) == 0
-    assert seen == [["--ros-args", "-p", "x:=1", "--debug"]]
-
-
-@pytest.mark.parametrize("arguments", [["plan", "--help"], ["--help"], ["library", "list", "."]])
+@pytest.mark.parametrize("arguments", [["plan", "--help"], ["--help"]])
 def test_a_reader_that_has_seen_enough_is_no_error(arguments: list[str], tmp_path: Path) -> None:
     # The pipe has no reader from the start, so nothing depends on who is faster. Unbuffered output
     # would fail elsewhere.
@@ -137,7 +127,7 @@ def assert_harmless(text: str) -> None:
     assert not any(line.startswith("root#") for line in text.split("\n"))
 
 
-def test_names_from_a_bag_and_notes_of_a_library_do_not_steer_the_terminal(tmp_path: Path) -> None:
+def test_names_from_a_bag_do_not_steer_the_terminal(tmp_path: Path) -> None:
     name = HOSTILE.replace("\udcff", "")  # messages hold UTF-8
     bag, file = tmp_path / "bag", tmp_path / "reach.npz"
     write_bag(bag, "mcap", stamped(reaching([0.0, 1.0, 0.2, 0.9]), names=(name, "b")))
@@ -151,9 +141,6 @@ def test_names_from_a_bag_and_notes_of_a_library_do_not_steer_the_terminal(tmp_p
         printed("inspect", file, f"--{HOSTILE}", status=2),
         printed(HOSTILE, status=2),
     ]
-    if find_spec("filelock") is not None:
-        library = tmp_path / "library"
-        texts.append(printed("library", "add", library, file, "--note", HOSTILE, status=0))
     for text in texts:
         assert_harmless(text)
         assert "root#" in text
@@ -205,10 +192,24 @@ def test_hint_for_a_managed_python_has_the_options_that_pip_needs_there(
     assert "pip install --user --break-system-packages " in hint("plot")
 
 
-def test_numbers_of_a_report_that_nobody_asked_for_are_not_printed() -> None:
+def test_unknown_numbers_of_a_report_are_not_printed() -> None:
     values = {"status": "solved", "effort_cost": "nan", "duration": "1.23456789", "x": "2"}
-    found = [line.split() for line in report_lines(values, is_verbose=False)]
-    assert found == [["status", "solved"], ["duration", "1.235"]]
-    found = [line.split() for line in report_lines(values, is_verbose=True)]
-    assert found == [["status", "solved"], ["duration", "1.23456789"], ["x", "2"]]
-    assert report_lines({"kkt_residual": "1e-7"}, is_verbose=True) == []
+    assert reported(values) == {"status": "solved", "duration": "1.235"}
+
+
+def test_results_are_lines_without_unknown_values_and_long_lists() -> None:
+    lines = fact_lines(
+        {
+            "start": {"a": 0.12345, "b": 2.0},
+            "remarks": ["one thing", "another"],
+            "names": ["a", "b"],
+            "times": [0.0] * 100,
+            "unknown": float("nan"),
+        }
+    )
+    assert lines == [
+        "start    a=0.1235, b=2",
+        "remarks  one thing",
+        "remarks  another",
+        "names    a, b",
+    ]

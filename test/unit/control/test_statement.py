@@ -101,9 +101,7 @@ def test_inspect_shows_the_statement(verified: Path, capsys: pytest.CaptureFixtu
 
 def test_refined_primitive_keeps_gains_but_not_the_bound(verified: Path, tmp_path: Path) -> None:
     output = tmp_path / "refined.npz"
-    assert (
-        main(["refine", str(verified), *REQUEST, "--min-gain", "0", "--output", str(output)]) == 0
-    )
+    assert main(["refine", str(verified), *REQUEST, "--output", str(output)]) == 0
     refined = load_primitive(output)
     before, after = paired_law(load_primitive(verified)), paired_law(refined)
     assert before is not None
