@@ -103,9 +103,9 @@ class PlannedRequest:
 
     @property
     def remarks(self) -> list[str]:
-        """What is unusual about the motion and shapes, and joints whose position was not given."""
+        """What is unusual about the motion, and joints whose position was not given."""
         robot, collision = self.planner.robot, self.planner.collision
-        found = [*remarks(self.plan), *(() if collision is None else collision.notes)]
+        found = remarks(self.plan)
         found += [self.note] if self.note else []
         if unlimited := self.planner.limits.unlimited:
             found.append(f"some joints have no limit of {', '.join(unlimited)}: use --limits")

@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     errors.add_argument(
         "--inertia-error",
         metavar="SHARE",
-        type=number(0.0, 1.0),
+        type=number(0.0, 0.999),
         default=0.05,
         help="relative error of the links' masses and principal moments of inertia, up or down "
         "(default: %(default)g)",
@@ -79,8 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     errors.add_argument(
         "--friction",
-        help="largest Coulomb friction: one number, or name=value,… [N·m or N] (default: from the "
-        "<dynamics> of the robot description)",
+        help="largest Coulomb friction: one number, or name=value,… [N·m or N]",
     )
     errors.add_argument(
         "--armature",
@@ -95,13 +94,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     errors.add_argument(
         "--control-period",
-        type=number(1e-6, 1.0, "s"),
+        type=number(1e-5, 0.1, "s"),
         default=0.001,
         help="sampling period [s] (default: %(default)g)",
     )
     errors.add_argument(
         "--delay",
-        type=whole(0, 1000),
+        type=whole(0, 100),
         default=1,
         help="delay from measurement to action [samples] (default: %(default)s)",
     )
@@ -115,9 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not request.plan.is_executable:
         raise ControlError(f"there is no motion to verify: {request.plan.message}")
     robot, trajectory = request.planner.robot, request.plan.trajectory
-    friction = robot.described_friction
-    if arguments.friction is not None:
-        friction = _by_joint(arguments.friction, "--friction", robot)
+    friction = _by_joint(arguments.friction or "0", "--friction", robot)
     armature = _by_joint(arguments.armature or "0", "--armature", robot)
     if armature.any():
         robot = robot.with_armature(armature)

@@ -210,11 +210,6 @@ class CollisionModel:
         return other
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """What is unusual about the shapes of links and obstacles, as sentences."""
-        return self._links.notes + self.world.notes
-
-    @property
     def has_geometry(self) -> bool:
         """Whether there is any collision geometry of links at all."""
         return bool(self._links.names)

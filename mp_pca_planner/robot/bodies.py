@@ -85,8 +85,6 @@ class Bodies:
         Half of the lengths of the edges of that box [m].
     meshes : tuple of MeshSolid or None
         The mesh that each shape is made of.
-    notes : tuple of str
-        What is unusual about shapes of links, as sentences.
     """
 
     model: Any
@@ -101,7 +99,6 @@ class Bodies:
     radii: FloatArray
     halves: FloatArray
     meshes: tuple[MeshSolid | None, ...]
-    notes: tuple[str, ...] = ()
 
     @classmethod
     def of_links(
@@ -130,19 +127,17 @@ class Bodies:
         count, most = sum(map(len, description.shapes.values())), INPUT_LIMITS.robot_shapes
         if count > most:
             raise RobotError(f"{source} has {count} collision shapes, at most {most} are accepted")
-        parts, notes = [], dict[str, None]()
+        parts = []
         every = [(link, one) for link, many in description.shapes.items() for one in many]
         for link, stated in every:
             try:
                 shape = _stated(stated, package_dirs)
             except WorldError as error:
                 raise RobotError(f"{source}: <collision> of link '{link}': {error}") from None
-            if isinstance(shape, Mesh) and shape.note:
-                notes[f"link '{link}': {shape.note}"] = None
             place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
             joint, frame = _attachment(model, link)
             parts.append((link, joint, frame * place, solid_of_shape(shape)))
-        return replace(cls._made(model, parts), notes=tuple(notes))
+        return cls._made(model, parts)
 
     def with_world(self, world: World) -> Bodies:
         """The same with the obstacles of a world.

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, check_type, is_number, unique_names
+from ..arrays import FloatArray, check_type, is_number, text_table, unique_names
 from ..exceptions import LimitsError, shown, unknown_name
 from ..files import load_yaml, read_text, reading
 
@@ -69,7 +69,7 @@ class JointLimits:
     >>> import mp_pca_planner as mp
     >>> mp.JointLimits(["elbow"], {"elbow": {"min_position": -2.4, "max_velocity": 3.0}})
     JointLimits  position [rad, m]  velocity [/s]  acceleration [/s²]  jerk [/s³]  effort [N·m, N]
-    elbow        -2.4 to inf        3              inf                 inf         inf
+    elbow              -2.4 to inf              3                 inf         inf              inf
     """
 
     joint_names: tuple[str, ...]
@@ -112,10 +112,7 @@ class JointLimits:
             [name, f"{low:.4g} to {high:.4g}", *(f"{value:.4g}" for value in values)]
             for name, (low, high), values in zip(self.joint_names, ends, rates, strict=True)
         ]
-        rows.insert(0, ["JointLimits", *_KINDS])
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = (zip(row, widths, strict=True) for row in rows)
-        return "\n".join("  ".join(x.ljust(width) for x, width in line).rstrip() for line in lines)
+        return text_table(rows, header=["JointLimits", *_KINDS])
 
 
 def _absent(key: str) -> float:

@@ -229,8 +229,6 @@ class MeshSolid:
         surface without volume has a small thickness.
     is_convex : bool
         Whether the hull is the mesh itself.
-    is_thin : bool
-        Whether the mesh has no volume.
     """
 
     vertices: FloatArray
@@ -238,7 +236,6 @@ class MeshSolid:
     corners: FloatArray
     faces: Triangles
     is_convex: bool
-    is_thin: bool
 
     @cached_property
     def surface(self) -> Any:
@@ -329,7 +326,7 @@ def _solid(vertices: FloatArray, triangles: Triangles) -> MeshSolid:
             faces[inward] = faces[inward, ::-1]
             size = _area(local, triangles) * THICKNESS if is_flat[2] else _volume(local, triangles)
             is_convex = bool(size >= _CONVEX_SHARE * hull.volume)
-    return MeshSolid(vertices, triangles, corners @ axes.T, faces, is_convex, bool(is_flat[2]))
+    return MeshSolid(vertices, triangles, corners @ axes.T, faces, is_convex)
 
 
 def _axes(vertices: FloatArray) -> FloatArray:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -283,17 +282,6 @@ class Robot:
     def link_inertias(self) -> LinkInertias:
         """Masses and principal moments of inertia of the links that the joints move."""
         return LinkInertias.of(self._description.inertials, self._model)
-
-    @property
-    def described_friction(self) -> FloatArray:
-        """Friction of each joint in the description, in its ``<dynamics>`` [N·m or N]."""
-        found = dict.fromkeys(self.joint_names, 0.0)
-        for joint in ElementTree.fromstring(self._given[0]).iter("joint"):
-            dynamics, name = joint.find("dynamics"), joint.get("name", "")
-            if dynamics is not None and name in found:
-                with reading(f"the friction of joint '{name}'", RobotError):
-                    found[name] = float(dynamics.get("friction", "0"))
-        return np.array(list(found.values()))
 
     def with_armature(self, inertias: FloatArray) -> Robot:
         """The same robot with inertias of its rotors, reflected to the joints.

@@ -24,10 +24,7 @@ from ..arrays import (
 from ..exceptions import PlannerError, WorldError, quote_names, shown, unknown_name
 from ..files import as_path
 from ..input_limits import INPUT_LIMITS
-from .meshes import THICKNESS, MeshSolid, is_point, read_mesh, solid_of
-
-NO_VOLUME = f"a mesh has no volume: it is used as a surface {1e3 * THICKNESS:g} mm thick"
-"""Note on a flat or needle-thin mesh."""
+from .meshes import MeshSolid, is_point, read_mesh, solid_of
 
 _ORIGIN, _UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 # Deviation of a quaternion's length from 1: files often hold few digits.
@@ -272,11 +269,6 @@ class Mesh(Shape):
         """The mesh with its convex hull; copies share it."""
         return solid_of(self.vertices, self.triangles)
 
-    @property
-    def note(self) -> str:
-        """What is unusual about it; empty for a mesh with a volume."""
-        return NO_VOLUME if self.solid.is_thin else ""
-
     def _dimensions(self) -> str:
         return f"{len(self.triangles)} triangles"
 
@@ -432,17 +424,6 @@ class World:
     def names(self) -> tuple[str, ...]:
         """Names of the obstacles."""
         return tuple(one.name for one in self.obstacles)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What is unusual about obstacles, a sentence for each of these."""
-        found = [
-            f"obstacle '{one.name}': {shape.note}"
-            for one in self.obstacles
-            for shape in one.shapes
-            if isinstance(shape, Mesh) and shape.note
-        ]
-        return tuple(dict.fromkeys(found))
 
     @classmethod
     def from_file(cls, path: str | Path) -> World:

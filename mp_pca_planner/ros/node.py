@@ -279,9 +279,6 @@ class PlannerNode(GuardedNode):
             self.get_logger().info(
                 "self-collision is not checked: set 'collision' to true to avoid it"
             )
-        if context is not None and context.planner.collision is not None:
-            for note in context.planner.collision.notes:
-                self.get_logger().warning(to_text(note))
 
 
 def _status(

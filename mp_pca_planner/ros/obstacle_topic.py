@@ -123,7 +123,6 @@ class ObstacleTopic:
         self._markers = MarkerMessages()
         self._subscription = MarkerSubscription(node, "~/obstacles")
         # Notes on the present obstacles, each of which is logged once.
-        self._notes: frozenset[str] = frozenset()
         # The problem that was logged last, and when; it is logged again if it comes anew.
         self._problem, self._logged = "", -LOG_PERIOD
         # The obstacles as they are stated, and the poses that their frames had.
@@ -246,10 +245,6 @@ class ObstacleTopic:
         try:
             world = World(placed(stated, poses)[0])
             surroundings.replace(world, self._setup.context)
-            for note in world.notes:
-                if note not in self._notes:
-                    self._node.get_logger().warning(to_text(note))
-            self._notes = frozenset(world.notes)
         except PlannerError as error:
             problems.append(str(error))
             missing.append(str(error))
