@@ -127,20 +127,13 @@ setup(
         "learn": ["cmaes>=0.10"],
         # Recordings read by the workers of a Dask cluster.
         "dask": ["distributed>=2024.1"],
-        # Recordings in object storage and on web servers.
-        "cloud": ["fsspec[gs,http,s3]>=2024.2"],
         # colcon runs pytest only if it is named here. Checkers whose verdict changes from one
         # release to the next are held.
         "test": [
-            "aiobotocore>=3.0",  # the narrowest demand for botocore: pip fits the others to it
             "cmaes>=0.10",
             "distributed>=2024.1",
             "filelock>=3.12",
-            "flask>=3.0",
-            "flask-cors>=4.0",
-            "fsspec[http,s3]>=2024.2",
             "hypothesis>=6.100",
-            "moto[s3]>=5.0",
             "mujoco>=3.3",
             "mypy==2.4.*",
             "playwright>=1.45",

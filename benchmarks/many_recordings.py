@@ -165,7 +165,6 @@ def learn(
         summarise=partial(MotionStatistics.of, options=OPTIONS),
         most_samples=0,
         jobs=jobs,
-        on_disk=True,
     )
     return MotionStatistics.merged(loaded.summaries)
 
@@ -198,7 +197,7 @@ def _peak(paths: list[Path], command: str, jobs: int) -> float:
         for path in paths:
             (links / path.name).symlink_to(path)
         output = str(Path(folder, "all.npz" if command == COMMANDS[0] else "library"))
-        options = ["--segment", "none", "--no-cache", "--jobs", str(jobs), "--output", output]
+        options = ["--segment", "none", "--jobs", str(jobs), "--output", output]
         arguments = [sys.executable, "-c", PEAK, command, str(links), *options]
         done = subprocess.run(arguments, check=True, capture_output=True, text=True)
     return int(done.stdout.split()[-1]) / 1024

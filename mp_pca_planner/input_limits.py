@@ -37,8 +37,6 @@ class InputLimits:
         Recorded position [rad or m]; drivers mark unknown positions by huge numbers.
     state_rate : float
         Rate of recorded joint states [Hz].
-    commanded_duration : float
-        Duration of a recorded trajectory message [s].
     goal_items : int
         Joints, and points, of a goal of the node.
     state_bytes, state_joints : int
@@ -92,7 +90,6 @@ class InputLimits:
     joints: int = 500
     position: float = 1e6
     state_rate: float = 5000.0
-    commanded_duration: float = 1000.0
     goal_items: int = 1000
     state_bytes: int = 2**16
     state_joints: int = 1000

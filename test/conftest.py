@@ -9,7 +9,6 @@ import importlib.util
 import os
 import subprocess
 import sys
-import tempfile
 from hashlib import sha256
 from pathlib import Path
 
@@ -31,10 +30,6 @@ hypothesis.settings.register_profile(
     suppress_health_check=[hypothesis.HealthCheck.too_slow],
 )
 hypothesis.settings.load_profile("repeatable")
-
-# Commands of tests keep what they read apart from what users keep.
-_CACHE = tempfile.TemporaryDirectory()
-os.environ["MP_PCA_PLANNER_CACHE"] = _CACHE.name
 
 _SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 SHARED_DATA = _SHARED if _SHARED.exists() else None

@@ -36,7 +36,6 @@ from ..primitives.kinds import KindErrors, KindOptions, choose_kinds
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import COUPLINGS, MovementPrimitive
 from ..primitives.timing import ALIGNMENTS
-from ..recordings.cache import ReadingCache, default_folder
 from ..recordings.cutting import segments_table
 from ..recordings.load import load_recordings, position_limits
 from ..recordings.recording_set import RecordingSet
@@ -76,8 +75,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--update", metavar="FILE", type=Path, help="primitive file to add to")
     parser.add_argument("--remove", type=name_list, default=[], help="recordings to remove")
-    parser.add_argument("--resume", metavar="FOLDER", type=Path, help="folder to continue")
-    parser.add_argument("--no-cache", action="store_true", help="don't use the cache")
     add_report(parser)
 
 
@@ -188,10 +185,6 @@ def run(arguments: argparse.Namespace) -> int:
     output, force = arguments.output or arguments.update, arguments.force
     check_output(output, ".npz", force=force or output == arguments.update)
     check_output(arguments.report, ".html", force=force)
-    if arguments.resume is not None and Path(arguments.resume).resolve() == output.resolve():
-        raise RecordingError(
-            "--resume and --output are the same path: choose another one for --resume"
-        )
     check_output(arguments.write_segments, ".csv", force=force)
     options = primitive_options(arguments)
     if old is not None:
@@ -329,15 +322,12 @@ def load(
             most_samples=samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
-            resume=arguments.resume,
-            on_disk=samples == 0,
             same_joints=same_joints,
             markers=markers,
             state_field=arguments.field,
             max_gap=arguments.max_gap,
             position_limits=position_limits(robot),
             salvage=arguments.recover,
-            cache=ReadingCache(None if arguments.no_cache else default_folder()),
             progress=progress,
         )
 

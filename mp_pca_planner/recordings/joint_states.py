@@ -10,7 +10,7 @@ those whose other bytes are equal. This is measured to be five times as fast as 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -276,7 +276,6 @@ def slice_joint_states(
     messages: Iterable[tuple[object, int, bytes]],
     *,
     ros1: bool,
-    progress: Callable[[int], None] = lambda n_done: None,
     part_messages: int = 4096,
     part_bytes: int = 4 << 20,
 ) -> RawJointStates:
@@ -291,8 +290,6 @@ def slice_joint_states(
         serialisation of ROS 1.
     ros1 :
         Which of them.
-    progress :
-        Called with the number of messages done.
     part_messages, part_bytes :
         Messages are kept in memory until there are this many of them or of their bytes.
 
@@ -315,7 +312,6 @@ def slice_joint_states(
             else:
                 n_malformed += rows.size
         n_done += len(part)
-        progress(n_done)
     layouts = [_joined(names, own) for names, own in found.items()]
     return RawJointStates(
         topic=topic,

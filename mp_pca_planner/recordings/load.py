@@ -9,12 +9,11 @@ loaded again by what the others show.
 from __future__ import annotations
 
 import warnings
-from array import array
 from collections import Counter
-from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields, replace
-from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from types import NoneType
@@ -28,24 +27,25 @@ from ..exceptions import RecordingError, RobotError, quote_names, unknown_name
 from ..files import as_path
 from ..robot.model import Robot
 from . import bags, cutting
-from .cache import ReadingCache, key_of
 from .cutting import segments_by_hand
 from .load_one import LoadOptions, LoadTask, load_one
-from .recording_set import GatheredSets, RecordingSet
+from .recording_set import RecordingSet, Refusal
 from .repair.recording import FINGERPRINT_SIZE
 from .segmentation import absurd_extent, least_extent_of_set
-from .workers import Outcome, map_in_processes, map_on_cluster
+from .workers import dask_cluster, process_pool
 
 MIN_COMMON = 3
 """Fewer common hashes of fingerprints are no evidence."""
+
+MAX_CHUNK, N_CHUNKS = 16, 64
+"""Recordings that are sent to a process together, at most; and so many times they are sent."""
 
 MIN_SHARE = 0.7
 """Share of a recording's runs that another one has, from which on it is a copy or a part of it."""
 
 
 _OPTIONS = [one.name for one in fields(LoadOptions)]
-_OPTIONS += ["jobs", "dask", "progress", "known_extents", "resume", "on_disk"]
-_DIED = "every process that tried to read it died: it was killed, or memory ran out"
+_OPTIONS += ["jobs", "dask", "executor", "progress", "known_extents"]
 
 
 def load_demonstrations(
@@ -66,8 +66,8 @@ def load_demonstrations(
         the joints that never move in the recordings are left out and noted, such as a gripper's;
         `joints` or a `Robot` choose them all the same.
     **options :
-        The most used are these. All others are fields of :class:`LoadOptions`, and `resume`,
-        `dask`, `progress` and `on_disk` of :func:`.load_recordings`.
+        The most used are these. All others are fields of :class:`LoadOptions`, and `dask`,
+        `executor` and `progress` of :func:`.load_recordings`.
 
         joints : sequence of str
             The joints to take, in this order. All other columns of a CSV file are ignored.
@@ -121,8 +121,7 @@ def load_demonstrations(
         else as_list(paths, "the paths of recordings are needed", RecordingError)
     )
     for one in several:
-        if not isinstance(one, str):  # an address, or a pattern
-            as_path(one, RecordingError)
+        as_path(one, RecordingError)
     for option in options.keys() - {*_OPTIONS}:
         raise RecordingError(unknown_name("option of load_demonstrations", option, _OPTIONS, 40))
     joints = options.pop("joints", None)
@@ -153,10 +152,9 @@ def load_recordings(
     *,
     jobs: int = 1,
     dask: str | None = None,
+    executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
     known_extents: Sequence[float] = (),
-    resume: str | Path | None = None,
-    on_disk: bool = False,
     same_joints: bool = False,
     **options: Any,
 ) -> RecordingSet:
@@ -165,23 +163,17 @@ def load_recordings(
     Parameters
     ----------
     paths :
-        Bag files, rosbag2 folders, folders of bags, glob patterns, and URLs of these (s3, gs,
-        https, file); one of them or several.
+        Bag files, rosbag2 folders, folders of bags, glob patterns; one of them or several.
     jobs :
         Processes that read recordings at the same time. The result is always the same.
     dask :
-        Address of the scheduler of a Dask cluster that reads them instead, see
-        :func:`.workers.map_on_cluster`. The result is the same.
+        Address of the scheduler of a Dask cluster that reads them instead.
+    executor :
+        Reads them instead: any executor, whose workers see the recordings at the same paths.
     progress :
         Called with the bytes of recordings done and in all.
     known_extents :
         Extents of further motions of the set, which are not loaded again [rad or m].
-    resume :
-        A folder that keeps what was read of each recording, so that an interrupted run continues
-        where it was. What it holds is not read again.
-    on_disk :
-        Holds demonstrations, reports and summaries in temporary files: they can be iterated over,
-        and each takes little memory.
     same_joints :
         Takes the joints that more than half of the recordings have from all, and rejects
         recordings that lack some of them. Without such a majority all are taken as they are.
@@ -196,23 +188,27 @@ def load_recordings(
     """
     settings = LoadOptions(**options)
     check_number(jobs, "the number of jobs", RecordingError, 1, is_whole=True)
-    tasks = _tasks(bags.find_recordings(paths), settings, is_absolute=dask is not None)
-    kept = ReadingCache() if resume is None else ReadingCache.resumed(resume)
-    loaded = GatheredSets(len(tasks), on_disk=on_disk)
-    _load_all(dict(enumerate(tasks)), loaded, kept, jobs, dask, progress)
-    refuse_copies(tasks, loaded)
-    again = with_joints_of_set(tasks, loaded, same_joints, moving_only=settings.moving_only)
-    _load_all(again, loaded, kept, jobs, dask, None)
-    tasks = [again.get(index, task) for index, task in enumerate(tasks)]
-    again = with_extent_of_set(tasks, loaded, known_extents)
-    _load_all(again, loaded, kept, jobs, dask, None)
-    settings.cache.prune()
-    return loaded.result()
+    found = bags.find_recordings(paths)
+    if dask is not None or executor is not None:  # its workers have other working directories
+        found = tuple(path.absolute() for path in found)
+    tasks = _tasks(found, settings)
+    workers: AbstractContextManager[Executor | None] = nullcontext(executor)
+    if dask is not None:
+        workers = dask_cluster(dask)
+    elif executor is None and jobs > 1 and len(tasks) > 1:
+        workers = process_pool(min(jobs, len(tasks)))
+    loaded = [RecordingSet()] * len(tasks)
+    with workers as pool:
+        _load_all(dict(enumerate(tasks)), loaded, pool, progress)
+        refuse_copies(tasks, loaded)
+        again = with_joints_of_set(tasks, loaded, same_joints, moving_only=settings.moving_only)
+        _load_all(again, loaded, pool, None)
+        tasks = [again.get(index, task) for index, task in enumerate(tasks)]
+        _load_all(with_extent_of_set(tasks, loaded, known_extents), loaded, pool, None)
+    return RecordingSet.joined(loaded)
 
 
-def _tasks(
-    found: Sequence[bags.Recording], options: LoadOptions, *, is_absolute: bool
-) -> list[LoadTask]:
+def _tasks(found: Sequence[Path], options: LoadOptions) -> list[LoadTask]:
     names = bags.recording_names(found)
     by_hand = segments_by_hand(options.segments_csv, options.labels, names)
     tasks = []
@@ -220,87 +216,59 @@ def _tasks(
         rows = None if by_hand is None else tuple(by_hand.get(name, ()))
         # A recording with motions of other labels only has nothing to load.
         if by_hand is None or by_hand.get(name) != []:
-            if is_absolute and isinstance(path, Path):
-                path = path.absolute()
             tasks.append(LoadTask(path, name, rows, options))
     return tasks
 
 
 def _load_all(
     tasks: Mapping[int, LoadTask],
-    loaded: GatheredSets,
-    kept: ReadingCache,
-    jobs: int,
-    dask: str | None,
+    loaded: list[RecordingSet],
+    pool: Executor | None,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Load recordings by index."""
-    indices, left = array("q", tasks), array("q")
-    sizes = array("q", [bags.stored_size(x.path) if progress else 0 for x in tasks.values()])
-    total, done = sum(sizes), 0
-    for position, index in enumerate(indices):
-        found = kept.value(_key(tasks[index])) if kept.folder else None
-        if isinstance(found, RecordingSet):
+    """Load recordings by index, by the workers of a pool if there is one."""
+    sizes = [bags.stored_size(task.path) if progress else 0 for task in tasks.values()]
+    done, total = 0, sum(sizes)
+    chunk = min(MAX_CHUNK, 1 + len(tasks) // N_CHUNKS)
+    ready: Iterable[RecordingSet] = map(load_one, tasks.values())
+    if pool is not None:
+        ready = pool.map(load_one, tasks.values(), chunksize=chunk)
+    try:
+        for index, size, found in zip(tasks, sizes, ready, strict=True):
             loaded[index] = found
-            done += sizes[position]
-        else:
-            left.append(position)
-
-    def within(item: int, share: float) -> None:
-        if progress is not None:
-            progress(done + int(share * sizes[left[item]]), total)
-
-    with closing(_outcomes([tasks[indices[i]] for i in left], jobs, dask, within)) as ready:
-        for item, result in ready:
-            index = indices[left[item]]
-            if result is None:
-                loaded.refuse(index, tasks[index].name, _DIED)
-            else:
-                loaded[index] = result
-            # What was refused is tried again: the reason may have been the network.
-            if kept.folder and result is not None and not result.refused:
-                kept.keep(_key(tasks[index]), result)
-            done += sizes[left[item]]
-            within(item, 0.0)
+            done += size
+            if progress is not None:
+                progress(done, total)
+    except BrokenExecutor:
+        raise RecordingError(
+            "a process that reads recordings died: it was killed, or memory ran out; use fewer "
+            "--jobs (jobs in Python)"
+        ) from None
 
 
-def _key(task: LoadTask) -> str:
-    return key_of(task, bags.stored_state(task.path))
+def _refuse(loaded: list[RecordingSet], index: int, name: str, reason: str) -> None:
+    """Reject a recording after all."""
+    loaded[index] = RecordingSet.rejected(Refusal(name, reason))
 
 
-def _outcomes(
-    tasks: Sequence[LoadTask], jobs: int, dask: str | None, within: Callable[[int, float], None]
-) -> Generator[Outcome, None, None]:
-    if dask is not None and tasks:
-        yield from map_on_cluster(load_one, tasks, dask, _local_path)
-    elif jobs > 1 and len(tasks) > 1:
-        yield from map_in_processes(load_one, tasks, jobs)
-    else:
-        for index, task in enumerate(tasks):
-            yield index, load_one(task, partial(within, index))
-
-
-def _local_path(task: LoadTask) -> str:
-    return str(task.path) if isinstance(task.path, Path) else ""
-
-
-def refuse_copies(tasks: Sequence[LoadTask], loaded: GatheredSets) -> None:
+def refuse_copies(tasks: Sequence[LoadTask], loaded: list[RecordingSet]) -> None:
     """Reject recordings whose samples are those of another one, or a part of them.
 
     Of a recording with a table of segments, the motions are those that a person chose.
     """
     originals: dict[str, str] = {}
-    values, owners = array("q"), array("q")
+    values, owners = list[int](), list[int]()
     for index, task in enumerate(tasks):
-        for report in loaded.found(index)[0] if task.segments is None else ():
+        for report in loaded[index].reports if task.segments is None else ():
             original = originals.setdefault(report.checksum, task.name)
             if original != task.name:
-                loaded.refuse(index, task.name, f"it is a copy of '{original}', which is used")
+                _refuse(loaded, index, task.name, f"it is a copy of '{original}', which is used")
             else:
                 values.extend(report.fingerprint)
                 owners.extend([index] * len(report.fingerprint))
     gone = set[int]()
-    for pair, shares in sorted(common_shares(np.array(values), np.array(owners)).items()):
+    both = (np.array(found, dtype=np.int64) for found in (values, owners))
+    for pair, shares in sorted(common_shares(*both).items()):
         if max(shares) >= MIN_SHARE and not gone & set(pair):
             # Of equal ones, the first is kept.
             part, whole = pair if shares[0] > shares[1] + 0.3 else pair[::-1]
@@ -310,7 +278,7 @@ def refuse_copies(tasks: Sequence[LoadTask], loaded: GatheredSets) -> None:
                 reason = f"it is a part of another recording: its samples are also {where}"
             else:
                 reason = f"it is a copy in another form: its samples are also {where}"
-            loaded.refuse(part, tasks[part].name, reason)
+            _refuse(loaded, part, tasks[part].name, reason)
 
 
 def common_shares(
@@ -351,30 +319,31 @@ def common_shares(
 
 
 def with_joints_of_set(
-    tasks: Sequence[LoadTask], loaded: GatheredSets, same_joints: bool, *, moving_only: bool
+    tasks: Sequence[LoadTask], loaded: list[RecordingSet], same_joints: bool, *, moving_only: bool
 ) -> dict[int, LoadTask]:
     """Recordings to load again with the joints of the set in its order, by index.
 
     On request, recordings of other joints are rejected. With `moving_only`, joints that move in no
     recording are no joints of the set.
     """
-    still = _still_joints(len(tasks), loaded) if moving_only else set[str]()
+    still = _still_joints(loaded) if moving_only else set[str]()
     orders: dict[frozenset[str], tuple[str, ...]] = {}
     counts = Counter[tuple[str, ...]]()
     for index in range(len(tasks)):
-        for report in loaded.found(index)[0]:
+        for report in loaded[index].reports:
             joints = tuple(name for name in report.joint_names if name not in still)
             counts[orders.setdefault(frozenset(joints), joints)] += 1
     common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
     is_one_set = same_joints and 2 * n_common > counts.total()
     again: dict[int, LoadTask] = {}
     for index, task in enumerate(tasks):
-        used, refused = loaded.found(index)
+        used, refused = loaded[index].reports, loaded[index].refused
         for report in used:
             own = set(report.joint_names)
             joints = common if is_one_set else orders[frozenset(own - still)]
             if not own.issuperset(joints):
-                loaded.refuse(
+                _refuse(
+                    loaded,
                     index,
                     task.name,
                     f"its joints, {quote_names(report.joint_names)}, are not those of most "
@@ -389,9 +358,9 @@ def with_joints_of_set(
     return again
 
 
-def _still_joints(n_tasks: int, loaded: GatheredSets) -> set[str]:
+def _still_joints(loaded: Sequence[RecordingSet]) -> set[str]:
     """The joints that move in no recording that is used."""
-    reports = [report for index in range(n_tasks) for report in loaded.found(index)[0]]
+    reports = [report for one in loaded for report in one.reports]
     moving = {n for one in reports for n in one.joint_names if n not in one.still_joints}
     return {name for one in reports for name in one.still_joints} - moving
 
@@ -417,16 +386,16 @@ def _with_joints(
 
 
 def with_extent_of_set(
-    tasks: Sequence[LoadTask], loaded: GatheredSets, known_extents: Sequence[float]
+    tasks: Sequence[LoadTask], loaded: list[RecordingSet], known_extents: Sequence[float]
 ) -> dict[int, LoadTask]:
     """Recordings to load again by the extents of all motions, by index.
 
     Movements of some count as rest relative to the motions of the set. Those of absurdly large
     motions are rejected.
     """
-    extents, smallest, largest = array("d", known_extents), array("d"), array("d")
+    extents, smallest, largest = list(known_extents), list[float](), list[float]()
     for index, task in enumerate(tasks):
-        reports, _ = loaded.found(index)
+        reports = loaded[index].reports
         own = [m.extent for x in reports for m in x.motions if task.segments is None]
         extents.extend(own)
         smallest.append(min(own, default=np.inf))
@@ -438,7 +407,7 @@ def with_extent_of_set(
             f"beside the other recordings' motions, {what}; choose the joints, or give "
             "a table of segments if these movements are motions"
         )
-        loaded.refuse(index, tasks[index].name, reason)
+        _refuse(loaded, index, tasks[index].name, reason)
         smallest[index] = np.inf
     if not np.isfinite(smallest).any():
         return {}

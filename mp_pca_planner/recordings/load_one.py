@@ -7,7 +7,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +14,6 @@ import numpy as np
 
 from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
 from . import bags, cutting
-from .cache import ReadingCache
 from .demonstration import Demonstration
 from .reading import read_recording
 from .recording_set import MarkerResidual, RecordingReport, RecordingSet, Refusal, Segment
@@ -83,8 +81,6 @@ class LoadOptions:
     summarise : callable or None
         Called with the demonstrations of each recording, in the process that reads it: a function
         of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
-    cache : ReadingCache
-        Keeps what is read, except joint states from markers; by default nothing.
     most_samples : int or None
         Largest number of samples kept of each demonstration, after `summarise` was called;
         0 keeps no demonstrations. By default all samples are kept.
@@ -112,7 +108,6 @@ class LoadOptions:
     overviews: bool = False
     summarise: Callable[[Sequence[Demonstration]], Any] | None = None
     most_samples: int | None = None
-    cache: ReadingCache = field(default_factory=ReadingCache)
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -127,7 +122,7 @@ class LoadOptions:
 class LoadTask:
     """A recording to load; its motions, if cut by hand; the set's least extent; notes on it."""
 
-    path: bags.Recording
+    path: Path
     name: str
     segments: tuple[Segment, ...] | None
     options: LoadOptions
@@ -135,29 +130,28 @@ class LoadTask:
     notes: tuple[str, ...] = ()
 
 
-def load_one(task: LoadTask, progress: Callable[[float], None] | None = None) -> RecordingSet:
+def load_one(task: LoadTask) -> RecordingSet:
     """Load one recording, in this process or another one."""
     try:
         if task.segments == ():
             raise RecordingError("the table of segments lists no motion of it")
         began = time.perf_counter()
-        with bags.local_copy(task.path) as path:
-            found = _loaded(task, path, progress)
+        found = _loaded(task)
         seconds = time.perf_counter() - began
         return replace(found, reports=tuple(replace(x, seconds=seconds) for x in found.reports))
     except RecordingError as error:
         findings = error.findings if isinstance(error, UnusableRecordingError) else {}
         joints = findings.get("listed_joints", ())
-        return RecordingSet(refused=(Refusal(task.name, str(error), joints),))
+        return RecordingSet.rejected(Refusal(task.name, str(error), joints))
 
 
-def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None) -> RecordingSet:
-    """Load the file or folder of a recording; one that can't be used raises a RecordingError."""
-    options = task.options
-    clean, residuals = _clean(path, options, progress)
+def _loaded(task: LoadTask) -> RecordingSet:
+    """Load a recording; one that can't be used raises a RecordingError."""
+    path, options = task.path, task.options
+    clean, residuals = _clean(path, options)
     pieces, thresholds = cutting.smoothed(clean)
     cuts, clean = _cut(task, clean, pieces, thresholds)
-    checksum = options.cache.checksum(path)
+    checksum = bags.checksum(path)
     motions = [
         replace(
             cut.demonstration(clean.joint_names, task.name, checksum),
@@ -169,7 +163,7 @@ def _loaded(task: LoadTask, path: Path, progress: Callable[[float], None] | None
     segments = [Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions]
     report = RecordingReport(
         name=task.name,
-        path=str(task.path),
+        path=str(path),
         format=bags.recording_format(path),
         topic=clean.topic,
         n_messages=clean.n_messages,
@@ -250,22 +244,20 @@ def _cut(
     return cuts, clean
 
 
-def _clean(
-    path: Path, options: LoadOptions, progress: Callable[[float], None] | None
-) -> tuple[CleanRecording, dict[str, MarkerResidual]]:
+def _clean(path: Path, options: LoadOptions) -> tuple[CleanRecording, dict[str, MarkerResidual]]:
     """Repaired joint states, and the residuals of the markers that they come from."""
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.max_gap), residuals
-    chosen: dict[str, Any] = {
-        "topic": options.topic,
-        "joints": options.joints,
-        "state_field": options.state_field,
-        "salvage": options.salvage,
-        "listed_only": options.moving_only,
-        "degrees": options.degrees,
-        "max_gap": options.max_gap,
-        "episodes": options.episodes,
-    }
-    read = partial(read_recording, path, progress=progress, **chosen)
-    return options.cache.clean(path, repr(chosen), read), {}
+    clean = read_recording(
+        path,
+        options.topic,
+        options.joints,
+        options.state_field,
+        salvage=options.salvage,
+        listed_only=options.moving_only,
+        degrees=options.degrees,
+        max_gap=options.max_gap,
+        episodes=options.episodes,
+    )
+    return clean, {}

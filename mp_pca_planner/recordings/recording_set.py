@@ -1,20 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Demonstrations of several recordings, with a report or a refusal for each recording.
-
-Many of them are held in temporary files, so that their number takes no memory.
-"""
+"""Demonstrations of several recordings, with a report or a refusal for each recording."""
 
 from __future__ import annotations
 
-import os
-import pickle
-import tempfile
-from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -157,8 +150,6 @@ class RecordingReport:
 class RecordingSet:
     """Demonstrations from several recordings, with a report or a refusal for each of these.
 
-    The fields are tuples, or temporary files if the recordings were loaded `on_disk`.
-
     Attributes
     ----------
     demonstrations : sequence of Demonstration
@@ -175,6 +166,17 @@ class RecordingSet:
     reports: Sequence[RecordingReport] = ()
     refused: Sequence[Refusal] = ()
     summaries: Sequence[Any] = ()
+
+    @classmethod
+    def rejected(cls, refusal: Refusal) -> RecordingSet:
+        """The result of a recording that can't be used."""
+        return cls(refused=(refusal,))
+
+    @classmethod
+    def joined(cls, sets: Sequence[RecordingSet]) -> RecordingSet:
+        """The results of all recordings, in order."""
+        names = (one.name for one in fields(cls))
+        return cls(*(tuple(x for s in sets for x in getattr(s, name)) for name in names))
 
     def __len__(self) -> int:
         return len(self.demonstrations)
@@ -272,102 +274,3 @@ class RecordingSet:
         first, *others = self.refused
         more = f" (and {len(others)} more rejected)" if others else ""
         raise RecordingError(f"no motion was found: {first.recording}: {first.reason}{more}")
-
-
-Value = TypeVar("Value")
-
-
-class Spool(Sequence[Value]):
-    """The values of all groups, in order. Sixteen bytes of memory are held for each group.
-
-    Parameters
-    ----------
-    n_groups : int
-        Number of groups, each empty at first.
-    """
-
-    def __init__(self, n_groups: int) -> None:
-        # Unnamed: the system removes it when the process ends, however it ends.
-        self._file = tempfile.TemporaryFile(prefix="mp_pca_planner-")  # noqa: SIM115
-        self._places = array("q", [-1]) * n_groups
-        self._lengths = array("q", [0]) * n_groups
-
-    def put(self, group: int, values: Sequence[Value]) -> None:
-        """Set the values of a group.
-
-        Raises
-        ------
-        RecordingError
-            If there is no space for them.
-        """
-        self._lengths[group] = len(values)
-        if not values:
-            return
-        try:
-            self._places[group] = self._file.seek(0, os.SEEK_END)
-            pickle.dump(values, self._file)
-            self._file.flush()  # a process that is forked must not write it again
-        except OSError as error:
-            raise RecordingError(
-                f"the data read can't be kept in '{tempfile.gettempdir()}' ({error.strerror}): set "
-                "TMPDIR to a folder with more space"
-            ) from None
-
-    def group(self, group: int) -> Sequence[Value]:
-        """The values of a group."""
-        if not self._lengths[group]:
-            return ()
-        self._file.seek(self._places[group])
-        found: Sequence[Value] = pickle.load(self._file)  # written by this process
-        return found
-
-    def __iter__(self) -> Iterator[Value]:
-        for group in range(len(self._lengths)):
-            yield from self.group(group)
-
-    def __len__(self) -> int:
-        return sum(self._lengths)
-
-    @overload
-    def __getitem__(self, index: int) -> Value: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Value]: ...
-    def __getitem__(self, index: int | slice) -> Value | Sequence[Value]:
-        indices = range(len(self))[index]
-        if isinstance(indices, range):
-            return [self[i] for i in indices]
-        ends = np.cumsum(self._lengths)
-        group = int(np.searchsorted(ends, indices, "right"))
-        return self.group(group)[indices - int(ends[group])]
-
-
-class GatheredSets:
-    """Results by recording, in memory or in temporary files."""
-
-    def __init__(self, n_recordings: int, *, on_disk: bool) -> None:
-        names = [f.name for f in fields(RecordingSet)] if on_disk else []
-        self._spools: dict[str, Any] = {name: Spool[Any](n_recordings) for name in names}
-        self._sets = [RecordingSet()] * n_recordings
-
-    def __setitem__(self, index: int, found: RecordingSet) -> None:
-        if not self._spools:
-            self._sets[index] = found
-        for name, spool in self._spools.items():
-            spool.put(index, getattr(found, name))
-
-    def found(self, index: int) -> tuple[Sequence[RecordingReport], Sequence[Refusal]]:
-        """The report of a recording if it is used, else its refusal."""
-        if not self._spools:
-            return self._sets[index].reports, self._sets[index].refused
-        return self._spools["reports"].group(index), self._spools["refused"].group(index)
-
-    def refuse(self, index: int, name: str, reason: str) -> None:
-        """Reject a recording after all."""
-        self[index] = RecordingSet(refused=(Refusal(name, reason),))
-
-    def result(self) -> RecordingSet:
-        """The results of all recordings, in order."""
-        if self._spools:
-            return RecordingSet(**self._spools)
-        names = (f.name for f in fields(RecordingSet))
-        return RecordingSet(*(tuple(x for s in self._sets for x in getattr(s, n)) for n in names))

@@ -7,7 +7,6 @@ import contextlib
 import csv
 import io
 import json
-import os
 import sys
 from functools import partial
 from html.parser import HTMLParser
@@ -22,8 +21,6 @@ from support.embedded_bags import FIELD, TOPIC, write_embedded_bag
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive
-from mp_pca_planner.recordings import load_one
-from mp_pca_planner.recordings.bags import find_recordings, stored_size
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.repair import REPAIRS
 
@@ -72,21 +69,6 @@ def test_written_segments_fed_back_give_the_same_motions(bags: Path, tmp_path: P
     assert spans(first) == spans(second)
     for name, array in load_primitive(first).arrays().items():
         np.testing.assert_array_equal(array, load_primitive(second).arrays()[name])
-
-
-def test_the_folder_of_resume_is_not_the_output(bags: Path, tmp_path: Path) -> None:
-    file = tmp_path / "one.npz"
-    status, _, error = run(bags, "--output", file, "--resume", file)
-    assert (status, error.count("\n")) == (2, 1) and "are the same path" in error
-    assert not file.exists()
-
-
-def test_a_resumed_build_gives_the_same_bytes(bags: Path, tmp_path: Path) -> None:
-    files = [tmp_path / f"{name}.npz" for name in ("whole", "first", "again")]
-    for file in files:
-        resumed = () if file.stem == "whole" else ("--resume", tmp_path / "journal")
-        build(bags, "--name", "p", "--output", file, *resumed)
-    assert files[0].read_bytes() == files[1].read_bytes() == files[2].read_bytes()
 
 
 def test_joint_states_in_a_field_give_the_same_primitive_as_on_a_topic(
@@ -296,31 +278,6 @@ def test_no_more_samples_are_kept_than_asked_for(bags: Path, most: int | None, k
 def test_demonstrations_of_processes_are_immutable(bags: Path) -> None:
     for motion in load_recordings([bags], jobs=2).demonstrations:
         assert not any(x.flags.writeable for x in (motion.times, motion.positions))
-
-
-def test_recording_whose_process_dies_is_refused_by_name(
-    bags: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read = load_one.read_recording
-
-    def die_of_two(*arguments, **options):
-        clean = read(*arguments, **options)
-        if clean.n_messages == len(reaching(GOALS[1])):
-            os._exit(9)
-        return clean
-
-    monkeypatch.setattr(load_one, "read_recording", die_of_two)
-    done: list[tuple[int, int]] = []
-    loaded = load_recordings([bags], jobs=2, progress=lambda n, total: done.append((n, total)))
-    assert {report.name for report in loaded.reports} == {NAMES[0], NAMES[2]}
-    reasons = {refusal.recording: refusal.reason for refusal in loaded.refused}
-    assert (
-        set(reasons) == {"broken", NAMES[1]}
-        and "every process that tried to read it died" in reasons[NAMES[1]]
-    )
-    sizes = [stored_size(path) for path in find_recordings([bags])]
-    assert len(done) == 4
-    assert done[-1] == (sum(sizes), sum(sizes))
 
 
 def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -> None:

@@ -85,16 +85,6 @@ def test_other_components_need_no_recordings(bags, tmp_path):
     assert_equal_but_for_the_order(direct, file)
 
 
-def test_nothing_is_kept_of_recordings_if_so_asked(bags, tmp_path, monkeypatch):
-    monkeypatch.setenv("MP_PCA_PLANNER_CACHE", str(tmp_path / "cache"))
-    build(bags[0], "--output", tmp_path / "a.npz", "--name", "x", "--no-cache")
-    assert not (tmp_path / "cache").exists()
-    for name in "bc":
-        build(bags[0], "--output", tmp_path / f"{name}.npz", "--name", "x")
-        assert (tmp_path / f"{name}.npz").read_bytes() == (tmp_path / "a.npz").read_bytes()
-    assert len(list((tmp_path / "cache").iterdir())) == 2
-
-
 def test_updates_that_make_no_sense_are_refused_in_one_line(bags, tmp_path):
     file = tmp_path / "p.npz"
     build(*bags, "--output", file)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages as ROS 2 itself serialises them are read from bags, whichever fields are empty."""
 
-import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -11,11 +10,9 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.recordings.bags import open_bag
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.reading import read_trajectories
 
 NAMES = ["a", "bc", "d"]
 NUMBERS = [0.1, 0.2, 0.3]
@@ -45,23 +42,6 @@ def test_joint_states_are_read_whatever_is_empty(tmp_path, velocity, effort, n_j
     path = write(tmp_path / "bag", "/joint_states", [state] * 5)
     with open_bag(path) as bag:
         assert bag.joint_states("/joint_states").n_messages == 5
-
-
-@pytest.mark.parametrize("kinds", [1, 2, 3, 4])
-def test_trajectories_are_read_whatever_is_empty(tmp_path, kinds):
-    fields = ("positions", "velocities", "accelerations", "effort")[:kinds]
-    message = JointTrajectory(joint_names=NAMES)
-    for second in range(4):
-        point = JointTrajectoryPoint(**{field: [x + second for x in NUMBERS] for field in fields})
-        point.time_from_start.sec = second
-        message.points.append(point)
-    path = write(tmp_path / "bag", "/trajectory", [message])
-    with open_bag(path) as bag:
-        (found,) = read_trajectories(bag, bag.topics[0]).motions
-    np.testing.assert_array_equal(found.times, range(4))
-    for i, field in enumerate(("positions", "velocities", "accelerations")):
-        wanted = [np.add(NUMBERS, t) if i < kinds else np.full(3, np.nan) for t in range(4)]
-        np.testing.assert_array_equal(getattr(found, field), wanted)
 
 
 def test_a_length_that_was_damaged_is_no_spare_room(tmp_path):

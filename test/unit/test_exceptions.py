@@ -5,7 +5,7 @@
 import pytest
 
 from mp_pca_planner.exceptions import MissingDependencyError
-from mp_pca_planner.recordings.workers import map_in_processes
+from mp_pca_planner.recordings.workers import process_pool
 
 
 def read_without_its_library(_: int) -> str:
@@ -13,6 +13,9 @@ def read_without_its_library(_: int) -> str:
 
 
 def test_library_that_is_missing_in_a_worker_process_is_named() -> None:
-    with pytest.raises(MissingDependencyError, match=r"'pyarrow'.*\[lerobot\]") as caught:
-        list(map_in_processes(read_without_its_library, [1, 2], 2))
+    with (
+        pytest.raises(MissingDependencyError, match=r"'pyarrow'.*\[lerobot\]") as caught,
+        process_pool(2) as pool,
+    ):
+        list(pool.map(read_without_its_library, [1, 2]))
     assert (caught.value.module, caught.value.extra) == ("pyarrow", "lerobot")

@@ -9,15 +9,12 @@ from .bag import choose_topic as choose_topic
 from .bag import open_bag as open_bag
 from .discovery import FORMAT_OF_SUFFIX as FORMAT_OF_SUFFIX
 from .discovery import BagFormat as BagFormat
-from .discovery import Recording as Recording
 from .discovery import RecordingFormat as RecordingFormat
 from .discovery import checksum as checksum
 from .discovery import find_recordings as find_recordings
-from .discovery import local_copy as local_copy
 from .discovery import recording_format as recording_format
 from .discovery import recording_names as recording_names
 from .discovery import stored_size as stored_size
-from .discovery import stored_state as stored_state
 from .serialisation import JOINT_STATE as JOINT_STATE
 from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY

@@ -40,7 +40,6 @@ from .formats import (
 )
 from .serialisation import (
     JOINT_STATE,
-    JOINT_TRAJECTORY,
     Types,
     decoder,
     defined_types,
@@ -196,13 +195,7 @@ class Bag:
         with self._damage_reported():
             return self._decoded((topic.name, topic.type), data)
 
-    def joint_states(
-        self,
-        topic: str,
-        *,
-        field: str | None = None,
-        progress: Callable[[float], None] | None = None,
-    ) -> RawJointStates:
+    def joint_states(self, topic: str, *, field: str | None = None) -> RawJointStates:
         """Read all joint states of a topic.
 
         Types of other topics don't matter, known or not: the definition of JointState has never
@@ -215,8 +208,6 @@ class Bag:
         field :
             If the joint states are a field of other messages, its name, with dots where it is a
             field of a field.
-        progress :
-            Called with the share of the messages that is read.
 
         Raises
         ------
@@ -231,18 +222,12 @@ class Bag:
                 f"{quote_names(sorted({item.name for item in self.topics}))}"
             )
         extract = {} if field is None else {t: self._field_reader(t, field) for t in chosen}
-        n_all = max(1, sum(item.count for item in chosen))
 
         def gathered(stored: Iterator[Stored]) -> RawJointStates:
             if extract:
                 stored = ((source, t, extract[source](data)) for source, t, data in stored)
             with self._damage_reported():
-                raw = slice_joint_states(
-                    topic,
-                    stored,
-                    ros1=self.format == "rosbag1",
-                    progress=lambda n_done: progress and progress(n_done / n_all),
-                )
+                raw = slice_joint_states(topic, stored, ros1=self.format == "rosbag1")
             return replace(raw, notes=self.notes)
 
         return self.read(chosen, gathered)
@@ -354,36 +339,29 @@ def _hint_at_salvage(salvage: bool) -> Iterator[None]:
 def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:
     """Choose the topic to read: the given one, else the only one with joint states.
 
-    Where there are no joint states, the only one with commanded motions (JointTrajectory).
-
     Raises
     ------
     RecordingError
         If there is no such topic, or there are several and none is given.
     """
-    states = [item for item in topics if item.type == JOINT_STATE]
-    commands = [item for item in topics if item.type == JOINT_TRAJECTORY]
+    states = {item.name: item for item in topics if item.type == JOINT_STATE}
+    if topic in states:
+        return states[topic]
     if topic is not None:
-        for item in (*states, *commands):
-            if item.name == topic:
-                return item
         raise RecordingError(
             f"there are no joint states on '{topic}'; topics with joint states: "
-            f"{quote_names(item.name for item in states)}; with commanded motions: "
-            f"{quote_names(item.name for item in commands)}"
+            f"{quote_names(states)}"
         )
-    for found, what in ((states, "joint states"), (commands, "commanded motions")):
-        if len(found) > 1:
-            raise RecordingError(
-                f"several topics hold {what}: {quote_names(item.name for item in found)}; choose "
-                "one of these topics"
-            )
-        if found:
-            return found[0]
-    raise RecordingError(
-        f"no topic holds joint states ({JOINT_STATE}) or commanded motions ({JOINT_TRAJECTORY}); "
-        "topics: " + (", ".join(f"'{item.name}' ({item.type})" for item in topics) or "none")
-    )
+    if len(states) > 1:
+        raise RecordingError(
+            f"several topics hold joint states: {quote_names(states)}; choose one of these topics"
+        )
+    if not states:
+        raise RecordingError(
+            f"no topic holds joint states ({JOINT_STATE}); topics: "
+            + (", ".join(f"'{item.name}' ({item.type})" for item in topics) or "none")
+        )
+    return next(iter(states.values()))
 
 
 METADATA_VERSION = 9

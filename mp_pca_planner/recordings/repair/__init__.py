@@ -49,16 +49,14 @@ OF_PIECES = (WRAPS, UNITS, JUMPS)
 REPAIRS = {
     **COUNTS,
     **{kind: text for one in (*OF_SAMPLES, GAPS, *OF_PIECES) for kind, text in one.counts.items()},
-    "replaced": "commanded motion cut short: another one started before its end",
-    "single_points": "single-point trajectory without a known start: dropped",
     "short_pieces": "piece between cuts dropped: too few samples",
     "cut_off": "motion dropped: an end of the recording, a gap or a jump cuts it off",
     "rest": "movement dropped: within the extent of noise and sway, taken for rest",
 }
-"""Kinds of repairs, by the name under which they are counted. The last five are counted where
-commanded motions are sampled and motions are cut."""
+"""Kinds of repairs, by the name under which they are counted. The last three are counted where
+motions are cut."""
 
-DROPPED = {"short_pieces", "single_points", "cut_off", "rest"}
+DROPPED = {"short_pieces", "cut_off", "rest"}
 """Kinds of repairs that leave a motion out."""
 
 # Arm motions need no higher sample rate [Hz]. Of a recording with at least twice this rate,

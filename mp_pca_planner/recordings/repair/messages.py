@@ -42,8 +42,7 @@ _MIN_ALTERNATIONS = 10
 _FAR_FROM_ZERO = 0.05
 
 COUNTS = {
-    "malformed": "message dropped: not one position for each name, a name listed twice, or points "
-    "whose times don't increase",
+    "malformed": "message dropped: not one position for each name, or a name listed twice",
     "missing_joints": "message dropped: it lacks a chosen joint (another publisher's, for example)",
     "reordered": "message that lists the joints in another order than the first: taken by name",
 }
@@ -267,8 +266,7 @@ def drop_unusable(samples: Samples, repairs: Counter[str]) -> Samples:
 
 UNUSABLE = Defect(
     {
-        "non_finite": "message dropped: a position of a chosen joint (or the duration of a "
-        "commanded motion) is NaN, infinite or absurd",
+        "non_finite": "message dropped: a position of a chosen joint is NaN, infinite or absurd",
         "unstamped": "message dropped: no header stamp, while most have one",
     },
     drop_unusable,

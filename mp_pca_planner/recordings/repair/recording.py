@@ -104,7 +104,7 @@ class CleanRecording:
     still_joints : tuple of str
         The joints of `joint_names` that never move.
     fingerprint : tuple of int
-        See :func:`fingerprint`; of commanded motions there is none.
+        See :func:`fingerprint`.
     episodes : tuple of (float, int or str)
         Start [s] and name of each episode of a table, see :data:`.tables.Episodes`.
     """

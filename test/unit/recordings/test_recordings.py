@@ -8,7 +8,6 @@ import hashlib
 import os
 import re
 import shutil
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ import pytest
 from support.bags import EPOCH, FORMATS, Message, S, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
-from mp_pca_planner.recordings.bags import bag, find_recordings, stored_size
+from mp_pca_planner.recordings.bags import find_recordings, stored_size
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.reading import inspect_recording
 
@@ -110,19 +109,6 @@ def test_bad_recording_is_refused_by_name_and_the_rest_is_used(tmp_path: Path) -
     assert list(n_done) == sorted(n_done)
     assert set(np.cumsum(sizes).tolist()) <= set(n_done)
     assert set(totals) == {sum(sizes)}
-
-
-def test_progress_is_told_while_a_long_recording_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    in_parts = partial(bag.slice_joint_states, part_messages=125)
-    monkeypatch.setattr(bag, "slice_joint_states", in_parts)
-    path = reaches(tmp_path / "x")
-    done: list[tuple[int, int]] = []
-    loaded = load_recordings([path], progress=lambda n, total: done.append((n, total)))
-    assert len(loaded.demonstrations) == 2
-    size = stored_size(path)
-    assert done == [(int(share * size), size) for share in (0.25, 0.5, 0.75, 1.0, 1.0)]
 
 
 def test_chosen_joints_come_in_the_chosen_order(tmp_path: Path) -> None:

@@ -194,18 +194,18 @@ def read_unless_refused_by_name(file: Path, *, salvage: bool) -> RawJointStates 
     return None
 
 
-@pytest.mark.parametrize("kind", ["bz2", "lz4", "zstd", "zstd file", "zstd message", "commands"])
+@pytest.mark.parametrize("kind", ["bz2", "lz4", "zstd", "zstd file", "zstd message"])
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     share=st.floats(0.0, 1.0),
     flips=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=6),
 )
-def test_damage_in_compressed_bags_and_in_commands_is_refused_by_name(
+def test_damage_in_compressed_bags_is_refused_by_name(
     tmp_path: Path, kind: str, share: float, flips: list[tuple[float, int]]
 ) -> None:
     path = tmp_path / ("x.bag" if kind in ("bz2", "lz4") else "x")
     if not path.exists():
-        commands_bag(tmp_path) if kind == "commands" else compressed_bag(tmp_path, kind, 300)
+        compressed_bag(tmp_path, kind, 300)
     file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
     content = file.read_bytes()
     damaged = bytearray(content if flips else content[: int(share * len(content))])
@@ -217,32 +217,6 @@ def test_damage_in_compressed_bags_and_in_commands_is_refused_by_name(
             found = inspect_recording(path, salvage=salvage)
             assert found.refusal is None or found.topics or path.name in found.refusal
             # Of the counters, a byte may be another; of the messages none may be lost in silence.
-            assert salvage or found.n_messages in (0, 3 if kind == "commands" else 300)
+            assert salvage or found.n_messages in (0, 300)
     finally:
         file.write_bytes(content)
-
-
-def commands_bag(folder: Path) -> Path:
-    """Three commanded motions, one after the other."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    kind = "trajectory_msgs/msg/JointTrajectory"
-    with Writer2(folder / "x", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/command", kind, typestore=store)
-        for index in range(3):
-            time = store.types["builtin_interfaces/msg/Time"](*divmod(EPOCH + 3 * index * S, S))
-            point = store.types["trajectory_msgs/msg/JointTrajectoryPoint"]
-            nothing = np.empty(0)
-            points = [
-                point(
-                    np.array([float(k), -k]),
-                    nothing,
-                    nothing,
-                    nothing,
-                    store.types["builtin_interfaces/msg/Duration"](k, 0),
-                )
-                for k in range(3)
-            ]
-            header = store.types["std_msgs/msg/Header"](time, "")
-            message = store.types[kind](header, ["a", "b"], points)
-            writer.write(connection, EPOCH + index, store.serialize_cdr(message, kind))
-    return folder / "x"
