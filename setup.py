@@ -87,13 +87,7 @@ setup(
         # Pictures, and the pages that hold them.
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
         # The page in the browser.
-        "view": [
-            "jinja2>=3.0",
-            "msgspec>=0.18",
-            "rich>=13.0",
-            "viser>=1.1",
-            "websockets>=15.0",
-        ],
+        "view": ["jinja2>=3.0", "rich>=13.0", "viser>=1.1"],
         # Other ways to motions, to compare with: ProMP, DMP, optimal control, time-optimal paths.
         "peers": [
             "movement_primitives>=0.9",
@@ -146,7 +140,6 @@ setup(
             "types-PyYAML",
             "types-tqdm",
             "viser>=1.1",
-            "websockets>=15.0",
         ],
     },
 )

@@ -22,7 +22,7 @@ import numpy as np
 import viser
 from PIL import Image
 from scipy.interpolate import CubicSpline
-from view_browser import chromium, on_screen
+from support.view_browser import chromium, on_screen
 
 from mp_pca_planner.evaluation.problems import robot_file
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -224,9 +224,8 @@ def panda() -> PageContent:
         demonstrations.append(Demonstration.from_arrays(joints, times, curve @ way))
     primitive = MovementPrimitive.fit(demonstrations, name="reach_over")
     content = read_content(urdf, [primitive])
-    frame = content.robot.frame_names[-1]
     world = World([Obstacle("box", BOX)])
-    return replace(content, world=world, frame=frame, ends=(WAY[0], WAY[-1]))
+    return replace(content, world=world, ends=(WAY[0], WAY[-1]))
 
 
 def eased(n: int) -> Iterator[float]:

@@ -65,7 +65,7 @@ ROSDEP_NAMES = {
 EXTRAS_ONLY = {
     *("cmaes", "distributed", "pyarrow"),
     "threadpoolctl",  # planning is slower without it
-    *("msgspec", "rich", "viser", "websockets"),
+    *("rich", "viser"),
 }
 
 

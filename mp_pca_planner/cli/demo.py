@@ -175,8 +175,7 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"   {path}")
     if arguments.view:
         say("", "5. Open this address in a browser")
-        shown = ["--robot", str(urdf), "--demonstrations", str(bag)]
-        run_command("view", [str(file), *shown])
+        run_command("view", [str(file), "--robot", str(urdf)])
     return FAILED if failures else DONE
 
 
@@ -225,8 +224,8 @@ def _serve(client: GoalClient, monitor: LiveNode, goal: FloatArray) -> _Served:
 
 def _measured(monitor: LiveNode) -> FloatArray:
     """Newest positions and velocities, shape (2, n_joints); NaN before there are any."""
-    states = monitor.view().states
-    return np.array([states.get(name, (np.nan, np.nan))[:2] for name in JOINT_NAMES]).T
+    states = monitor.states()
+    return np.array([states.get(name, (np.nan, np.nan)) for name in JOINT_NAMES]).T
 
 
 def _wait_until_at(monitor: LiveNode, goal: FloatArray) -> float:

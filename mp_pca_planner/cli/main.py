@@ -120,4 +120,4 @@ def _extra_with(module_name: str | None) -> str | None:
     top_level = (module_name or "").partition(".")[0]
     if top_level in {"rclpy", "std_srvs"} or top_level.endswith(("_msgs", "_interfaces")):
         return "ros"
-    return "view" if top_level in {"jinja2", "rich", "viser", "websockets"} else None
+    return "view" if top_level in {"jinja2", "rich", "viser"} else None

@@ -1,10 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panels of what was learned: what a primitive is, its components, and the demonstrations."""
+"""The panel of what was learned: what a primitive is, and its components."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,30 +12,21 @@ import viser
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
-from ..plotting.style import COLOURS
 from ..primitives.primitive import MovementPrimitive
-from ..recordings.recording_set import RecordingSet
 from .content import typical_demonstration
-from .robot_shapes import Paths, Rgb, add_paths, from_hex, show_paths
+from .robot_shapes import Rgb, add_paths, show_paths
 from .stage import Player, ShownMotion, Stage, part
 
-COMPONENTS, DEMONSTRATIONS = "Components", "Demonstrations"
+NAME = "Components"
 _N_SAMPLES = 60  # configurations of a shown demonstration
 _N_CURVES = 25  # demonstrations in the picture of a primitive
 _MAX_SLIDERS, _SLIDER_RANGE = 12, 3.0  # the range in standard deviations
-_MAX_LISTED = 60  # demonstrations with a checkbox
 _TYPICAL: Rgb = (140, 140, 140)
 _BENT: Rgb = (204, 121, 167)
 _SLIDERS = (
     "Each slider adds more or less of one component to a typical demonstration, in standard "
     "deviations; the bar is the component's share of the differences. Grey: before. Pink: after."
 )
-_UNLABELLED = "without a label"
-_ALL, _NONE = "All", "None"
-
-
-Groups = dict[str, list[ShownMotion]]
-"""Demonstrations by label; by the name of the primitive, or a remark, where there is none."""
 
 
 def explanation(primitive: MovementPrimitive, *, is_open: bool = False) -> str:
@@ -103,7 +94,7 @@ def bent_demonstration(
     added = np.asarray(deviations) * np.sqrt(primitive.explained_variance)
     bend = primitive.basis.shape(added, times / duration)
     bend = bend - primitive.basis.shape(np.zeros_like(added), times / duration)
-    return ShownMotion("Components", times, primitive.reproduction(index, times) + bend)
+    return ShownMotion(times, primitive.reproduction(index, times) + bend)
 
 
 def component_names(primitive: MovementPrimitive) -> list[str]:
@@ -210,116 +201,3 @@ class ComponentsPanel:
         show_paths(self._typical, self._stage.path(self._unbent.positions))
         show_paths(self._bent, self._stage.path(self.motion.positions))
         self._player.show(self.motion)
-
-
-def reproduced(primitives: Iterable[MovementPrimitive]) -> Groups:
-    """The demonstrations of primitives, as their weights and their own timing reproduce them."""
-    found: Groups = {}
-    for primitive in primitives:
-        sources = primitive.metadata["demonstrations"]
-        for i, (duration, source) in enumerate(zip(primitive.durations, sources, strict=True)):
-            times = np.linspace(0.0, float(duration), _N_SAMPLES)
-            name = _name(i, source["recording"], source["start_time_s"])
-            motion = ShownMotion(name, times, primitive.reproduction(i, times))
-            found.setdefault(source["label"] or primitive.name, []).append(motion)
-    return found
-
-
-def recorded(recordings: RecordingSet) -> Groups:
-    """The demonstrations of recordings, as they were measured."""
-    found: Groups = {}
-    for i, one in enumerate(recordings.demonstrations):
-        name = _name(i, one.recording, one.start_time)
-        times = np.linspace(0.0, one.duration, _N_SAMPLES)
-        motion = ShownMotion(name, times, one.time_normalised(_N_SAMPLES))
-        found.setdefault(one.label or _UNLABELLED, []).append(motion)
-    return found
-
-
-def _name(index: int, recording: str, start: float) -> str:
-    return f"{index + 1}. {recording} at {start:.1f} s"
-
-
-class DemonstrationsPanel:
-    """The list of the demonstrations, their paths by label, and their playback.
-
-    Parameters
-    ----------
-    stage : Stage
-        The scene.
-    player : Player
-        Plays the chosen demonstration.
-    groups : dict of str to list of ShownMotion
-        The demonstrations by label; at least one.
-    remarks : sequence of str
-        Sentences on them: where they are from, what was repaired.
-    """
-
-    def __init__(
-        self, stage: Stage, player: Player, groups: Groups, remarks: Sequence[str]
-    ) -> None:
-        self._stage, self._player, self._is_open = stage, player, False
-        gui = stage.server.gui
-        self._motions: dict[str, ShownMotion] = {}
-        self._boxes: list[list[tuple[Any, ShownMotion]]] = []
-        self._paths: list[Paths] = []
-        self._places: dict[str, FloatArray] = {}
-        several = len(groups) > 1
-        names = [
-            f"{label}: {motion.name}" if several else motion.name
-            for label, motions in groups.items()
-            for motion in motions
-        ]
-        self._choice = gui.add_dropdown("Play", tuple(dict.fromkeys(names)))
-        picks = gui.add_button_group("Paths", (_ALL, _NONE))
-        self._add_lists(groups, iter(names))
-        gui.add_html(part("lines", remarks))
-        stage.on_change(self._choice, self._show)
-        stage.on_click(picks, lambda: self._pick(picks.value == _ALL))
-
-    def set_open(self, is_open: bool) -> None:
-        """Play the chosen demonstration and draw the chosen paths, or hide these."""
-        self._is_open = is_open
-        self._draw()
-        if is_open:
-            self._show()
-
-    def _add_lists(self, groups: Groups, names: Iterator[str]) -> None:
-        """A folder of checkboxes for each label."""
-        gui = self._stage.server.gui
-        listed = max(1, _MAX_LISTED // len(groups))
-        for i, (label, motions) in enumerate(groups.items()):
-            colour = COLOURS[i % len(COLOURS)]
-            scene = self._stage.server.scene
-            self._paths.append(add_paths(scene, f"/demonstrations/{i}", from_hex(colour), 2.0))
-            self._boxes.append([])
-            with gui.add_folder(f"{label} ({len(motions)})", expand_by_default=False):
-                gui.add_html(f'<div style="height:4px;background:{colour}"></div>')
-                for k, motion in enumerate(motions):
-                    self._motions[next(names)] = motion
-                    if k < listed:
-                        box = gui.add_checkbox(motion.name, True)
-                        self._stage.on_change(box, self._draw)
-                        self._boxes[-1].append((box, motion))
-                left = len(motions) - listed
-                if left > 0:
-                    gui.add_html(part("lines", [f"{left} more are in the list above."]))
-
-    def _show(self) -> None:
-        self._player.show(self._motions[self._choice.value])
-
-    def _pick(self, is_picked: bool) -> None:
-        for box, _ in (pair for boxes in self._boxes for pair in boxes):
-            box.value = is_picked
-        self._draw()
-
-    def _draw(self) -> None:
-        for path, boxes in zip(self._paths, self._boxes, strict=True):
-            picked = [motion for box, motion in boxes if box.value and self._is_open]
-            show_paths(path, *map(self._place, picked))
-
-    def _place(self, motion: ShownMotion) -> FloatArray:
-        """The path of the end effector, computed once."""
-        if motion.name not in self._places:
-            self._places[motion.name] = self._stage.path(motion.positions)
-        return self._places[motion.name]

@@ -17,7 +17,6 @@ from ..execution.threads import PreemptiveWorker
 from ..motion.goal import Pose
 from ..planning.plan import AUTO, TIMINGS
 from .learned import explanation
-from .live_panel import LivePanel
 from .planning import (
     FIXED,
     InteractivePlanner,
@@ -41,7 +40,6 @@ _GOAL: Rgb = (0, 158, 115)
 _SHORT: Rgb = (230, 159, 0)
 _REJECTED: Rgb = (217, 53, 43)
 _PATH: Rgb = (0, 114, 178)
-_SPLINES: Rgb = (204, 121, 167)
 
 
 class PlanPanel:
@@ -57,8 +55,6 @@ class PlanPanel:
         Used by one thread of this panel only.
     request : ViewRequest
         The first request.
-    live : LivePanel, optional
-        The running node, from whose robot motions start, and that gets the goals.
 
     Attributes
     ----------
@@ -74,10 +70,9 @@ class PlanPanel:
         player: Player,
         planner: InteractivePlanner,
         request: ViewRequest,
-        live: LivePanel | None = None,
     ) -> None:
         self._stage, self._player, self._planner = stage, player, planner
-        self._live, self._is_open = live, False
+        self._is_open = False
         self._home = request.start, request.goal
         self.answer: PlanAnswer | None = None
         self._request = request
@@ -85,7 +80,6 @@ class PlanPanel:
         self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
         self._ghost.show(request.goal)
         self._path = add_paths(scene, "/plan/path", _PATH, 5.0)
-        self._splines = add_paths(scene, "/plan/splines", _SPLINES, 3.0)
         self.handle = scene.add_transform_controls(
             "/handle", scale=0.16 * stage.size, disable_rotations=True, depth_test=False
         )
@@ -127,14 +121,12 @@ class PlanPanel:
         """The newest motion that may be executed; the start before there is one."""
         answer = self.answer
         if answer is None or answer.plan is None or answer.problem:
-            return ShownMotion(NAME, np.zeros(1), self._request.start[None])
-        return ShownMotion.of(NAME, answer.plan.trajectory)
+            return ShownMotion(np.zeros(1), self._request.start[None])
+        trajectory = answer.plan.trajectory
+        return ShownMotion(trajectory.times, trajectory.positions)
 
     def submit(self, **changes: Any) -> None:
         """Request a plan with changes to the present request; the newest request wins."""
-        if self._live is not None and self._live.start is not None:
-            limits = self._stage.limits
-            changes["start"] = np.clip(self._live.start, limits.lower, limits.upper)
         self._request = replace(self._request, **{"is_final": False, **changes})
         self._worker.submit(self._request)
 
@@ -182,7 +174,6 @@ class PlanPanel:
             objective = gui.add_dropdown("Least", _OBJECTIVES)
             timing = gui.add_dropdown("Duration", (*TIMINGS, FIXED), initial_value=AUTO)
             duration = gui.add_number("Seconds", 1.0, min=0.1, max=60.0, step=0.1, visible=False)
-            compares = gui.add_checkbox("Compare with B-splines", False)
 
         def on_change() -> None:
             duration.visible = timing.value == FIXED
@@ -191,10 +182,9 @@ class PlanPanel:
                 objective=objective.value,
                 timing=timing.value,
                 duration=float(duration.value),
-                compares=compares.value,
             )
 
-        for widget in (naturalness, objective, timing, duration, compares):
+        for widget in (naturalness, objective, timing, duration):
             self._stage.on_change(widget, on_change)
 
     def _on_save(self, event: viser.GuiEvent[Any]) -> None:
@@ -296,7 +286,7 @@ class PlanPanel:
         request = request or self._request
         problem = "internal error; its traceback is in the log of this command"
         with self._stage.caught(), self._stage.lock:
-            self._say(PlanAnswer(request, request.goal, None, problem, None, 0.0))
+            self._say(PlanAnswer(request, request.goal, None, problem, 0.0))
 
     def _say(self, answer: PlanAnswer) -> None:
         self.answer, plan = answer, answer.plan
@@ -315,11 +305,8 @@ class PlanPanel:
         self._ghost.show(answer.goal)
         self._ghost.paint(_REJECTED if answer.problem else _SHORT if answer.distance else _GOAL)
         self._draw_paths()
-        if answer.request.is_final:
-            if answer.distance:
-                self._place_handle(answer.goal)
-            if self._live is not None:
-                self._live.send(self.goal)
+        if answer.request.is_final and answer.distance:
+            self._place_handle(answer.goal)
         if self._is_open and not answer.problem:
             self._player.show(self._motion)
 
@@ -327,8 +314,6 @@ class PlanPanel:
         """Draw the paths of the newest answer while the plan is shown; red if it is rejected."""
         answer = self.answer if self._is_open else None
         plan = None if answer is None else answer.plan
-        other = None if answer is None else answer.comparison
         colour = _REJECTED if answer is not None and answer.problem else _PATH
-        for path, one, tint in ((self._path, plan, colour), (self._splines, other, _SPLINES)):
-            drawn = [] if one is None else [self._stage.path(one.trajectory.positions)]
-            show_paths(path, *drawn, colour=tint)
+        drawn = [] if plan is None else [self._stage.path(plan.trajectory.positions)]
+        show_paths(self._path, *drawn, colour=colour)

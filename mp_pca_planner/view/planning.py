@@ -57,8 +57,6 @@ class ViewRequest:
         One of :data:`.TIMINGS`, or 'fixed'.
     duration : float
         Duration of a fixed timing [s].
-    compares : bool
-        Whether the same goal is planned with B-splines, too.
     world : World
         The obstacles.
     is_final : bool
@@ -73,7 +71,6 @@ class ViewRequest:
     objective: str = "effort"
     timing: str = AUTO
     duration: float = 1.0
-    compares: bool = False
     world: World = field(default_factory=World)
     is_final: bool = False
 
@@ -94,8 +91,6 @@ class PlanAnswer:
         Why there is no motion to execute; empty if there is one.
     distance : float
         Distance of the goal from the place to reach, if that is out of reach [m]; else 0.
-    comparison : Plan or None
-        The plan with B-splines, if it was requested and there is one.
     seconds : float
         Time that the answer took [s].
     """
@@ -104,7 +99,6 @@ class PlanAnswer:
     goal: FloatArray
     plan: Plan | None
     problem: str
-    comparison: Plan | None
     seconds: float
     distance: float = 0.0
 
@@ -144,22 +138,20 @@ class InteractivePlanner:
         start = JointState(self.robot.joint_names, request.start)
         options = request.naturalness, request.objective, request.timing
         reached, distance = request.goal, 0.0
-        plan = comparison = None
+        plan = None
         problem = ""
         try:
             self._use_world(request.world)
             if request.pose is not None:
                 reached, distance = self._nearest(request.pose, request.goal)
             goal = self._goal(request, reached)
-            plan = self._planner("pca", *options).plan(goal, start)
+            plan = self._planner(*options).plan(goal, start)
             reached = plan.trajectory.positions[-1]
             problem = "" if plan.is_executable else plan.message
-            if request.compares:
-                comparison = self._planner("bspline", *options).plan(goal, start)
         except PlannerError as error:
             problem = str(error)
         seconds = time.perf_counter() - began
-        return PlanAnswer(request, reached, plan, problem, comparison, seconds, distance)
+        return PlanAnswer(request, reached, plan, problem, seconds, distance)
 
     def _nearest(self, pose: Pose, start: FloatArray) -> tuple[FloatArray, float]:
         """The configuration nearest to a pose, and how far from it that is [m]; 0 if it is reached.
@@ -190,11 +182,8 @@ class InteractivePlanner:
             return SequenceGoal((*request.vias, state), times)
         return JointGoal(state, duration)
 
-    def _new_planner(
-        self, basis: str, naturalness: float | None, objective: str, timing: str
-    ) -> Planner:
+    def _new_planner(self, naturalness: float | None, objective: str, timing: str) -> Planner:
         options = PlannerOptions(
-            basis=basis,
             objectives=((1.0, objective_by_name(objective, self.robot)),),
             timing=timing if timing in TIMINGS else AUTO,
             naturalness=naturalness,
@@ -262,10 +251,6 @@ def answer_html(answer: PlanAnswer) -> str:
         ("The goal is", score),
         ("Planned in", f"{1e3 * answer.seconds:.0f} ms"),
     ]
-    if answer.comparison is not None:
-        rows.append(("B-splines", _comparison(plan, answer.comparison)))
-    elif answer.request.compares:
-        rows.append(("B-splines", "no motion"))
     return head + part("rows", rows)
 
 
@@ -279,11 +264,3 @@ def _shortfall(answer: PlanAnswer) -> str:
 def _effort(plan: Plan) -> str:
     effort = plan.effort_cost
     return f"{effort:.4g} N²m²s" if np.isfinite(effort) else "unknown: inertias are missing"
-
-
-def _comparison(plan: Plan, other: Plan) -> str:
-    """The effort of the motion of B-splines beside that of the components."""
-    if not other.is_executable:
-        return f"no motion within the limits: {other.message}"
-    times = f"{1e3 * other.solve_time:.1f} ms, components {1e3 * plan.solve_time:.1f} ms"
-    return f"effort {_effort(other)}, solved in {times}"

@@ -33,6 +33,7 @@ _MAX_FACES = 40_000
 
 # Size of a ghost as a multiple of the robot's, whose surface would flicker with an equal one.
 _GHOST_GROWTH = 1.02
+_GHOST_OPACITY = 0.35
 
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
 _SHAPES: dict[str, Callable[..., Shape]] = {
@@ -291,8 +292,6 @@ class DrawnRobot:
         Its shapes.
     ghost : tuple of int, optional
         Colour of a ghost, which consists of convex hulls of what moves.
-    opacity : float
-        Opacity of a ghost.
 
     Attributes
     ----------
@@ -306,7 +305,6 @@ class DrawnRobot:
         name: str,
         shapes: RobotShapes,
         ghost: Rgb | None = None,
-        opacity: float = 0.35,
     ) -> None:
         self._shapes = shapes
         self.configuration: FloatArray = np.zeros(0)
@@ -320,7 +318,7 @@ class DrawnRobot:
             if ghost is None:
                 _add_shape(scene, node, shape)
             elif shape.joint > 0:
-                mesh = add_mesh(scene, node, shape.hull, ghost, opacity=opacity)
+                mesh = add_mesh(scene, node, shape.hull, ghost, opacity=_GHOST_OPACITY)
                 mesh.cast_shadow = mesh.receive_shadow = False
                 self._meshes.append(mesh)
 
@@ -361,17 +359,9 @@ def _add_shape(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
     add_mesh(scene, name, mesh, colour, opacity=None if opacity >= 1.0 else opacity)
 
 
-def from_hex(colour: str) -> Rgb:
-    """A colour written as ``#RRGGBB``."""
-    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
-    return red, green, blue
-
-
-Paths = viser.LineSegmentsHandle
-"""Paths of one colour in the scene, see :func:`show_paths`."""
-
-
-def add_paths(scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0) -> Paths:
+def add_paths(
+    scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0
+) -> viser.LineSegmentsHandle:
     """Add paths that are hidden at first, with a width on the screen [pixels]."""
     return scene.add_line_segments(
         name,
@@ -383,7 +373,9 @@ def add_paths(scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0)
     )
 
 
-def show_paths(drawn: Paths, *paths: FloatArray, colour: Rgb | None = None) -> None:
+def show_paths(
+    drawn: viser.LineSegmentsHandle, *paths: FloatArray, colour: Rgb | None = None
+) -> None:
     """Draw paths through points, each of shape (n_points, 3) [m]; without any, hide them."""
     segments = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
     lines = np.concatenate([np.zeros((0, 2, 3)), *segments]).astype(np.float32)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
 from typing import Any
 
 import jinja2  # noqa: F401  # missing, it is reported before the page is made
@@ -20,11 +19,10 @@ import viser
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, printable
-from ..motion.trajectory import Trajectory
 from ..plotting.style import environment
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .robot_shapes import DrawnRobot, Rgb, RobotShapes
+from .robot_shapes import DrawnRobot, RobotShapes
 
 GOOD, WARNING, BAD, GREY = "#009E73", "#E69F00", "#D9352B", "#8C8C8C"
 """Colours of verdicts, legible on light and on dark."""
@@ -35,14 +33,9 @@ LOG = logging.getLogger("mp_pca_planner.view")
 # From what it sees to a camera, in diagonals of that.
 _DIRECTION = np.array([0.75, -0.65, 0.35])
 
-# Where a phone shows the robot, in halves of its width and height from the middle, right and down.
-_PHONE_SIDE, _PHONE_HEIGHTS = 0.9, (-0.85, -0.2)
-
 _SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 _PERIOD = 1.0 / 30.0  # between two configurations [s]
 _SLIDER_STEPS = 4  # the slider follows every so many
-_N_GHOSTS = 4
-_GHOST: Rgb = (120, 144, 176)
 _COMPLAINT_TIME = 10.0  # for which an error is shown, and not repeated [s]
 
 
@@ -70,11 +63,11 @@ class Stage:
         Limits of its joints.
     shapes : RobotShapes
         Its shapes.
-    frame : str
-        The link whose path is drawn and that the handle moves.
 
     Attributes
     ----------
+    frame : str
+        The link whose path is drawn and that the handle moves.
     lock : threading.RLock
         Held by every callback and thread while it changes the page.
     drawn : DrawnRobot
@@ -89,10 +82,9 @@ class Stage:
         robot: Robot,
         limits: JointLimits,
         shapes: RobotShapes,
-        frame: str,
     ) -> None:
         self.server, self.robot, self.limits = server, robot, limits
-        self.shapes, self.frame = shapes, frame
+        self.shapes, self.frame = shapes, robot.end_effector
         self.lock = threading.RLock()
         self._complaint = "", 0.0
         self.drawn = DrawnRobot(server.scene, "/robot", shapes)
@@ -122,22 +114,8 @@ class Stage:
             position=(0.0, 0.0, min(float(low[2]), 0.0)),
         )
         aim = 0.5 * (low + high) - np.array([0.0, 0.0, 0.12 * size])
-        first = aim + size * _DIRECTION
-        points = np.array([corner for box in corners for corner in product(*box.T)])
         camera = self.server.initial_camera
-        camera.position, camera.look_at = first, aim
-
-        def show_on_phone(camera: viser.CameraHandle) -> None:
-            # The panel covers the lower half of a phone. A page that loads may drop the message.
-            with self.caught():
-                if camera.aspect < 1.0 and np.allclose(camera.position, first, atol=1e-3):
-                    view = view_above_sheet(points, camera.aspect, camera.fov)
-                    camera.position, camera.look_at = view
-
-        @self.server.on_client_connect
-        def _(client: viser.ClientHandle) -> None:
-            client.camera.on_update(show_on_phone)
-            show_on_phone(client.camera)
+        camera.position, camera.look_at = aim + size * _DIRECTION, aim
 
     def path(self, positions: FloatArray) -> FloatArray:
         """Positions of the end effector along configurations, shape (n_steps, 3) [m]."""
@@ -203,64 +181,20 @@ class Stage:
         handle.on_update(call)
 
 
-def view_above_sheet(
-    points: FloatArray, aspect: float, fov: float
-) -> tuple[FloatArray, FloatArray]:
-    """The nearest camera with all points above the sheet of a phone, and what it looks at.
-
-    Parameters
-    ----------
-    points : array, shape (n_points, 3)
-        The points [m].
-    aspect : float
-        Width of the screen, relative to its height.
-    fov : float
-        Vertical angle that the camera sees [rad].
-
-    Returns
-    -------
-    position, look_at : array, shape (3,)
-        In [m].
-    """
-    forward = -_DIRECTION / np.linalg.norm(_DIRECTION)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    axes = np.array([right, np.cross(forward, right), forward])
-    x, y, depth = axes @ points.T
-    # A camera at (u, v, z) along the axes sees a point at ((x - u), (y - v)) / (depth - z). Each
-    # bound of that is one of u or v, linear in z. The largest z where they meet is the nearest.
-    half = np.tan(0.5 * fov)
-    side, (top, bottom) = half * _PHONE_SIDE * aspect, half * np.array(_PHONE_HEIGHTS)
-    left_end, right_end = np.max(x - side * depth), np.min(x + side * depth)
-    low_end, high_end = np.max(y - bottom * depth), np.min(y - top * depth)
-    z = min((right_end - left_end) / (2.0 * side), (high_end - low_end) / (bottom - top))
-    middle = [0.5 * (left_end + right_end), 0.5 * (low_end + high_end + (bottom + top) * z), z]
-    position = np.array(middle) @ axes
-    return position, position + (np.mean(depth) - z) * forward
-
-
 @dataclass(frozen=True, eq=False)
 class ShownMotion:
     """A motion to show.
 
     Attributes
     ----------
-    name : str
-        What it is, for people.
     times : array, shape (n_steps,)
         Increasing times [s], the first 0.
     positions : array, shape (n_steps, n_joints)
         Joint positions [rad or m].
     """
 
-    name: str
     times: FloatArray
     positions: FloatArray
-
-    @classmethod
-    def of(cls, name: str, trajectory: Trajectory) -> ShownMotion:
-        """The motion of a trajectory."""
-        return cls(name, trajectory.times, trajectory.positions)
 
     @property
     def duration(self) -> float:
@@ -270,10 +204,6 @@ class ShownMotion:
     def at(self, time: float) -> FloatArray:
         """The configuration at a time [s], shape (n_joints,); held before and after the motion."""
         return np.array([np.interp(time, self.times, column) for column in self.positions.T])
-
-    def thinned(self, n: int) -> FloatArray:
-        """At most n configurations, evenly spaced in time, ends included."""
-        return np.array([self.at(t) for t in np.linspace(0.0, self.duration, n)])
 
 
 class Playback:
@@ -353,12 +283,9 @@ class Player:
         self._slider: Any = gui.add_slider("Time [%]", 0, 100, 1, 0)
         with gui.add_folder("Playback", expand_by_default=False):
             self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
-            self._with_ghosts = gui.add_checkbox("Ghosts", False, hint="The robot on its way")
-        self._ghosts: list[DrawnRobot] = []
         stage.on_click(self._button, lambda: self.play(not self.playback.is_playing))
         stage.on_change(self._slider, lambda: self.seek(0.01 * self._slider.value))
         stage.on_change(self._speed, self._on_speed)
-        stage.on_change(self._with_ghosts, self._draw_ghosts)
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
@@ -367,7 +294,6 @@ class Player:
         """Show another motion, at the same share of its duration."""
         self.playback.show(motion)
         self._draw()
-        self._draw_ghosts()
 
     def play(self, is_playing: bool) -> None:
         """Play or pause."""
@@ -395,20 +321,6 @@ class Player:
     def _draw(self) -> None:
         with self._stage.server.atomic():
             self._stage.drawn.show(self.playback.configuration)
-
-    def _draw_ghosts(self) -> None:
-        is_shown = self._with_ghosts.value
-        if is_shown and not self._ghosts:
-            scene, shapes = self._stage.server.scene, self._stage.shapes
-            self._ghosts = [
-                DrawnRobot(scene, f"/ghosts/{i}", shapes, _GHOST, 0.2) for i in range(_N_GHOSTS)
-            ]
-        for ghost in self._ghosts:
-            ghost.visible = is_shown
-        if is_shown:
-            configurations = self.playback.motion.thinned(_N_GHOSTS)
-            for ghost, q in zip(self._ghosts, configurations, strict=True):
-                ghost.show(q)
 
     def _run(self) -> None:
         last, steps = time.monotonic(), 0

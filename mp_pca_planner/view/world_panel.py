@@ -130,12 +130,10 @@ class DrawnWorld:
         The scene.
     pick : callable
         Called with the name of an obstacle that a person clicks.
-    robot : str
-        Node of the robot whose links obstacles are attached to.
     """
 
-    def __init__(self, stage: Stage, pick: Callable[[str], None], robot: str = "/robot") -> None:
-        self._stage, self._pick, self._robot = stage, pick, robot
+    def __init__(self, stage: Stage, pick: Callable[[str], None]) -> None:
+        self._stage, self._pick = stage, pick
         # The node of each obstacle, and its parts.
         self._drawn: dict[str, tuple[Any, list[Any]]] = {}
         self._n_drawn = 0
@@ -182,9 +180,9 @@ class DrawnWorld:
     def _parent(self, frame: str) -> str:
         """The node of a link of the robot; that of the world for an empty name."""
         if not frame:
-            return f"/world{self._robot}"
+            return "/world"
         joint, position, orientation = self._stage.shapes.link_place(frame)
-        node = f"{self._robot}/{joint}/{frame}"
+        node = f"/robot/{joint}/{frame}"
         self._stage.server.scene.add_frame(
             node, show_axes=False, position=position, wxyz=orientation
         )

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Options that mean nothing beside the others are refused, not ignored."""
 
-import socket
 from pathlib import Path
 
 import pytest
 from support.arm import arm_primitive
-from support.command_line import refusal, run
+from support.command_line import refusal
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
@@ -39,20 +38,6 @@ def test_teach_needs_a_robot_for_a_frame(tmp_path: Path) -> None:
     assert "no link is called 'nope'" in refusal(
         "teach", "--output", output, "--frame", "nope", "--robot", URDF
     )
-
-
-def test_view_refuses_options_of_what_it_does_not_show(files: list[str]) -> None:
-    pytest.importorskip("viser", reason="the extra 'view' is not installed")
-    assert "--topic is for --demonstrations" in refusal("view", *files, "--topic", "x")
-    assert "is for --live" in refusal("view", *files, "--controller-topic", "x")
-
-
-def test_view_says_that_its_port_is_in_use(files: list[str]) -> None:
-    pytest.importorskip("viser", reason="the extra 'view' is not installed")
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        status, printed, _ = run("view", *files, "--for", "0.01", "--port", port)
-    assert status == 0 and f"(port {port} is in use; " in printed
 
 
 def test_existing_file_is_refused_in_words_for_commands_and_python(

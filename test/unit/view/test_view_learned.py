@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A demonstration bent by components, the demonstrations, and the clock that plays them."""
+"""A demonstration bent by components, and the clock that plays it."""
 
 import re
 from dataclasses import replace
@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from support.arm import arm_demonstrations, arm_primitive, arm_robot
 
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.recording_set import RecordingSet
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.content import typical_demonstration
@@ -20,8 +19,6 @@ from mp_pca_planner.view.learned import (
     bent_demonstration,
     component_names,
     explanation,
-    recorded,
-    reproduced,
     variance_shares,
 )
 from mp_pca_planner.view.stage import Playback, ShownMotion
@@ -29,7 +26,7 @@ from mp_pca_planner.view.stage import Playback, ShownMotion
 
 def ramp(duration: float = 2.0) -> ShownMotion:
     times = np.array([0.0, duration])
-    return ShownMotion("ramp", times, np.array([[0.0, 1.0], [10.0, 3.0]]))
+    return ShownMotion(times, np.array([[0.0, 1.0], [10.0, 3.0]]))
 
 
 # Components
@@ -58,13 +55,13 @@ def test_what_is_bent_moves_as_far_as_the_demonstrations_also_where_half_of_them
         ends = robot.frame_positions(positions[[0, -1]], ["wrist"])[:, 0]
         return float(np.linalg.norm(ends[1] - ends[0]))
 
+    straight = np.zeros(primitive.n_components)
     own = [
-        travel(motion.positions)
-        for motions in reproduced([primitive]).values()
-        for motion in motions
+        travel(bent_demonstration(primitive, i, straight).positions)
+        for i in range(len(primitive.durations))
     ]
     index = typical_demonstration(primitive)
-    shown = travel(bent_demonstration(primitive, index, np.zeros(primitive.n_components)).positions)
+    shown = travel(bent_demonstration(primitive, index, straight).positions)
     assert np.quantile(own, 0.2) <= shown <= np.quantile(own, 0.8)
     mean = primitive.boundary_states[:, [0, 3]].mean(axis=0)
     assert travel(mean) < 0.1 * shown  # what the page showed before
@@ -98,18 +95,6 @@ def test_shares_of_all_components_sum_to_the_explained_share():
         assert len(set(component_names(primitive))) == primitive.n_components
 
 
-# Demonstrations
-
-
-def test_reproduced_demonstrations_are_like_the_recorded_ones():
-    (own,) = reproduced([arm_primitive()]).values()
-    (measured,) = recorded(RecordingSet(arm_demonstrations()[:1])).values()
-    assert len(own) == len(arm_demonstrations())
-    first, same = own[0], measured[0]
-    np.testing.assert_allclose(first.times, same.times)
-    assert np.sqrt(np.mean((first.positions - same.positions) ** 2)) < 0.1
-
-
 # Playback
 
 
@@ -140,6 +125,6 @@ def test_another_motion_goes_on_at_the_same_share(share, duration):
 
 
 def test_a_motion_of_one_point_is_shown():
-    playback = Playback(ShownMotion("point", np.zeros(1), np.array([[1.0, 2.0]])))
+    playback = Playback(ShownMotion(np.zeros(1), np.array([[1.0, 2.0]])))
     np.testing.assert_array_equal(playback.configuration, [1.0, 2.0])
     assert playback.share == 0.0

@@ -101,14 +101,6 @@ def test_a_fixed_duration_is_kept():
     assert planner().answer(request).plan.duration == 2.5
 
 
-def test_splines_are_compared_only_on_request():
-    subject = planner()
-    assert subject.answer(ViewRequest(START, GOAL)).comparison is None
-    other = subject.answer(ViewRequest(START, GOAL, compares=True))
-    assert other.comparison.n_components_used == 0
-    np.testing.assert_allclose(other.comparison.trajectory.positions[-1], GOAL)
-
-
 def test_less_naturalness_needs_less_effort():
     subject = planner()
     natural, free = (

@@ -21,7 +21,6 @@ from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import PageContent, first_ends, read_content
 from mp_pca_planner.view.page import ViewPage
-from mp_pca_planner.view.stage import view_above_sheet
 
 
 def content(**changes: Any) -> PageContent:
@@ -43,31 +42,6 @@ def until(holds: Callable[[], Any]) -> None:
         time.sleep(0.01)
 
 
-# Phones
-
-
-@pytest.mark.parametrize("extents", [[0.2, 0.3, 2.0], [2.0, 1.5, 0.1]])
-def test_a_phone_sees_all_points_above_its_sheet_and_no_nearer_camera_does(extents):
-    fov, (width, height) = 1.3, (390, 780)
-    points = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 3)) * extents + [3.0, 1.0, 0.5]
-
-    def all_above_sheet(position: np.ndarray) -> bool:
-        forward = (look_at - position) / np.linalg.norm(look_at - position)
-        right = np.cross(forward, [0.0, 0.0, 1.0])
-        down = np.cross(forward, right)
-        pixels = (
-            (points - position)
-            @ np.stack([right, down], axis=1)
-            / np.linalg.norm(right)
-            / ((points - position) @ forward)[:, None]
-        ) * (0.5 * height / np.tan(0.5 * fov)) + [0.5 * width, 0.5 * height]
-        return bool(np.all(pixels > 0.0) and np.all(pixels < [width, 0.42 * height]))
-
-    position, look_at = view_above_sheet(points, width / height, fov)
-    assert all_above_sheet(position)
-    assert not all_above_sheet(position + 0.25 * (look_at - position))
-
-
 # Tabs
 
 
@@ -80,7 +54,6 @@ def test_a_tab_shows_its_subject_and_no_handle_of_another(page):
     for name, handles in (
         ("Plan", (True, True, False)),
         ("Components", (False, False, False)),
-        ("Demonstrations", (False, False, False)),
         ("World", (False, False, True)),
     ):
         page.open(name)
@@ -91,12 +64,8 @@ def test_a_tab_shows_its_subject_and_no_handle_of_another(page):
         assert page.plan._ghost.visible == is_planned
         assert page.plan._path.visible == is_planned
         shown = page.player.playback.motion
-        subject = {
-            "Components": page.components.motion,
-            "Demonstrations": next(iter(page.demonstrations._motions.values())),
-        }
-        if name in subject:
-            assert shown is subject[name]
+        if name == "Components":
+            assert shown is page.components.motion
         else:
             motion = page.plan.answer.plan.trajectory
             np.testing.assert_array_equal(shown.positions, motion.positions)

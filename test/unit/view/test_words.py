@@ -29,7 +29,7 @@ START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
 
 def answer(**changes) -> PlanAnswer:
     plan = Planner(arm_robot(), [arm_primitive()]).plan(GOAL, JointState(JOINTS, START))
-    whole = PlanAnswer(ViewRequest(START, GOAL), GOAL, plan, "", None, 0.01)
+    whole = PlanAnswer(ViewRequest(START, GOAL), GOAL, plan, "", 0.01)
     return replace(whole, **changes)
 
 
