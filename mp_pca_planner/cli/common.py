@@ -69,8 +69,8 @@ def fact_lines(facts: Mapping[str, Any], most: int = 12) -> list[str]:
     width, lines = max(map(len, facts), default=0), []
     for name, value in plain(dict(facts)).items():
         if isinstance(value, list) and any(isinstance(one, str | dict) for one in value):
-            is_list_of_names = all(isinstance(one, str) and " " not in one for one in value)
-            rows = [", ".join(value)] if is_list_of_names else [*map(_fact, value)]
+            are_names = all(isinstance(one, str) and not set(one) & {" ", "/"} for one in value)
+            rows = [", ".join(value)] if are_names else [*map(_fact, value)]
         elif value in (None, "", [], {}) or (isinstance(value, list) and len(value) > most):
             continue
         else:

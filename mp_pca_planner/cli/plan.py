@@ -127,7 +127,9 @@ class PlannedRequest:
         """What is printed of the request and of a motion planned for it."""
         motions, check = self.plan.motions, self.planner.collision
         states = [motions[0].start, *(motion.goal for motion in motions)]
-        start, *vias, goal = [by_name(s.joint_names, s.positions) for s in states]
+        found = [by_name(state.joint_names, state.positions) for state in states]
+        described = self.planner.robot.described_joints
+        start, *vias, goal = [{name: each[name] for name in described} for each in found]
         ends = self.plan.trajectory.positions[[0, -1]]
         hand = self.planner.robot.frame_positions(ends, [self.frame])[:, 0]
         return {
