@@ -96,16 +96,9 @@ setup(
             "toppra>=0.6.9",
             "example-robot-data-loaders>=4.4",  # brings the models, example-robot-data
         ],
-        # Part of the requirements; the name stays for a release.
-        "ompl": ["ompl>=2.0; python_version < '3.14'"],
-        # Has no wheels: pip builds it with a compiler, CMake, Eigen and Git.
-        "vamp": ["vamp-planner>=0.6.1"],
-        "roboplan": ["roboplan>=0.7"],
-        # Another physics engine for the simulated robot.
-        "sim": ["mujoco>=3.3"],
         # Datasets of LeRobot as demonstrations: their Parquet files are read.
         "lerobot": ["pyarrow>=15.0"],
-        # The panda of the command `example`, with meshes.
+        # The panda of the demo, with meshes.
         "example": ["example-robot-data-loaders>=4.4"],
         # The documentation site.
         "doc": [

@@ -16,10 +16,10 @@ from collections.abc import Sequence
 import numpy as np
 from tables import benchmark_parser, show
 
+from mp_pca_planner.cli.example_robots import DEMONSTRATIONS_SEED, robot_file
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, verify
 from mp_pca_planner.control.law import KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
-from mp_pca_planner.evaluation.problems import DEMONSTRATIONS_SEED, robot_file
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory

@@ -14,10 +14,7 @@ shrunk covariance, and conditioned on both ends. The DMP is learned from the mot
 ends. "speed", "end acceleration" and "end jerk": the 95 % quantile of the predictions, relative to
 that of the demonstrations. The ends are the first and the last tenth of a prediction; of a
 demonstration, which may be cut off at a speed, all of it counts. ProMP and DMP are interpolated
-linearly, so their jerk means nothing. The table "calibration" has, for primitives of n
-demonstrations drawn at random, the share of left-out joint angles within the predicted intervals of
-68 / 95 / 99.7 % (those of 1 / 2 / 3 standard deviations of a Gaussian), of left-out requests with
-an in-span score below 3, and the RMS error in path relative to the expected one.
+linearly, so their jerk means nothing.
 
     python benchmarks/naturalness.py BAG... [--segments FILE.csv] [--by-label] [--by-activity]
         [--align linear,arc_length] [--robot URDF] [--tip FRAME] [--no-peers] [--json]
@@ -29,12 +26,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from calibration import CALIBRATION_SIZES, Calibration, calibration
-from tables import Table, benchmark_parser, show
-
-from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.cli.common import progress_bar
-from mp_pca_planner.evaluation.naturalness import (
+from left_out import (
     BSPLINES,
     RHOS,
     Comparison,
@@ -43,6 +35,10 @@ from mp_pca_planner.evaluation.naturalness import (
     compare,
     planned,
 )
+from tables import Table, benchmark_parser, show
+
+from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.primitives.basis import legendre_values
 from mp_pca_planner.primitives.build import PrimitiveOptions
@@ -84,7 +80,7 @@ def main() -> None:
     if arguments.robot:
         robot = Robot.from_file(Path(arguments.robot), found[0].joint_names)
     tables: dict[str, Table] = {}
-    summary, methods, calibrated = [], [], []
+    summary, methods = [], []
     for label in sorted({d.label for d in found}) if arguments.by_label else ["all"]:
         motions = [d for d in found if label in ("all", d.label)]
         if len(motions) < FEWEST:
@@ -106,38 +102,14 @@ def main() -> None:
             name = label if "," not in arguments.align else f"{label}, {way}"
             summary.append([name, str(len(motions)), *(_errors(comparison, m) for m in methods)])
             tables[f"{name}, {len(motions)} motions"] = _table(comparison)
-            calibrated.append((name, calibration(motions, PrimitiveOptions(align=way))))
     title = "RMS error [deg]: in time / after time alignment / in path"
     tables = {title: (["motions", "n", *methods], summary), **tables}
-    tables["calibration"] = _calibration_table(calibrated)
     show(tables, as_json=arguments.json)
 
 
 def _errors(comparison: Comparison, method: str) -> str:
     errors = (np.rad2deg(comparison.rms(method, q)) for q in MEASURES)
     return " / ".join(f"{error:.2f}" for error in errors)
-
-
-def _calibration_table(found: Sequence[tuple[str, Sequence[Calibration]]]) -> Table:
-    """Rows of all sets, and their means."""
-    rows = [[name, *_calibration_cells(one)] for name, one in found]
-    if len(rows) > 1:
-        rows.append(["mean", *_calibration_cells([x for _, one in found for x in one])])
-    return ["motions", *(f"n = {n}" for n in CALIBRATION_SIZES)], rows
-
-
-def _calibration_cells(found: Sequence[Calibration]) -> list[str]:
-    """A cell for each number of demonstrations, with means over several sets."""
-    cells = []
-    for n in CALIBRATION_SIZES:
-        numbers = [(*x.within, x.in_span, x.error_ratio) for x in found if x.n_demonstrations == n]
-        if not numbers:
-            cells.append("")
-            continue
-        *within, in_span, ratio = np.mean(numbers, axis=0)
-        shares = " / ".join(f"{100 * share:.0f}" for share in within)
-        cells.append(f"{shares}, {100 * in_span:.0f}, {ratio:.2f}")
-    return cells
 
 
 def _table(comparison: Comparison) -> Table:

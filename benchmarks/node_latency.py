@@ -15,7 +15,9 @@ from subprocess import Popen
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from node_setup import (
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from support.node_setup import (
     URDF,
     RobotClient,
     joint_states,
@@ -23,8 +25,6 @@ from node_setup import (
     processor_time,
     running_node,
 )
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions

@@ -20,8 +20,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from node_setup import URDF, running_node
 from sensor_msgs.msg import JointState
+from support.node_setup import URDF, running_node
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 

@@ -18,17 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scenes import scene_of
+from problems import Problem, Scene, held_out_problems, scene_of
+from referee import RigidArm
+from support.virtual_node import MAX_ACCELERATION
 from tables import benchmark_parser, show
-from virtual_node import MAX_ACCELERATION
 
-from mp_pca_planner.evaluation.problems import (
-    Problem,
-    Scene,
-    held_out_problems,
-    robot_file,
-)
-from mp_pca_planner.evaluation.referee import RigidArm
+from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.plan import FREE, SHORTEST, PlannerOptions
 from mp_pca_planner.planning.planner import Planner

@@ -15,16 +15,11 @@ import time
 
 import numpy as np
 import pinocchio as pin
-from scenes import scene_of
+from problems import Problem, Scene, held_out_problems, scene_of
+from referee import RigidArm
 from tables import benchmark_parser, show
 
-from mp_pca_planner.evaluation.problems import (
-    Problem,
-    Scene,
-    held_out_problems,
-    robot_file,
-)
-from mp_pca_planner.evaluation.referee import RigidArm
+from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.motion import Tables
 from mp_pca_planner.planning.plan import Plan, PlannerOptions

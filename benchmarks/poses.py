@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 from planning_cases import limits_of
-from scenes import scene_of
+from problems import Problem, Scene, held_out_problems, scene_of
 from tables import benchmark_parser, show
 
-from mp_pca_planner.evaluation.problems import Problem, Scene, held_out_problems, robot_file
+from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning.configurations import (
     POSE_TOLERANCE,

@@ -1,280 +1,358 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""An independent referee of commanded motions: limits and jumps, by finite differences.
+"""The referee of the benchmark: effort, limits and, among obstacles, collisions of a motion.
 
-It shares no code with the planner and takes only arrays. Derivatives are divided differences. For a
-smooth motion, each equals the derivative at some nearby time, so it never exceeds the true peak. A
-step of the acceleration appears as a jerk over one tick.
-
-For a slowed controller, pass its own clock. The referee then judges the planned motion at its
-planned speed; the deceleration by the speed scaling does not count.
+It shares no code with the planner, its solver, its world and its validator: Pinocchio's `rnea` on a
+model of its own, SciPy's polynomials between the points of a trajectory, a grid of 0.5 ms. It reads
+scenes itself, and calls Pinocchio and Coal on a 1 ms grid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
+import coal
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import pinocchio as pin
+from problems import Problem
+from scipy.integrate import trapezoid
+from scipy.interpolate import BPoly
 
-Array = NDArray[np.float64]
+from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.files import load_yaml, read_text, reading
+from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.robot.limits import JointLimits
 
-ORDERS = {"velocity": 1, "acceleration": 2, "jerk": 3}
-# Ticks closer than this share of the usual period are skipped, because division by a very short
-# time amplifies noise.
-_NEAREST = 0.5
-_NOISE = 1e-8  # rounding of positions [rad or m]
-# Rates are judged from tick to tick, and over this many ticks, where the finest step has no effect.
-_STRIDES = (1, 20)
-_ALONE = 0.3  # other steps near a jump are below this share of it
-_SAME_TICKS = 20  # window in which two clocks are compared [ticks]
-_MARGIN = 2  # ticks around a cut that are not judged
-_WINDOW = 7  # window of the median acceleration of the neighbouring motion [ticks]
-
-
-@dataclass(frozen=True)
-class Exceeded:
-    """A violated limit of a joint, at its largest violation.
-
-    Attributes
-    ----------
-    quantity : str
-        ``position``, ``velocity``, ``acceleration``, ``jerk`` or ``finite``.
-    joint, tick : int
-        Which joint, and the index of the command.
-    value, limit : float
-        The commanded value and the limit.
-    """
-
-    quantity: str
-    joint: int
-    tick: int
-    value: float
-    limit: float
+# Longest step of the grid [s].
+REFEREE_PERIOD = 5e-4
+# Largest relative excess over a limit of a feasible motion.
+REFEREE_LIMIT_TOLERANCE = 1e-6
+# Largest distance of a feasible motion from its start and goal [rad or m].
+REFEREE_POSITION_TOLERANCE = 1e-3
+# Largest velocity of a feasible motion at its ends [rad/s or m/s].
+REFEREE_VELOCITY_TOLERANCE = 1e-2
+# Share of a limit from which it counts as active.
+REFEREE_ACTIVE_SHARE = 0.998
+# Share of the duration at either end in which limits don't count as active.
+REFEREE_END_SHARE = 0.05
+# Steps of the grids on which collisions and clearances are computed [s].
+REFEREE_COLLISION_PERIOD = 1e-3
+REFEREE_CLEARANCE_PERIOD = 1e-2
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Findings of the referee.
+    """The referee's findings on one motion.
 
     Attributes
     ----------
-    exceeded : tuple of Exceeded
-        At most one for each quantity, joint and uncut part of the motion.
-    jumps : tuple of (int, int, float)
-        Tick, joint and size [rad or m] of each jump that is larger than allowed.
-    largest_jump : float
-        Size of the largest part of a step that the neighbouring motion doesn't explain.
+    duration : float
+        Duration [s].
+    effort_cost : float
+        J = ½∫‖τ‖²dt [N²·m²·s], [P] eq. (6), by the trapezoidal rule on the grid.
+    limit_violation : float
+        Largest relative excess over a limit; for positions the distance outside, as a share of
+        the range (of 1 rad or m if that is infinite).
+    worst_limit : str
+        The limit concerned ('' if all hold).
+    limits_active : bool
+        Whether the motion reaches 99.8 % of a limit away from its ends.
+    end_error : float
+        Largest distance from start and goal [rad or m].
+    end_velocity : float
+        Largest velocity at its ends [rad/s or m/s].
+    demo_distance_deg : float
+        RMS difference from the held-out demonstration with these ends over joints and 101
+        phases [deg]; NaN if the problem has none.
+    reaches : bool
+        Whether it starts and ends at rest at the start and goal, within the tolerances.
+    feasible : bool
+        Whether it reaches the goal and keeps the limits, within the tolerance.
+    path_length : float
+        Length of the path of the joints [rad or m].
+    rms_jerk : float
+        Root mean square over time of the norm of the jerk [rad/s³ or m/s³].
+    collision : str
+        The first pair in collision and its time, '' if there is none.
+    clearance : float
+        Least distance of the obstacles from the convex hulls of moving links on a 10 ms grid [m],
+        infinite without obstacles.
     """
 
-    exceeded: tuple[Exceeded, ...]
-    jumps: tuple[tuple[int, int, float], ...]
-    largest_jump: float
+    duration: float
+    effort_cost: float
+    limit_violation: float
+    worst_limit: str
+    limits_active: bool
+    end_error: float
+    end_velocity: float
+    demo_distance_deg: float
+    reaches: bool
+    feasible: bool
+    path_length: float
+    rms_jerk: float
+    collision: str = ""
+    clearance: float = np.inf
 
-    @property
-    def is_clean(self) -> bool:
-        """Whether there are no findings."""
-        return not self.exceeded and not self.jumps
 
-
-def judge(
-    positions: ArrayLike,
-    clock: ArrayLike,
-    limits: Mapping[str, ArrayLike],
-    *,
-    time: ArrayLike | None = None,
-    cuts: Sequence[int] = (),
-    joins: Sequence[int] = (),
-    tolerance: float = 0.01,
-    max_jump: float = 2e-4,
-    finest: float = 0.0,
-) -> Verdict:
-    """Judge commands.
+class RigidArm:
+    """A Pinocchio model of some joints of a URDF, the others locked; for the referee and peers.
 
     Parameters
     ----------
-    positions : array, shape (n_ticks, n_joints)
-        Commanded positions [rad or m].
-    clock : array, shape (n_ticks,)
-        Time of each command [s], not decreasing; of equal times the last command counts.
-    limits : mapping
-        ``lower``, ``upper``, ``velocity``, ``acceleration``, ``jerk``, each of shape (n_joints,);
-        missing or infinite limits are not judged.
-    time : array, shape (n_ticks,), optional
-        Real time, where the controller's own clock was slowed. A rate is exceeded only if it is
-        exceeded by both clocks. By the controller's clock alone, a micrometre per millisecond would
-        be a step in almost no time. By real time alone, the deceleration of the speed scaling would
-        count.
-    cuts : sequence of int
-        Ticks whose commands need not continue those before: the sender is not responsible.
-    joins : sequence of int
-        Ticks at which a slowed controller receives a message. Their commands continue those before
-        except for a jump, which is judged only as a jump.
-    tolerance : float
-        Share of a limit by which it may be exceeded (for positions, of their range).
-    max_jump : float
-        Largest jump that is allowed [rad or m].
-    finest : float
-        A step below the resolution of encoders, which never violates a rate limit [rad or m].
+    urdf : str or Path
+        The URDF file.
+    joint_names : sequence of str
+        The n_joints joints that move, in the order of every array here.
+
+    Attributes
+    ----------
+    model : pinocchio.Model
+        The model; continuous joints are a cosine and a sine in its configurations.
+    velocity_index : array of int, shape (n_joints,)
+        Where the joints are in Pinocchio's velocities.
+    continuous : array of bool, shape (n_joints,)
+        Whether each joint is continuous.
     """
-    q, own = np.asarray(positions, dtype=float), np.asarray(clock, dtype=float)
-    exceeded, jumps, largest = list(_not_finite(q)), [], 0.0
-    if exceeded:
-        return Verdict(tuple(exceeded), (), np.inf)
-    world = own if time is None else np.asarray(time, dtype=float)
-    bounds = [0, *sorted({c for c in (*cuts, *joins) if 0 < c < len(q)}), len(q)]
-    for tick in joins:
-        size = _jump_between(q, tick)
-        largest = max(largest, float(np.abs(size).max(initial=0.0)))
-        jumps += [(tick, int(j), float(size[j])) for j in np.flatnonzero(np.abs(size) > max_jump)]
-    for first, last in pairwise(bounds):
-        # A jump beside a cut can't be separated from it.
-        first, last = first + _MARGIN * (first > 0), last - _MARGIN * (last < len(q))
-        exceeded += _positions_exceeded(q[first:last], first, limits, tolerance)
-        found = []
-        for one in (own, world) if time is not None else (own,):
-            ticks = first + _spread(one[first:last])
-            steps, position_jumps = _steps(q[ticks], one[ticks])
-            joined = q[ticks] - np.cumsum(position_jumps, axis=0)
-            found.append(
-                list(_rates_exceeded(joined, one[ticks], ticks, limits, tolerance, finest))
-            )
-        exceeded += _worst(found)
-        # Jumps are measured per millisecond of real time.
-        largest = max(largest, float(np.abs(steps).max(initial=0.0)))
-        jumps += [
-            (int(ticks[k]), int(j), float(steps[k, j]))
-            for k, j in np.argwhere(np.abs(steps) > max_jump)
+
+    def __init__(self, urdf: str | Path, joint_names: Sequence[str]) -> None:
+        full = pin.buildModelFromUrdf(str(urdf))
+        others = [i for i, name in enumerate(full.names) if i > 0 and name not in joint_names]
+        rest = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
+        self.model = pin.buildReducedModel(full, others, rest) if others else full
+        self._data = self.model.createData()
+        joints = [self.model.joints[self.model.getJointId(name)] for name in joint_names]
+        self.velocity_index = np.array([joint.idx_v for joint in joints])
+        self.continuous = np.array([joint.nq == 2 for joint in joints])
+        self._neutral = pin.neutral(self.model)
+
+    def configuration(self, angles: FloatArray) -> FloatArray:
+        """Pinocchio's configuration of joint positions, shape (nq,)."""
+        return np.asarray(pin.integrate(self.model, self._neutral, self.velocity(angles)))
+
+    def angles(self, configuration: FloatArray) -> FloatArray:
+        """Joint positions of one of Pinocchio's configurations, up to whole turns."""
+        displacement = pin.difference(self.model, self._neutral, configuration)
+        return np.asarray(displacement[self.velocity_index])
+
+    def velocity(self, v: FloatArray) -> FloatArray:
+        """Pinocchio's vector of joint velocities (or accelerations), shape (nv,)."""
+        result = np.empty(self.model.nv)
+        result[self.velocity_index] = v
+        return result
+
+    def efforts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        """Efforts of a motion, all of shape (n_steps, n_joints)."""
+        steps = zip(q, v, a, strict=True)
+        tau = [
+            pin.rnea(self.model, self._data, self.configuration(x), *map(self.velocity, rest))
+            for x, *rest in steps
         ]
-    return Verdict(tuple(exceeded), tuple(jumps), largest)
+        return np.array(tau)[:, self.velocity_index]
 
 
-def _jump_between(q: Array, tick: int) -> Array:
-    """Distance between the motions before and after a tick, each extrapolated by half a tick."""
-    if not 3 <= tick <= len(q) - 3:
-        return np.zeros(q.shape[1])
-    weights = np.array([0.375, -1.25, 1.875])
-    return np.asarray(weights[::-1] @ q[tick : tick + 3] - weights @ q[tick - 3 : tick])
+def judge(
+    trajectory: Trajectory,
+    problem: Problem,
+    arm: RigidArm,
+    limits: JointLimits,
+    surroundings: SceneReferee | None = None,
+) -> Verdict:
+    """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
+    curve = executed(trajectory)
+    n_steps = int(np.ceil(trajectory.duration / REFEREE_PERIOD))
+    times = np.linspace(0.0, trajectory.duration, n_steps + 1)
+    q, v, a, jerk = (curve(times) if k == 0 else curve.derivative(k)(times) for k in range(4))
+    tau = arm.efforts(q, v, a)
+    excess, worst, active = _against_limits(times, (q, v, a, jerk, tau), limits)
+    collision, clearance = surroundings.contacts(trajectory) if surroundings else ("", np.inf)
+    end_error = float(np.abs(q[[0, -1]] - [problem.start, problem.goal]).max())
+    end_velocity = float(np.abs(v[[0, -1]]).max())
+    reaches = end_error <= REFEREE_POSITION_TOLERANCE and end_velocity <= REFEREE_VELOCITY_TOLERANCE
+    return Verdict(
+        duration=trajectory.duration,
+        effort_cost=float(trapezoid(0.5 * np.sum(tau**2, axis=1), times)),
+        limit_violation=excess,
+        worst_limit=worst,
+        limits_active=active,
+        end_error=end_error,
+        end_velocity=end_velocity,
+        demo_distance_deg=_distance(curve, trajectory.duration, problem),
+        reaches=reaches,
+        feasible=reaches and excess <= REFEREE_LIMIT_TOLERANCE,
+        path_length=float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum()),
+        rms_jerk=float(np.sqrt(np.mean(np.sum(jerk**2, axis=1)))),
+        collision=collision,
+        clearance=clearance,
+    )
 
 
-def _worst(found: Sequence[Sequence[Exceeded]]) -> list[Exceeded]:
-    """For each quantity and joint, the largest violation that all clocks confirm."""
-    *others, last = found
-    worst: dict[tuple[str, int], Exceeded] = {}
-    for one in last:
-        agreed = all(
-            any(
-                (other.quantity, other.joint) == (one.quantity, one.joint)
-                and abs(other.tick - one.tick) <= _SAME_TICKS
-                for other in clock
-            )
-            for clock in others
+def executed(trajectory: Trajectory) -> BPoly:
+    """A motion as a controller executes it: quintic polynomials between its points."""
+    return BPoly.from_derivatives(
+        trajectory.times.copy(),  # older releases of SciPy refuse read-only arrays
+        np.stack([trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1),
+    )
+
+
+def _against_limits(
+    times: FloatArray, states: tuple[FloatArray, ...], limits: JointLimits
+) -> tuple[float, str, bool]:
+    """Largest relative excess, where that is, and whether a limit is active."""
+    q, v, a, jerk, tau = states
+    width = limits.upper - limits.lower
+    width = np.where(np.isfinite(width), width, 1.0)
+    excesses = {
+        "position": np.maximum(limits.lower - q, q - limits.upper) / width,
+        "velocity": np.abs(v) / limits.velocity - 1.0,
+        "acceleration": np.abs(a) / limits.acceleration - 1.0,
+        "jerk": np.abs(jerk) / limits.jerk - 1.0,
+        "effort": np.abs(tau) / limits.effort - 1.0,
+    }
+    inside = np.abs(times / times[-1] - 0.5) < 0.5 - REFEREE_END_SHARE
+    active = any(excess[inside].max() > REFEREE_ACTIVE_SHARE - 1.0 for excess in excesses.values())
+    quantity = max(excesses, key=lambda name: float(excesses[name].max()))
+    step, joint = np.unravel_index(excesses[quantity].argmax(), q.shape)
+    worst = float(excesses[quantity][step, joint])
+    if worst <= 0.0:
+        return 0.0, "", active
+    where = f"{quantity} of joint '{limits.joint_names[joint]}' at {times[step]:.3f} s"
+    return worst, where, active
+
+
+def _distance(curve: BPoly, duration: float, problem: Problem) -> float:
+    if problem.demonstration is None:
+        return float("nan")
+    shown = problem.demonstration.time_normalised(101)
+    found = curve(np.linspace(0.0, duration, 101))
+    return float(np.rad2deg(np.sqrt(np.mean((found - shown) ** 2))))
+
+
+class SceneReferee:
+    """Finds collisions of a robot's motions in one scene.
+
+    Parameters
+    ----------
+    arm : RigidArm
+        The robot, of the same URDF.
+    urdf : Path
+        Its description. ``package://`` paths of meshes are searched in its folder.
+    scene : Path
+        File of a moveit_msgs/PlanningScene with boxes, spheres and cylinders.
+    srdf : Path, optional
+        Pairs of links that are not checked; neighbours unless given.
+
+    Raises
+    ------
+    PlannerError
+        If the scene can't be read.
+    """
+
+    def __init__(self, arm: RigidArm, urdf: Path, scene: Path, srdf: Path | None = None) -> None:
+        self._arm = arm
+        full = pin.buildModelFromUrdf(str(urdf))
+        links = pin.buildGeomFromUrdf(
+            full, str(urdf), pin.GeometryType.COLLISION, package_dirs=[str(urdf.parent)]
         )
-        key = one.quantity, one.joint
-        if agreed and (key not in worst or abs(one.value) > abs(worst[key].value)):
-            worst[key] = one
-    return list(worst.values())
+        others = [i for i, name in enumerate(full.names) if name not in arm.model.names]
+        rest = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
+        if others:
+            _, links = pin.buildReducedModel(full, links, others, rest)
+        self._geometry, n_links = links, links.ngeoms
+        for name, shape, pose in _obstacles(scene):
+            part = pin.GeometryObject(
+                name, parent_joint=0, placement=pose, collision_geometry=shape
+            )
+            self._geometry.addGeometryObject(part)
+        self._add_pairs(n_links)
+        if srdf is not None:
+            pin.removeCollisionPairs(arm.model, self._geometry, str(srdf))
+        pairs = self._geometry.collisionPairs
+        self._of_obstacles = [k for k, pair in enumerate(pairs) if pair.second >= n_links]
+        self._hulls = _hulls(self._geometry)
+        self._data, self._poses = arm.model.createData(), self._geometry.createData()
+        self._hull_poses = self._hulls.createData()
 
+    def contacts(self, trajectory: Trajectory) -> tuple[str, float]:
+        """The first collision of a motion and its clearance, see :class:`Verdict`."""
+        curve = executed(trajectory)
+        n_fine, n_coarse = (
+            1 + max(int(np.ceil(trajectory.duration / period - 1e-9)), 1)
+            for period in (REFEREE_COLLISION_PERIOD, REFEREE_CLEARANCE_PERIOD)
+        )
+        times = np.linspace(0.0, trajectory.duration, n_fine)
+        coarse = np.linspace(0, n_fine - 1, n_coarse).astype(int)
+        q = curve(times)
+        return self._collision(times, q), min(map(self._clearance, q[coarse]))
 
-def _not_finite(q: Array) -> list[Exceeded]:
-    bad = np.argwhere(~np.isfinite(q))
-    return [Exceeded("finite", int(j), int(k), float(q[k, j]), np.inf) for k, j in bad[:1]]
-
-
-def _spread(time: Array) -> NDArray[np.intp]:
-    """Indices of the last command of each time, with a minimum distance in time."""
-    if len(time) == 0:
-        return np.zeros(0, dtype=np.intp)
-    nearest = _NEAREST * float(np.diff(time).max(initial=0.0)) or 1.0
-    kept: list[int] = []
-    last = -np.inf
-    for k, now in enumerate(time.tolist()):
-        if now - last >= nearest:
-            kept.append(k)
-            last = now
-        elif now == last:
-            kept[-1] = k
-    return np.array(kept, dtype=np.intp)
-
-
-def _positions_exceeded(
-    q: Array, first: int, limits: Mapping[str, ArrayLike], tolerance: float
-) -> list[Exceeded]:
-    none = np.full(q.shape[1], np.inf)
-    lower, upper = (np.asarray(limits.get(k, s * none)) for k, s in (("lower", -1), ("upper", 1)))
-    width = upper - lower
-    slack = tolerance * np.where(np.isfinite(width), width, 0.0)
-    found = []
-    for limit, over in ((upper, q - upper - slack), (lower, lower - q - slack)):
-        for j in np.flatnonzero((over > 0.0).any(axis=0)):
-            k = int(over[:, j].argmax())
-            found.append(Exceeded("position", int(j), first + k, float(q[k, j]), float(limit[j])))
-    return found
-
-
-def _differences(q: Array, time: Array, order: int) -> Array:
-    """Divided differences times the factorial of their order, shape (n - order, n_joints)."""
-    for k in range(1, order + 1):
-        q = k * np.diff(q, axis=0) / (time[k:] - time[:-k])[:, None]
-    return q
-
-
-def _steps(q: Array, time: Array) -> tuple[Array, Array]:
-    """Part of each step that the neighbouring motion doesn't explain; jumps of the position.
-
-    The first is the change of velocity beyond what the median acceleration around it makes, as a
-    displacement. Both have the shape of `q`.
-    """
-    steps, jumps = np.zeros_like(q), np.zeros_like(q)
-    if len(q) < _WINDOW + 2:
-        return steps, jumps
-    a, half = _differences(q, time, 2), _WINDOW // 2
-    padded = np.pad(a, ((half, half), (0, 0)), mode="reflect")
-    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, _WINDOW, axis=0), axis=-1)
-    h = np.diff(time)
-    size = (0.5 * (h[1:] + h[:-1]) * h[1:])[:, None]
-    steps[2:] = (a - usual) * size
-    jumps[2:] = _position_jumps(a * size, steps[2:])
-    return steps, jumps
-
-
-def _position_jumps(moved: Array, steps: Array) -> Array:
-    """Jumps of the position alone, after which the next step restores the velocity.
-
-    The motion without them is judged by its derivatives, so that a jump counts once.
-    """
-    jumps, pairs = np.zeros_like(steps), steps[1:-2] * steps[2:-1]
-    for before, j in np.argwhere((pairs < 0.0) & (np.abs(steps[1:-2]) > _NOISE)):
-        k = before + 1
-        near = np.abs(np.r_[steps[max(k - _WINDOW, 0) : k, j], steps[k + 2 : k + _WINDOW, j]])
-        if near.max() < _ALONE * np.abs(steps[k : k + 2, j]).min():
-            # Interpolated between the ticks before and after, which the jump does not affect.
-            usual = moved[k - 1, j] + (moved[k + 2, j] - moved[k - 1, j]) * np.array([1, 2]) / 3
-            there, back = moved[k : k + 2, j] - usual
-            jumps[k, j] = np.sign(there) * min(abs(there), abs(back))
-    return jumps
-
-
-def _rates_exceeded(
-    q: Array,
-    time: Array,
-    ticks: NDArray[np.intp],
-    limits: Mapping[str, ArrayLike],
-    tolerance: float,
-    finest: float,
-) -> Iterator[Exceeded]:
-    for quantity, order in ORDERS.items():
-        limit = np.asarray(limits.get(quantity, np.full(q.shape[1], np.inf)), dtype=float)
-        if not np.isfinite(limit).any():
-            continue
-        for part in (slice(k, None, stride) for stride in _STRIDES for k in range(stride)):
-            if len(q[part]) <= order:
+    def _collision(self, times: FloatArray, q: FloatArray) -> str:
+        model, data = self._arm.model, self._data
+        for time, angles in zip(times, q, strict=True):
+            configuration = self._arm.configuration(angles)
+            hulls = self._hulls, self._hull_poses
+            if not pin.computeCollisions(model, data, *hulls, configuration, True):
                 continue
-            values = _differences(q[part], time[part], order)
-            step = np.diff(time[part])[order - 1 :, None]
-            over = np.abs(values) > (1.0 + tolerance) * limit + finest / step**order
-            for k, j in np.argwhere(over):
-                tick, value = int(ticks[part][k + order]), float(values[k, j])
-                yield Exceeded(quantity, int(j), tick, value, float(limit[j]))
+            pin.updateGeometryPlacements(model, data, self._geometry, self._poses, configuration)
+            for k, pair in enumerate(self._geometry.collisionPairs):
+                if pin.computeCollision(self._geometry, self._poses, k):
+                    parts = self._geometry.geometryObjects
+                    names = parts[pair.first].name, parts[pair.second].name
+                    return f"{' and '.join(names)} at {time:.3f} s"
+        return ""
+
+    def _clearance(self, angles: FloatArray) -> float:
+        configuration = self._arm.configuration(angles)
+        hulls, poses = self._hulls, self._hull_poses
+        pin.updateGeometryPlacements(self._arm.model, self._data, hulls, poses, configuration)
+        found = (pin.computeDistance(hulls, poses, k).min_distance for k in self._of_obstacles)
+        return float(min(found, default=np.inf))
+
+    def _add_pairs(self, n_links: int) -> None:
+        """Pairs of links, and of moving links with obstacles, that are not neighbours."""
+        model, parts = self._arm.model, self._geometry.geometryObjects
+        joints = [part.parentJoint for part in parts]
+        for i in range(n_links):
+            for k in range(i + 1, len(parts)):
+                first, second = sorted((joints[i], joints[k]))
+                neighbours = k < n_links and first == model.parents[second]
+                if first != second and not neighbours:
+                    self._geometry.addCollisionPair(pin.CollisionPair(i, k))
+
+
+def _hulls(geometry: Any) -> Any:
+    """The same with convex hulls in the place of meshes with a volume."""
+    hulls = geometry.copy()
+    for part in hulls.geometryObjects:
+        if hasattr(part.geometry, "buildConvexHull"):
+            points = np.array(part.geometry.vertices())
+            if np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-6 * np.ptp(points)) < 3:
+                continue  # Coal would end the process
+            part.geometry.buildConvexHull(True, "Qt")
+            part.geometry = part.geometry.convex
+    return hulls
+
+
+def _obstacles(scene: Path) -> Iterator[tuple[str, Any, Any]]:
+    """Name, shape and pose of each obstacle of a planning scene."""
+    with reading(f"the scene '{scene}'", PlannerError):
+        content = load_yaml(read_text(scene))
+        for one in content["world"]["collision_objects"]:
+            for shape, pose in zip(one["primitives"], one["primitive_poses"], strict=True):
+                turn = pin.Quaternion(np.array(pose["orientation"], dtype=float)).normalized()
+                placement = pin.SE3(turn.matrix(), np.array(pose["position"], dtype=float))
+                yield one["id"], _shape(shape["type"], shape["dimensions"]), placement
+
+
+def _shape(kind: str, sizes: Sequence[float]) -> Any:
+    if kind == "box":
+        return coal.Box(*sizes)
+    if kind == "sphere":
+        return coal.Sphere(*sizes)
+    if kind == "cylinder":
+        height, radius = sizes
+        return coal.Cylinder(radius, height)
+    raise ValueError(f"the referee knows boxes, spheres and cylinders, but not '{kind}'")

@@ -7,8 +7,10 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from mp_pca_planner.arrays import text_table
+from mp_pca_planner.cli.common import plain
 
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 """A header and rows of text."""
@@ -21,11 +23,18 @@ def benchmark_parser(documentation: str) -> argparse.ArgumentParser:
     return parser
 
 
-def show(tables: Mapping[str, Table], *, as_json: bool) -> None:
-    """Print tables by their titles."""
+def show(
+    tables: Mapping[str, Table],
+    *,
+    as_json: bool,
+    facts: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
+) -> None:
+    """Print tables by their titles, with notes below; as JSON with further facts."""
     if as_json:
         named = {title: {"header": h, "rows": rows} for title, (h, rows) in tables.items()}
-        print(json.dumps({"tables": named}, ensure_ascii=False))
+        print(json.dumps(plain({"tables": named, **(facts or {})}), ensure_ascii=False))
         return
     for title, (header, rows) in tables.items():
         print(f"{title}\n{text_table(rows, header=header)}\n")
+    print("\n".join(notes))

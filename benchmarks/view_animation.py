@@ -24,7 +24,7 @@ from PIL import Image
 from scipy.interpolate import CubicSpline
 from support.view_browser import chromium, on_screen
 
-from mp_pca_planner.evaluation.problems import robot_file
+from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import progress

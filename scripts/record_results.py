@@ -28,29 +28,18 @@ ROOT = Path(__file__).resolve().parents[1]
 COMMANDS = {
     "planning_speed": "python3 benchmarks/planning_speed.py",
     "planning_cases": "python3 benchmarks/planning_cases.py --goals 40",
-    "growth": "python3 benchmarks/growth.py --problems 12",
     "optimality": "python3 benchmarks/optimality.py --problems 13",
-    "time_budget": "python3 benchmarks/time_budget.py",
-    "starts": "python3 benchmarks/starts.py --problems 25",
-    "families": "python3 benchmarks/families.py --problems 25",
-    "self_collision": "python3 benchmarks/self_collision.py --problems 40",
-    "scenes": "python3 -m mp_pca_planner benchmark --scenes problems --problems 100",
-    "spheres_on_path": "python3 benchmarks/spheres_on_path.py",
+    "scenes": "python3 benchmarks/compare.py --scenes problems --problems 100",
     "sequences": "python3 benchmarks/sequences.py",
-    "selection": "python3 benchmarks/selection.py --quality",
-    "benchmark_human_arm": "python3 -m mp_pca_planner benchmark --problems 200 --repeats 1 "
+    "benchmark_human_arm": "python3 benchmarks/compare.py --problems 200 --repeats 1 "
     "--peer-problems 10",
-    "benchmark_panda": "python3 -m mp_pca_planner benchmark --robot panda --problems 200 "
+    "benchmark_panda": "python3 benchmarks/compare.py --robot panda --problems 200 "
     "--repeats 1 --peer-problems 10",
     "naturalness": "python3 benchmarks/naturalness.py joint_states --segments motions.csv "
     "--by-label --robot config/human_arm.urdf --tip wrist",
-    "library": "python3 benchmarks/library.py joint_states reem_gestures --segments motions.csv",
-    "case_study": "python3 -m mp_pca_planner case_study --recordings markers "
+    "case_study": "python3 benchmarks/paper_case_study.py --recordings markers "
     "--segments motions.csv",
-    "moving_robot": "python3 benchmarks/moving_robot.py --events 1000",
-    "simulated_robots": "python3 benchmarks/simulated_robots.py",
-    "many_recordings": "python3 benchmarks/many_recordings.py",
-    "reading_speed": "python3 benchmarks/reading_speed.py --minutes 10",
+    "moving_robot": "python3 -m campaigns.moving_robot --events 1000",
     "control_bound": "python3 benchmarks/control_bound.py",
     "learning": "python3 benchmarks/learning.py",
 }
@@ -81,7 +70,11 @@ def record(name: str, data: Path) -> None:
     found = [str(data / word) if (data / word).exists() else word for word in words[1:]]
     state, before = commit(), os.getloadavg()[0]
     command = [sys.executable, *found, "--json"]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    paths = os.pathsep.join(str(ROOT / folder) for folder in (".", "test", "benchmarks"))
+    environment = os.environ | {"PYTHONPATH": paths}
+    done = subprocess.run(
+        command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment
+    )
     content = {
         "command": COMMANDS[name],
         "date": f"{datetime.now(UTC):%Y-%m-%d}",

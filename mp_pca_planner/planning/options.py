@@ -424,7 +424,7 @@ class PlannerOptions(Checked):
         Number of starts of the solver, at most 5, for a small naturalness (ρ < 0.1), where there
         may be several optima. The best solution found in the available time is used. Five starts
         instead of one find a motion better by over 0.5 % for 3 % of the problems of four robots, at
-        most 12 % better, in about four times the time (benchmarks/starts.py).
+        most 12 % better, in about four times the time.
     n_nodes : int
         Quadrature nodes.
     allow_nonzero_end_velocity : bool

@@ -57,8 +57,8 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.output
     (folder / "primitives").mkdir(parents=True, exist_ok=True)
-    from node_setup import RobotClient, start_node
     from std_msgs.msg import Float64
+    from support.node_setup import RobotClient, start_node
 
     from mp_pca_planner.ros.client import this_machine_only
 

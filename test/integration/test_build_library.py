@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motion_kinds import generate_kinds
 from support import command_line
+from support.motion_kinds import generate_kinds
 
 from mp_pca_planner.primitives.build_library import known_motions
 from mp_pca_planner.primitives.library import VersionedLibrary, load_primitives

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from damaged_sets import judge
+from campaigns.damaged_sets import judge
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,9 @@ import pytest
 
 pytest.importorskip("example_robot_data", reason="example-robot-data is not installed")
 
-from moving_robot import ARRIVED, FINEST, campaign, scene_and_model
-from referee import judge
-from virtual_node import VirtualNode
+from campaigns.moving_robot import ARRIVED, FINEST, campaign, scene_and_model
+from support.referee import judge
+from support.virtual_node import VirtualNode
 
 from mp_pca_planner.motion.goal import JointGoal, JointState
 

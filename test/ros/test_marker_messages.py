@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from builtin_interfaces.msg import Duration
+from campaigns.stop_latency import soup, write_stl
 from geometry_msgs.msg import Point
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
@@ -21,7 +22,6 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import ColorRGBA
-from stop_latency import soup, write_stl
 from support.domains import set_domain
 from support.nodes import ros_node
 from support.patience import HANG

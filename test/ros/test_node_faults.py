@@ -18,11 +18,11 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from node_setup import start_node
 from rcl_interfaces.srv import ListParameters
 from rclpy.parameter import Parameter
 from support.arm import JOINTS, arm_demonstrations, arm_primitive
 from support.domains import set_domain
+from support.node_setup import start_node
 from support.nodes import (
     GOAL,
     PATIENTLY,

@@ -13,10 +13,10 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from builtin_interfaces.msg import Duration
+from campaigns.node_fuzz import Fuzzer, as_message
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from node_fuzz import Fuzzer, as_message
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically

@@ -24,12 +24,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from referee import judge
 from sensor_msgs.msg import JointState
 from support.arm import JOINTS, arm_primitive, arm_robot
 from support.domains import set_domain
 from support.nodes import GOAL, START, NodeClient, call, goal_message, ros_node, running_node
 from support.patience import HANG, NODE_EVER
+from support.referee import judge
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 

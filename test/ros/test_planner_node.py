@@ -26,7 +26,6 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from node_setup import start_node
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -39,6 +38,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from support.domains import set_domain
+from support.node_setup import start_node
 from support.nodes import (
     GOAL,
     PATIENCE,

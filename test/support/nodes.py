@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from node_setup import RobotClient, start_node
 from rcl_interfaces.msg import Parameter, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -23,6 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from support.arm import JOINTS, arm_primitive
+from support.node_setup import RobotClient, start_node
 from support.patience import HANG, NODE_EVER
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray

@@ -3,7 +3,7 @@
 """The bases of a segment, from the narrowest to the widest, and those along paths.
 
 All components of the primitive come first. Fewer components would keep motions nearer to the
-demonstrations, but naturalness does so at a lower effort (benchmarks/families.py). Components with
+demonstrations, but naturalness does so at a lower effort. Components with
 B-splines follow, whose motions may be unlike the demonstrations, then B-splines alone. Where a
 collision-free path is known, B-splines lead the primitive's motion along it.
 """

@@ -16,10 +16,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from referee import judge
 from support.arm import JOINTS, arm_primitive
 from support.patience import NODE_EVER
-from virtual_node import VirtualNode
+from support.referee import judge
+from support.virtual_node import VirtualNode
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.options import Serving

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.dense import minimum_jerk_motion, spline
-from virtual_node import receive
+from support.virtual_node import receive
 
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.options import Tracking

@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 from support.arm import JOINTS
 
-from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS, robot_file
+from mp_pca_planner.cli.example_robots import EXAMPLE_ROBOTS, robot_file
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.robot.model import Robot

@@ -9,13 +9,13 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from referee import RigidArm, SceneReferee
 from support.arm import JOINTS, arm_primitive, arm_robot
 from support.dense import assert_keeps, spline
 from support.obstacle_scenes import write_scene
 from support.worlds import TRAY
 
 import mp_pca_planner as mp
-from mp_pca_planner.evaluation.referee import RigidArm, SceneReferee
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel

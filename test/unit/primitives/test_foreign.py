@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_kinds import generate_kinds
+from support.motion_kinds import generate_kinds
 
 from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.foreign import foreign_recordings

@@ -4,8 +4,8 @@
 
 import numpy as np
 import pytest
-from motion_kinds import generate_kinds
 from scipy.interpolate import CubicSpline
+from support.motion_kinds import generate_kinds
 
 from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.build_library import library_content

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motion_kinds import generate_kinds
+from support.motion_kinds import generate_kinds
 
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mp_pca_planner.evaluation.problems import EXAMPLE_ROBOTS
+from mp_pca_planner.cli.example_robots import EXAMPLE_ROBOTS
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from referee import judge
 from support.arm import JOINTS, arm_robot
+from support.referee import judge
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.motion.trajectory import Trajectory

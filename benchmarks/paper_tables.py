@@ -1,0 +1,305 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The tables, numbers and figures of the case study."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from left_out import BSPLINES, QUANTITIES, Comparison, Prediction
+from paper_method import (
+    FREE_BSPLINES,
+    FREE_ENDS,
+    MAX_ROUNDS,
+    N_COMPONENTS,
+    OURS,
+    PAPER,
+    REST_BSPLINES,
+    SAME_ENDS,
+    TABLE_3_METHODS,
+    CaseStudy,
+    n_agreeing,
+    variance_shares,
+)
+
+from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.plotting.arm import arm_figure
+from mp_pca_planner.plotting.style import (
+    add_header,
+    joint_panels,
+    label_left,
+    palette_line,
+    picture,
+)
+from mp_pca_planner.plotting.text import TABLE_2, Table, percent, percents, variance_table
+from mp_pca_planner.primitives.differences import MEASURES
+from mp_pca_planner.robot.model import Robot
+
+TABLE_3 = {"B-spline": (5.19594, 148.975), "PCA": (9.58805, 96.509)}
+"""[P] Table 3: objective function value, and optimisation time [s]."""
+
+_EFFORTS = ["method", "ends", "starts", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
+
+_TITLES = {
+    "table_2": "Table 2: variance of the joint angles [%]",
+    "table_2_by_activity": "Table 2 for each activity: shares of the first two components [%]",
+    "table_3": "Table 3: the arm-raising motion",
+    "table_3_all_motions": "Table 3, all motions, each left out: medians",
+    "starts": "Methods with the same number of starts, all motions",
+    "naturalness": "Naturalness: RMS errors of motions left out, and 95 % intervals of the "
+    "difference from the default's",
+    "naturalness_other_activities": "Naturalness with primitives of other activities",
+}
+
+
+def tables(study: CaseStudy) -> dict[str, Table]:
+    """All tables, by the names of their files."""
+    found = {
+        "table_2": table_2(study),
+        "table_2_by_activity": table_2_by_activity(study),
+        "table_3": table_3(study),
+        "table_3_all_motions": table_3_all_motions(study),
+        "starts": starts_table(study),
+        "naturalness": naturalness(study.held_out),
+    }
+    if study.other_activities is not None:
+        found["naturalness_other_activities"] = naturalness(study.other_activities)
+    return found
+
+
+def titled_tables(study: CaseStudy) -> dict[str, Table]:
+    """All tables by their titles."""
+    return {_TITLES[name]: table for name, table in tables(study).items()}
+
+
+def table_2(study: CaseStudy) -> Table:
+    """Shares of the variance of the joint angles, beside the paper's [%]."""
+    (_, *columns), rows = variance_table(_shares(study), 4)
+    for row in rows:
+        paper = TABLE_2.get(row[0], ())
+        row += [*percents(paper, 4), percent(sum(paper)) if paper else ""]
+    return ["joint", *columns, *(f"paper {name}" for name in columns)], rows
+
+
+def table_2_by_activity(study: CaseStudy) -> Table:
+    """Shares of the first two components, for all motions of each activity [%]."""
+    rows = [
+        [activity, *(f"{percent(x)} + {percent(y)}" for x, y in shares[:, :2])]
+        for activity, shares in study.shares_by_activity.items()
+    ]
+    return ["activity", *study.motions[0].joint_names], rows
+
+
+def table_3(study: CaseStudy) -> Table:
+    """The arm-raising motion, beside the paper's."""
+    found = study.raised
+    paper = {f"paper: {name}": Prediction(np.zeros(0), *TABLE_3[name]) for name in TABLE_3}
+    rows = [_effort_row(name, found[name], found[BSPLINES]) for name in TABLE_3_METHODS]
+    for name in paper:
+        rows.append(_effort_row(name, paper[name], paper["paper: B-spline"]))
+        rows[-1][1:3] = ["not stated", "not stated"]
+    return _EFFORTS, rows
+
+
+def _effort_row(name: str, found: Prediction, base: Prediction) -> list[str]:
+    """Effort and time of a method, and their ratios to those of B-splines."""
+    effort = found.effort
+    return [
+        name,
+        _ends(name),
+        f"{_n_starts(found)}",
+        f"{effort:.3f}" if effort else "none",
+        f"{effort / base.effort:.2f}" if effort and base.effort else "",
+        f"{1e3 * found.solve_time:.2f}",
+        f"{found.solve_time / base.solve_time:.3f}",
+    ]
+
+
+def _n_starts(found: Prediction) -> int:
+    """Number of starts of the optimisation."""
+    return 1 if found.starts is None else len(found.starts)
+
+
+def _ends(method: str) -> str:
+    """How motions of a method begin and end."""
+    return "moving" if method in FREE_ENDS else "at rest"
+
+
+def table_3_all_motions(study: CaseStudy) -> Table:
+    """Median efforts and times for all motions, and their distances from the demonstrations."""
+    held_out = study.held_out
+    rows = []
+    for name in TABLE_3_METHODS:
+        rows.append(
+            [
+                name,
+                _ends(name),
+                f"{np.median([_n_starts(found[name]) for found in held_out.predictions]):.0f}",
+                f"{np.median(held_out.column(name, 'effort')):.3f}",
+                f"{held_out.effort_ratio(name):.2f}",
+                f"{1e3 * np.median(held_out.column(name, 'solve_time')):.2f}",
+                f"{study.time_ratio(name):.3f}",
+                f"{np.rad2deg(held_out.rms(name, 'time')):.2f}",
+                f"{1e3 * held_out.rms(name, 'tip'):.0f}",
+            ]
+        )
+    return [*_EFFORTS, "angle error [deg]", "tip path error [mm]"], rows
+
+
+def starts_table(study: CaseStudy) -> Table:
+    """Efforts and total times of methods, by the number of starts.
+
+    Efforts are medians; times are those of all motions together.
+    """
+    rows = []
+    searches = {name: study.searches(name) for name in SAME_ENDS}
+    one_start = study.effort_and_time(REST_BSPLINES, 1)[1]
+    for n in (1, 5, None):
+        for name, same in SAME_ENDS.items():
+            effort, seconds = study.effort_and_time(name, n)
+            base, base_seconds = study.effort_and_time(same, n)
+            agreeing = [n_agreeing(x, n) for x in searches[name]]
+            rows.append(
+                [
+                    name,
+                    _ends(name),
+                    str(n or f"{np.median([len(x) for x in searches[name]]):.0f}"),
+                    f"{effort:.3f}",
+                    f"{effort / base:.3g}",
+                    f"{seconds / base_seconds:.3g}",
+                    f"{seconds / one_start:.3g}",
+                    f"{100.0 * np.mean(np.array(agreeing) > 0):.0f}",
+                    f"{100.0 * np.mean(np.array(agreeing) > 1):.0f}",
+                ]
+            )
+    columns = ["effort [N²m²s]", "effort / same ends", "time / same ends", "time / one start"]
+    columns += ["least effort found [%]", "by two starts [%]"]
+    return ["method", "ends", "starts", *columns], rows
+
+
+def naturalness(comparison: Comparison) -> Table:
+    """Errors by method, with the interval of their difference from those of the default."""
+    rows = []
+    for name in comparison.results:
+        row = [name]
+        for measure in MEASURES:
+            low, high = np.rad2deg(comparison.interval(name, measure))
+            difference = "–" if name == comparison.reference else f"{low:+.2f} … {high:+.2f}"
+            row += [f"{np.rad2deg(comparison.rms(name, measure)):.2f}", difference]
+        row += [
+            f"{1e3 * comparison.rms(name, 'tip'):.0f}",
+            f"{np.mean(comparison.column(name, 'peak')):.3f}",
+            f"{np.median(comparison.column(name, 'deviation')):.2f}",
+            f"{comparison.effort_ratio(name):.2f}",
+        ]
+        rows.append(row)
+    errors = ["in time [deg]", "aligned [deg]", "in path [deg]"]
+    columns = [name for error in errors for name in (error, "interval")]
+    return ["method", *columns, "tip [mm]", "peak", "deviation", "effort ratio"], rows
+
+
+def notes(study: CaseStudy) -> list[str]:
+    """What columns and rows of the tables mean, in sentences."""
+    numbers = sorted({len(starts) for name in SAME_ENDS for starts in study.searches(name)})
+    used = f"{numbers[0]}" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"
+    starts = (
+        f"'{REST_BSPLINES}', '{FREE_BSPLINES}' and '{PAPER}' use {used} starts for each motion: "
+        f"further rounds follow, {MAX_ROUNDS} at most, until two starts agree on the least effort."
+    )
+    return [
+        "Table 3: 'ratio' and 'time ratio' are relative to 'least-effort B-splines'. Compare rows "
+        f"with the same 'ends' and 'starts'. {starts} All motions: medians of the ratios; 'time "
+        "ratio' is that of the times of all motions together.",
+        "Starts: 'same ends': relative to B-splines with the same ends and starts. 'one start': "
+        "relative to B-splines at rest from one start. The last columns: shares of the motions for "
+        "which these starts lead to the least effort of all starts, at least once and twice.",
+        "Naturalness: 'deviation' is that of the weights, in standard deviations. 'effort ratio' "
+        "is the median of the ratios to the effort of B-splines.",
+    ]
+
+
+def facts(study: CaseStudy, source: str) -> dict[str, Any]:
+    """All results as numbers, of JSON types."""
+    names = study.motions[0].joint_names
+    other = study.other_activities
+    return {
+        "source": source,
+        "n_motions": len(study.motions),
+        "motions": [
+            {"recording": m.recording, "start_time_s": m.start_time, "label": m.label}
+            for m in study.motions
+        ],
+        "table_2": {
+            name: {"ours": shares, "paper": TABLE_2.get(name)}
+            for name, shares in _shares(study).items()
+        },
+        "table_2_by_activity": {
+            activity: dict(zip(names, shares, strict=True))
+            for activity, shares in study.shares_by_activity.items()
+        },
+        "table_3": {
+            "recording": study.raising.recording,
+            "start_time_s": study.raising.start_time,
+            "ours": {name: _cost(p.effort, p.solve_time) for name, p in study.raised.items()},
+            "paper": {name: _cost(*values) for name, values in TABLE_3.items()},
+        },
+        "time_ratio_pca_over_bspline": {
+            **{name: study.time_ratio(name) for name in TABLE_3_METHODS},
+            "paper": _paper_ratio(),
+        },
+        "free_ends": FREE_ENDS,
+        "closer_than_bspline": {
+            quantity: study.closer_than_bsplines(quantity) for quantity in (*MEASURES, "tip")
+        },
+        "naturalness": _by_method(study.held_out),
+        "naturalness_other_activities": None if other is None else _by_method(other),
+    }
+
+
+def _shares(study: CaseStudy) -> dict[str, Any]:
+    """Shares of the variance, shape (4,), by joint."""
+    names = study.motions[0].joint_names
+    return dict(zip(names, variance_shares(study.components), strict=True))
+
+
+def _cost(effort: float | None, seconds: float) -> dict[str, float | None]:
+    return {"effort_cost": effort, "solve_time_s": seconds}
+
+
+def _paper_ratio() -> float:
+    return TABLE_3["PCA"][1] / TABLE_3["B-spline"][1]
+
+
+def _by_method(comparison: Comparison) -> dict[str, Any]:
+    return {
+        name: {quantity: comparison.column(name, quantity) for quantity in QUANTITIES}
+        for name in comparison.results
+    }
+
+
+def draw_pictures(study: CaseStudy, robot: Robot, frames: Sequence[str], folder: Path) -> None:
+    """Draw Figure 2, and Figures 3 and 4, of [P] into a folder."""
+    with picture(folder / "figure_2.png", force=True) as figure:
+        lines = [palette_line(f"PC{k + 1}", k) for k in range(N_COMPONENTS)]
+        panels = joint_panels(figure, study.motions[0].joint_names, 1)
+        add_header(figure, "Principal components of the joint angles (paper: Fig. 2)", lines)
+        for (axes,), found in zip(panels, study.components, strict=True):
+            for row, style in zip(found.truncated(N_COMPONENTS).components, lines, strict=False):
+                axes.plot(np.linspace(0.0, 1.0, row.size), row, **style)
+            axes.set(xlabel="share of the duration", ylabel="component [–]", xlim=(0.0, 1.0))
+            label_left(axes)
+    with picture(folder / "figures_3_4.png", force=True) as figure:
+        title = "The arm-raising motion (paper: Figs. 3 and 4)"
+        arm_figure(figure, _chains(study, robot, frames), title, frames[-1])
+
+
+def _chains(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, FloatArray]:
+    """Origins of the frames, shape (n_frames, n_points, 3), by the label of the motion."""
+    n_frames = 61
+    chosen = np.linspace(0, 1000, n_frames).round().astype(int)
+    positions = {name: study.raised[name].positions[chosen] for name in (BSPLINES, PAPER, OURS)}
+    positions["demonstrated"] = study.raising.time_normalised(n_frames)
+    return {name: robot.frame_positions(q, frames) for name, q in positions.items()}

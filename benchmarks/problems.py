@@ -1,0 +1,253 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Robots, demonstrations and problems: generated ones, and MotionBenchMaker's with obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.cli.example_robots import demonstrations_of
+from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.files import load_yaml, read_text, reading
+from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.recordings.demonstration import Demonstration
+from mp_pca_planner.recordings.reaches import random_ends
+from mp_pca_planner.robot.limits import JointLimits
+from mp_pca_planner.robot.model import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A motion from rest to rest in a given time.
+
+    Attributes
+    ----------
+    start, goal : array, shape (n_joints,)
+        Configurations [rad or m].
+    duration : float
+        Duration [s]; NaN: the method chooses it.
+    demonstration : Demonstration or None
+        The held-out motion with these ends, if there is one; it is not used to build primitives.
+    scene : Path or None
+        The file of the obstacles, if there are any.
+    """
+
+    start: FloatArray
+    goal: FloatArray
+    duration: float
+    demonstration: Demonstration | None = None
+    scene: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A robot, its limits and demonstrations: the same for all methods.
+
+    Attributes
+    ----------
+    name : str
+        Name of the robot.
+    urdf : Path
+        Its description.
+    robot : Robot
+        The planner's model of it.
+    limits : JointLimits
+        Limits to keep.
+    demonstrations : tuple of Demonstration
+        Motions to learn from.
+    primitive : MovementPrimitive or None
+        A primitive that is used instead of one learned from the demonstrations.
+    collision : CollisionModel or None
+        The model that keeps motions clear of obstacles, which are set for each problem.
+    """
+
+    name: str
+    urdf: Path
+    robot: Robot
+    limits: JointLimits
+    demonstrations: tuple[Demonstration, ...]
+    primitive: MovementPrimitive | None = None
+    collision: CollisionModel | None = None
+
+
+def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
+    """A robot with the limits of its description and randomly generated motions.
+
+    Parameters
+    ----------
+    name, urdf, joints :
+        The robot, see :func:`robot_file`.
+    n_motions :
+        Number of demonstrations.
+    """
+    robot = Robot.from_file(urdf, joints)
+    limits = robot.limits()
+    motions = demonstrations_of(name, robot, limits, n_motions)
+    return Scene(name, urdf, robot, limits, tuple(motions))
+
+
+def held_out_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:
+    """Problems like the demonstrations: ends and durations of held-out motions.
+
+    With a primitive instead of demonstrations, each end is a random mean of the ends of two of
+    its motions, and the duration is the one it predicts.
+    """
+    if scene.primitive is not None:
+        return [
+            _between(scene.primitive, scene.limits, np.random.default_rng([seed, i]))
+            for i in range(n_problems)
+        ]
+    return [
+        Problem(motion.positions[0], motion.positions[-1], motion.duration, motion)
+        for motion in demonstrations_of(scene.name, scene.robot, scene.limits, n_problems, seed)
+    ]
+
+
+def random_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:
+    """Problems between any two postures within the limits."""
+    return [
+        Problem(*random_ends(scene.robot, scene.limits, np.random.default_rng([seed, i])))
+        for i in range(n_problems)
+    ]
+
+
+def demonstrations_in(primitive: MovementPrimitive) -> list[Demonstration]:
+    """The motions that a primitive was built from, as it reproduces them."""
+    motions = []
+    for i, duration in enumerate(primitive.durations):
+        times = np.linspace(0.0, duration, max(round(duration * 100.0), 10) + 1)
+        curve = CubicSpline(times, primitive.reproduction(i, times))
+        name = f"{primitive.name} {i}"
+        motions.append(Demonstration.of_curve(primitive.joint_names, curve, times, name))
+    return motions
+
+
+def _between(
+    primitive: MovementPrimitive, limits: JointLimits, rng: np.random.Generator
+) -> Problem:
+    states = primitive.boundary_states
+    one, two = rng.integers(len(states), size=2)
+    ends = []
+    for state in (0, 3):
+        share = rng.uniform()
+        between = share * states[one, state] + (1.0 - share) * states[two, state]
+        ends.append(np.clip(between, limits.lower, limits.upper))
+    expected = primitive.model.predict(ends[0], ends[1])
+    return Problem(ends[0], ends[1], expected.duration)
+
+
+def scenes_in(folder: Path, n_scenes: int) -> list[Path]:
+    """The scenes of problems among obstacles, in a folder and those below it.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    n_scenes : int
+        Largest number of scenes of each subfolder, evenly spread.
+
+    Raises
+    ------
+    PlannerError
+        If there are none.
+    """
+    groups: dict[Path, list[Path]] = {}
+    for scene in sorted(folder.rglob("scene*.yaml")):
+        if _request_of(scene).is_file():
+            groups.setdefault(scene.parent, []).append(scene)
+    if not groups:
+        raise PlannerError(
+            f"no problems in '{folder}': expected scene0001.yaml beside request0001.yaml, as in "
+            "MotionBenchMaker"
+        )
+    return [
+        scenes[i]
+        for scenes in groups.values()
+        for i in np.linspace(0, len(scenes) - 1, min(n_scenes, len(scenes))).round().astype(int)
+    ]
+
+
+def robot_of_scene(scene: Path, levels: int = 4) -> Path:
+    """The URDF file of the robot that a scene names, in a folder above or of that name.
+
+    Parameters
+    ----------
+    scene :
+        The file.
+    levels :
+        Number of folders above it that are searched.
+
+    Raises
+    ------
+    PlannerError
+        If there is none.
+    """
+    with reading(f"the scene '{scene}'", PlannerError):
+        name = Path(str(load_yaml(read_text(scene))["robot_model_name"])).name
+    for folder in list(scene.resolve().parents)[:levels]:
+        for path in (folder / f"{name}.urdf", folder / name / f"{name}.urdf"):
+            if path.is_file():
+                return path
+    raise PlannerError(f"no '{name}.urdf' in a folder '{name}' above '{scene}'; give it by --robot")
+
+
+def requested_ends(scene: Path) -> tuple[dict[str, float], dict[str, float]]:
+    """Start and goal of the problem in a scene, by joint name [rad or m].
+
+    Raises
+    ------
+    PlannerError
+        If its request can't be read.
+    """
+    path = _request_of(scene)
+    with reading(f"the request '{path}'", PlannerError):
+        content = load_yaml(read_text(path))
+        state = content["start_state"]["joint_state"]
+        goals = [
+            (one["joint_name"], one["position"])
+            for constraint in content["goal_constraints"]
+            for one in constraint["joint_constraints"]
+        ]
+        start = _positions(zip(state["name"], state["position"], strict=True))
+        return start, _positions(goals)
+
+
+def scene_problem(scene: Path, joint_names: Sequence[str]) -> Problem:
+    """The problem in a scene, of any duration.
+
+    Raises
+    ------
+    PlannerError
+        If its request can't be read, or leaves a joint out.
+    """
+    ends = []
+    for what, state in zip(("start", "goal"), requested_ends(scene), strict=True):
+        for name in joint_names:
+            if name not in state:
+                raise PlannerError(
+                    f"the request of '{scene}' has no {what} position of joint '{name}'"
+                )
+        ends.append(np.array([state[name] for name in joint_names]))
+    start, goal = ends
+    return Problem(start, goal, float("nan"), scene=scene)
+
+
+def _request_of(scene: Path) -> Path:
+    return scene.with_name(scene.name.replace("scene", "request", 1))
+
+
+def _positions(pairs: Any) -> dict[str, float]:
+    """Positions by joint name; finite numbers."""
+    found = {str(name): float(position) for name, position in pairs}
+    for name, position in found.items():
+        if not np.isfinite(position):
+            raise ValueError(f"the position of joint '{name}' is {position}")
+    return found

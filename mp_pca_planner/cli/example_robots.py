@@ -1,0 +1,108 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Robots of the demo with generated motions: a person's arm, and some of example-robot-data."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..exceptions import RobotError, quote_names, require
+from ..files import check_writable, config_file, read_text, write_whole
+from ..recordings.bags import write_joint_states
+from ..recordings.demonstration import Demonstration
+from ..recordings.reaches import random_reaches, reach_recording
+from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
+from ..robot.limits import JointLimits
+from ..robot.model import Robot
+
+HUMAN_ARM = "human_arm"
+# Files of the package example-robot-data, and patterns of the joints of the arms.
+EXAMPLE_ROBOTS = {
+    "panda": ("panda_description/urdf/panda.urdf", r"panda_joint\d"),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", ".*_joint"),
+    "kinova": ("kinova_description/robots/kinova.urdf", r"j2s6s200_joint_\d"),
+}
+DEMONSTRATIONS_SEED = 1
+"""Seed of the demonstrations."""
+
+# Centres of balls on the path of the hand [m]: those of robots with limits of accelerations.
+_BALLS = {HUMAN_ARM: (0.40, -0.57, -0.15), "panda": (0.50, 0.10, 0.52)}
+_SCENE = """\
+name: ball on the path
+world:
+  collision_objects:
+    - id: ball
+      header: {{frame_id: ""}}
+      operation: 0
+      pose: {{position: {{x: {}, y: {}, z: {}}}, orientation: {{w: 1.0}}}}
+      primitives: [{{type: 2, dimensions: [0.05]}}]
+      primitive_poses: [{{position: {{x: 0.0, y: 0.0, z: 0.0}}, orientation: {{w: 1.0}}}}]
+"""
+
+
+def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
+    """Name, URDF file and joints of a robot, by its name here or the path of a URDF file.
+
+    Raises
+    ------
+    MissingDependencyError
+        If the robot is one of example-robot-data's, which is not installed.
+    """
+    if name == HUMAN_ARM:
+        return name, config_file("human_arm.urdf"), JOINT_NAMES
+    if name in EXAMPLE_ROBOTS:
+        file, joints = EXAMPLE_ROBOTS[name]
+        loader = require("example_robot_data.robots_loader", "example", f"the robot '{name}'")
+        path = Path(loader.getModelPath(file)) / file
+        every = Robot.from_file(path).joint_names
+        return name, path, tuple(joint for joint in every if re.fullmatch(joints, joint))
+    if not Path(name).is_file():
+        known = quote_names([HUMAN_ARM, *EXAMPLE_ROBOTS])
+        raise RobotError(f"the robot '{name}' is neither a URDF file nor one of {known}")
+    return Path(name).stem, Path(name), None
+
+
+def demonstrations_of(
+    name: str,
+    robot: Robot,
+    limits: JointLimits,
+    n_motions: int = 40,
+    seed: int = DEMONSTRATIONS_SEED,
+) -> list[Demonstration]:
+    """Generated motions of a robot: human-like ones for the human-like arm, else reaches."""
+    if name == HUMAN_ARM:
+        return generate_motions(n_motions, seed)
+    return random_reaches(robot, limits, n_motions, seed)
+
+
+def write_example(name: str, folder: Path, *, force: bool) -> list[Path]:
+    """Write arm.urdf and session.mcap, and where they are known limits.yaml and scene.yaml."""
+    _, source, joints = robot_file(name)
+    robot = Robot.from_file(source, joints)
+    # Paths of meshes that hold in every folder.
+    package = next((one for one in source.parents if one.name == "example-robot-data"), "")
+    urdf = read_text(source).replace("package://example-robot-data/", f"file://{package}/")
+    contents, limits = {"arm.urdf": urdf}, None
+    if name in _BALLS:
+        limits = config_file(f"{name}_joint_limits.yaml")
+        contents |= {"limits.yaml": read_text(limits), "scene.yaml": _SCENE.format(*_BALLS[name])}
+    files = [folder / "session.mcap", *(folder / file for file in contents)]
+    for file in files:
+        check_writable(file, overwrite=force)
+    motions = demonstrations_of(name, robot, robot.limits(limits or {}))
+    if name == HUMAN_ARM:
+        found = continuous_recording(motions, seed=DEMONSTRATIONS_SEED)
+    else:
+        others = [joint for joint in robot.movable_joints if joint not in robot.joint_names]
+        bounds = robot.with_joints(others).limits()
+        resting = np.clip(0.0, bounds.lower, bounds.upper).tolist()
+        still = dict(zip(others, resting, strict=True))
+        found = reach_recording(motions, still, seed=DEMONSTRATIONS_SEED)
+    for file_name, text in contents.items():
+        write_whole(folder / file_name, text.encode(), overwrite=force)
+    stamps, positions = found.stamps, found.positions
+    write_joint_states(files[0], "mcap", found.joint_names, stamps, positions, overwrite=force)
+    return files

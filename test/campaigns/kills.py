@@ -1,0 +1,266 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Test of crash safety: processes are killed while they write, and earlier files stay intact.
+
+    python3 benchmarks/kills.py [--kills 200] [--node-kills 50] [--seed 0]
+
+`library add`, `build_primitives --force`, `refine --trials --force`, and the node while it serves
+~/save_motion get a SIGKILL after their first write. Then each earlier file must hold its complete
+old or new content. The same command must succeed and remove the hidden files of the killed process.
+The script exits with 1 otherwise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from campaigns.fuzz_files import GOAL, START, make_seeds
+
+from mp_pca_planner.cli.main import main as command
+from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.primitives.file import load_primitive
+
+Files = dict[str, bytes]
+
+
+@dataclass(frozen=True)
+class Victim:
+    """A command to kill.
+
+    Attributes
+    ----------
+    name : str
+        Name in the output.
+    arguments : callable
+        Returns its command line for a folder.
+    """
+
+    name: str
+    arguments: Callable[[Path], list[str]]
+
+    def run(self, folder: Path, kill_after: float | None) -> float:
+        """Run it in a fork; return the time from its first write to its end or its kill [s]."""
+        reading, writing = os.pipe()
+        process = os.fork()
+        if process == 0:
+            os._exit(_as_child(self.arguments(folder), folder, writing))
+        os.close(writing)
+        os.read(reading, 1)
+        began = time.perf_counter()
+        if kill_after is not None:
+            time.sleep(kill_after)
+            os.kill(process, signal.SIGKILL)
+        _, status = os.waitpid(process, 0)
+        os.close(reading)
+        if kill_after is None and status != 0:
+            raise SystemExit(f"{self.name} ended with {os.waitstatus_to_exitcode(status)}")
+        return time.perf_counter() - began
+
+
+def _as_child(arguments: list[str], folder: Path, writing: int) -> int:
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 1)
+    os.dup2(null, 2)
+
+    def say_first_write(event: str, values: tuple[Any, ...]) -> None:
+        nonlocal writing
+        if writing >= 0 and event == "open" and isinstance(values[0], str | os.PathLike):
+            is_written = values[2] & (os.O_WRONLY | os.O_RDWR)
+            if is_written and Path(values[0]).is_relative_to(folder):
+                os.write(writing, b"x")
+                writing = -1
+
+    sys.addaudithook(say_first_write)
+    try:
+        return command(arguments)
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
+def contents(folder: Path) -> Files:
+    """All files below a folder, except lock files."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name not in ("lock", ".lock")
+    }
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a file is a leftover of a killed process."""
+    return any(part.startswith(".") and part != ".versions" for part in Path(name).parts)
+
+
+def differences(before: Files, found: Files, after: Files) -> list[str]:
+    """Files with neither their old nor their new content."""
+    problems = []
+    for name, content in found.items():
+        allowed = [files[name] for files in (before, after) if name in files]
+        if not is_temporary(name) and not any(_is_same(name, content, one) for one in allowed):
+            problems.append(f"'{name}' holds something else")
+    return problems + [f"'{name}' is gone" for name in before if name not in found]
+
+
+def _changed(before: Files, found: Files) -> list[str]:
+    return [name for name in before | found if before.get(name) != found.get(name)]
+
+
+def _is_same(name: str, content: bytes, other: bytes) -> bool:
+    # A journal line holds time and author: earlier lines must be unchanged, the last one complete.
+    if not name.endswith("journal.jsonl"):
+        return content == other
+    lines, others = content.splitlines(keepends=True), other.splitlines(keepends=True)
+    return len(lines) == len(others) and lines[:-1] == others[:-1] and lines[-1:] != [b""]
+
+
+def kill(victim: Victim, seeds: Path, work: Path, n: int, random: np.random.Generator) -> list[str]:
+    """Kill it this many times; return the failures."""
+
+    def anew() -> None:
+        shutil.rmtree(work, ignore_errors=True)
+        shutil.copytree(seeds, work)
+
+    anew()
+    before = contents(work)
+    takes = victim.run(work, None)
+    after = contents(work)
+    problems, n_changed = [], 0
+    for k in range(n):
+        anew()
+        victim.run(work, random.uniform(0.0, 1.1 * takes))
+        found = contents(work)
+        n_changed += any(not is_temporary(name) for name in _changed(before, found))
+        problems += [f"{victim.name}, kill {k}: {one}" for one in differences(before, found, after)]
+        victim.run(work, None)
+        left = [name for name in contents(work) if is_temporary(name) and name not in before]
+        problems += [f"{victim.name}, kill {k}: '{name}' is left" for name in left]
+        problems += [f"{victim.name}, kill {k}: {one}" for one in unreadable(work)]
+    print(
+        f"{victim.name:20} {n} kills, {n_changed} of them after a file had changed; "
+        f"it writes for {1e3 * takes:.0f} ms; {len(problems)} problems"
+    )
+    return problems
+
+
+def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
+    """Kill the node this many times while it saves a motion; return the failures."""
+    from campaigns.node_exits import wait_until_served, write_parameters
+    from sensor_msgs.msg import JointState
+    from support.node_setup import RobotClient, primitive_file, start_node
+
+    from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
+    from mp_pca_planner.ros.client import NoAnswerError, this_machine_only
+
+    os.environ.update(this_machine_only())
+    motion = generate_motions(1, seed=2)[0]
+    state, goal = (JointState(name=JOINT_NAMES, position=motion.positions[k]) for k in (0, -1))
+    problems, takes, folder = [], 0.0, work / "kept"
+    folder.mkdir(parents=True)
+    with primitive_file() as file, RobotClient() as client:
+        options = ("--params-file", str(write_parameters(file)), "-p", f"save_folder:={folder}")
+        for k in range(n + 1):
+            before = contents(folder)
+            node = start_node(*options)
+            wait_until_served(client, state, goal)
+            killer = threading.Timer(random.uniform(0.0, 1.2 * takes), node.kill)
+            if k > 0:
+                killer.start()
+            else:
+                client.call("save_motion", timeout=30.0)  # the first call finds the service
+            began = time.perf_counter()
+            with suppress(NoAnswerError):
+                client.call("save_motion", timeout=30.0 if k == 0 else 1.0)
+            takes = takes or time.perf_counter() - began
+            node.kill()
+            node.wait()
+            found = contents(folder)
+            lasting = [name for name in before if not is_temporary(name)]
+            changed = [name for name in lasting if found.get(name) != before[name]]
+            problems += [f"~/save_motion, kill {k}: '{name}' has changed" for name in changed]
+            problems += [f"~/save_motion, kill {k}: {one}" for one in unreadable(folder)]
+    n_kept = len([name for name in found if not is_temporary(name)]) - 2
+    print(
+        f"{'~/save_motion':20} {n} kills, {n_kept} of them after the file was there; "
+        f"it takes {1e3 * takes:.0f} ms; {len(problems)} problems"
+    )
+    return problems
+
+
+def unreadable(folder: Path) -> list[str]:
+    """Errors of primitive files below a folder."""
+    problems = []
+    for file in folder.glob("**/*.npz"):
+        if not is_temporary(str(file.relative_to(folder))):
+            try:
+                load_primitive(file)
+            except PlannerError as error:
+                problems.append(str(error))
+    return problems
+
+
+def library_add(folder: Path) -> list[str]:
+    """A new version of a primitive."""
+    return ["library", "add", str(folder / "library"), str(folder / "other" / "a.npz")]
+
+
+def build(folder: Path) -> list[str]:
+    """A primitive over an older one."""
+    bag = str(folder / "a.mcap")
+    return ["build_primitives", bag, "--output", str(folder / "other.npz"), "--force"]
+
+
+def trial(folder: Path) -> list[str]:
+    """Report the cost of a trial and propose the next one."""
+    return [
+        *("refine", str(folder / "a.npz"), "--robot", str(folder / "a.urdf")),
+        *(f"--start={START}", f"--goal={GOAL}", "--cost", "2.5", "--force"),
+        *("--trials", str(folder / "trials.json"), "--trajectory", str(folder / "next.csv")),
+    ]
+
+
+def main() -> int:
+    """Run all kills and print a line per command."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--node-kills", type=int, default=50, help="of the node; needs ROS 2")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    random = np.random.default_rng(arguments.seed)
+    problems = []
+    with tempfile.TemporaryDirectory() as temporary:
+        seeds, work = Path(temporary, "seeds"), Path(temporary, "work")
+        seeds.mkdir()
+        make_seeds(seeds)
+        (seeds / "other").mkdir()
+        build_other = ["build_primitives", str(seeds / "a.mcap"), "--components", "1"]
+        for name in ("other/a.npz", "other.npz"):
+            command([*build_other, "--output", str(seeds / name)])
+        victims = [
+            Victim("library add", library_add),
+            Victim("build_primitives", build),
+            Victim("refine --trials", trial),
+        ]
+        for victim in victims:
+            problems += kill(victim, seeds, work, arguments.kills // len(victims), random)
+        if arguments.node_kills:
+            problems += kill_node(arguments.node_kills, Path(temporary, "node"), random)
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    return int(bool(problems))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

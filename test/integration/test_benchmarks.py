@@ -1,0 +1,69 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The comparisons that users repeat: scripts in benchmarks/, with few problems."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.arm import JOINTS, arm_primitive
+from support.obstacle_scenes import write_request, write_scene
+
+from mp_pca_planner.files import config_file
+from mp_pca_planner.primitives.file import save_primitive
+
+ROOT = Path(__file__).resolve().parents[2]
+POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
+
+pytestmark = pytest.mark.slow
+
+
+def facts_of(script: str, *options: str | Path) -> dict:
+    command = [sys.executable, ROOT / "benchmarks" / script, *map(str, options), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_components_are_compared_with_bsplines_and_peers():
+    facts = facts_of("compare.py", "--problems", "3", "--peer-problems", "1", "--repeats", "1")
+    assert len(facts["problems"]) == 3
+    for problem in facts["problems"]:
+        for name in ("pca_arm_effort_only", "bspline"):
+            assert problem[name]["feasible"]
+            for fact in ("effort_cost", "solve_time_s", "iterations"):
+                assert problem[name][fact] > 0
+    peers = {"promp", "dmp", "fddp", "box_fddp"}
+    assert peers <= set(facts["absent"]) | set(facts["methods"])
+    for name in {"bspline", "minimum_jerk", *peers} - set(facts["absent"]):
+        assert f"time_ratio_pca_over_{name}" in facts
+        assert f"cost_ratio_pca_over_{name}" in facts
+    assert facts["cost_ratio_pca_over_bspline"] > 1.0
+
+
+def test_motions_among_obstacles_are_judged(tmp_path):
+    (tmp_path / "human_arm.urdf").write_bytes(config_file("human_arm.urdf").read_bytes())
+    folder, primitive = tmp_path / "posts", arm_primitive()
+    folder.mkdir()
+    write_scene(folder / "scene0001.yaml", [POST], "human_arm")
+    ends = primitive.boundary_states[0, [0, 3]]
+    write_request(folder / "request0001.yaml", JOINTS, *ends)
+    save_primitive(primitive, tmp_path / "arm.npz")
+    options = ["--scenes", tmp_path, "--primitives", tmp_path / "arm.npz", "--time-limit", "60"]
+    (found,) = facts_of("compare.py", *options)["problems"]
+    assert found["pca"]["solved"] and found["pca"]["feasible"]
+    assert found["pca"]["collision"] == "" and found["pca"]["clearance"] > 0.0
+
+
+def test_the_case_study_of_the_paper(tmp_path):
+    pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
+    options = ("--motions", "4", "--starts", "5", "--output", tmp_path)
+    facts = facts_of("paper_case_study.py", *options)
+    shares = [sum(joint["ours"]) for joint in facts["table_2"].values()]
+    assert min(shares) > 0.98
+    assert facts["table_3"]["paper"]["PCA"] == {"effort_cost": 9.58805, "solve_time_s": 96.509}
+    assert facts["time_ratio_pca_over_bspline"]["planned, ρ = 0"] < 1.0
+    for name in ("figure_2.png", "figures_3_4.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
