@@ -38,7 +38,7 @@ from ..robot.model import Robot
 from .common import make_folder
 from .example_robots import EXAMPLE_ROBOTS, HUMAN_ARM, robot_file, write_example
 from .main import run_command
-from .terminal import DONE, FAILED, flush, say, written_lines
+from .terminal import DONE, FAILED, flush, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _ARM = ("upper_arm", "lower_arm", "wrist")
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _pipeline(folder)
     make_folder(folder)
     files = write_example(arguments.robot, folder, force=arguments.force)
-    say(*written_lines(files))
+    say(f"written: {', '.join(map(str, files))}")
     return DONE if arguments.files else _show(arguments.robot, files, with_node=arguments.node)
 
 
