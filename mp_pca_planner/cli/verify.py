@@ -153,7 +153,7 @@ def run(arguments: argparse.Namespace) -> int:
         "joint_names": list(law.joint_names),
         "duration": trajectory.duration,
         **facts,
-        "remedy": None if stability.holds else _remedy(stability),
+        "remedy": _remedy(stability) if stability.error_bound is None else None,
         "remarks": request.remarks,
         "written": output,
     }
@@ -191,4 +191,4 @@ def _remedy(stability: Stability) -> str:
             "the assumed errors leave the range of the linear loop; raise --natural-frequency, or "
             "give less --friction, --start-error or --inertia-error"
         )
-    return f"none: {reason}, or the inertias of the rotors (--armature), which light links need"
+    return f"there is no bound: {reason}, or the inertias of the rotors (--armature), which light links need"

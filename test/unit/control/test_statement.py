@@ -3,7 +3,6 @@
 """Statements on the stability of a primitive's control law, and what becomes of them."""
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +88,7 @@ def test_without_a_bound_the_remedy_is_named(
     for option, words in (("--friction", "less --friction"), ("--inertia-error", "--armature")):
         assert main(["verify", str(verified), *REQUEST, option, "0.6", "--trials", "1"]) == 1
         out = capsys.readouterr().out
-        assert re.search("^remedy +none: ", out, re.MULTILINE) and words in out
+        assert "there is no bound: " in out and words in out
 
 
 def test_inspect_shows_the_statement(verified: Path, capsys: pytest.CaptureFixture[str]) -> None:
