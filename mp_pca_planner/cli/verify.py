@@ -191,4 +191,5 @@ def _remedy(stability: Stability) -> str:
             "the assumed errors leave the range of the linear loop; raise --natural-frequency, or "
             "give less --friction, --start-error or --inertia-error"
         )
-    return f"there is no bound: {reason}, or the inertias of the rotors (--armature), which light links need"
+    rotors = "the inertias of the rotors (--armature), which light links need"
+    return f"there is no bound: {reason}, or {rotors}"
