@@ -16,13 +16,12 @@ from pathlib import Path
 import numpy as np
 
 import mp_pca_planner as mp
-from mp_pca_planner.plotting.arm import PHASES, arm_figure, primitive_figure
 from mp_pca_planner.plotting.motion import plan_figure
+from mp_pca_planner.plotting.primitive import PHASES, primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
 from mp_pca_planner.plotting.style import picture
 from mp_pca_planner.recordings.recording_set import RecordingSet
 
-ARM = ("upper_arm", "lower_arm", "wrist")
 GOAL = {"shoulder1": -1.9, "shoulder2": 0.1, "shoulder3": 0.7, "elbow": -0.5}
 
 
@@ -35,9 +34,9 @@ class Example:
     robot: mp.Robot
     start: np.ndarray
 
-    def plan(self, basis: str = "pca", naturalness: float = 1.0) -> mp.Plan:
-        """A plan to the goal of all figures."""
-        options = mp.PlannerOptions(basis=basis, naturalness=naturalness, max_solve_time=60.0)
+    def plan(self) -> mp.Plan:
+        """A plan to the goal of the figure."""
+        options = mp.PlannerOptions(max_solve_time=60.0)
         return mp.Planner(self.robot, [self.primitive], options=options).plan(
             start=self.start, goal=GOAL
         )
@@ -58,28 +57,15 @@ def write_figures(folder: Path) -> None:
     """Draw all figures as PNGs."""
     folder.mkdir(parents=True, exist_ok=True)
     found, few = example(), example(6)
-    robot, primitive = found.robot, found.primitive
     with picture(folder / "recording.png", force=True) as figure:
         recording_figure(figure, few.recordings.reports[0])
     with picture(folder / "primitive.png", force=True) as figure:
         shown = np.array([motion.time_normalised(PHASES.size) for motion in found.recordings])
-        primitive_figure(figure, primitive, shown, "Demonstrations, mean shape and components")
-    plan = found.plan()
+        primitive_figure(
+            figure, found.primitive, shown, "Demonstrations, mean shape and components"
+        )
     with picture(folder / "motion.png", force=True) as figure:
-        plan_figure(figure, plan)
-    plans = {
-        "like the demonstrations, ρ = 1": plan,
-        "components, least effort, ρ = 0": found.plan(naturalness=0.0),
-        "B-splines, least effort": found.plan("bspline", 0.0),
-    }
-    with picture(folder / "arm.png", force=True) as figure:
-        chains = {
-            f"{name}, {plan.effort_cost:.1f} N²m²s": robot.frame_positions(
-                plan.trajectory.positions, ARM
-            )
-            for name, plan in plans.items()
-        }
-        arm_figure(figure, chains, "The same goal with three settings", ARM[-1])
+        plan_figure(figure, found.plan())
 
 
 def main() -> None:

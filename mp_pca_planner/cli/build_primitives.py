@@ -203,7 +203,7 @@ def run(arguments: argparse.Namespace) -> int:
     name = arguments.name or (old.name if old else output.stem)
     metadata = _origin(recordings, statistics, robot, old)
     primitive = build_from_statistics(statistics, name, options, metadata)
-    page = report_page(recordings, primitive, options, robot) if arguments.report else ""
+    page = report_page(recordings, primitive, options) if arguments.report else ""
     save_primitive(primitive, output, overwrite=force or output == arguments.update)
     if arguments.report is not None:
         write_whole(arguments.report, page.encode(), overwrite=force)

@@ -124,14 +124,13 @@ class Trajectory:
         set_frozen(other, efforts=efforts)
         return other
 
-    def plot(self, axes: Any = None) -> Any:
-        """Plot the motion on Matplotlib Axes; return an array of these.
+    def plot(self) -> Any:
+        """Plot the motion in a new pyplot figure; return the array of its Axes.
 
-        Without `axes`, a new pyplot figure is drawn: ``plt.savefig("motion.png")`` writes it.
-        With the array of another motion's figure, this motion is drawn over the other.
+        ``plt.savefig("motion.png")`` writes it.
         """
         figures = import_module("..plotting.motion", __package__)
-        return figures.plot_trajectory(self, axes)
+        return figures.plot_trajectory(self)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the trajectory to a .csv, .json or .npz file, or to a bag.

@@ -218,14 +218,14 @@ class Plan:
 
         return remarks(self)
 
-    def plot(self, axes: Any = None) -> Any:
-        """Plot the trajectory, see :func:`.figures.plot_plan`; returns an array of Axes.
+    def plot(self) -> Any:
+        """Plot the trajectory in a new pyplot figure; return the array of its Axes.
 
-        Without `axes`, a new pyplot figure is drawn: ``plt.savefig("motion.png")`` writes it.
+        ``plt.savefig("motion.png")`` writes it.
         """
         from ..plotting.motion import plot_plan
 
-        return plot_plan(self, axes)
+        return plot_plan(self)
 
     def show(self, *, port: int = 8080) -> Any:
         """Show the robot, its primitives and this motion in the browser; returns the page.

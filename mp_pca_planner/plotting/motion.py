@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray, by_name
-from ..exceptions import PlannerError, printable, quote_names
+from ..exceptions import PlannerError
 from ..motion.interpolation import quintics
 from ..motion.trajectory import Trajectory
 from ..planning.motion import Motion
@@ -31,9 +31,7 @@ from .style import (
     NEAR_LIMIT,
     REACHED_LIMIT,
     STYLES,
-    Line,
     add_header,
-    given_axes,
     joint_panels,
     label_left,
     line,
@@ -51,44 +49,6 @@ QUANTITIES = ("positions", "velocities", "accelerations", "efforts")
 Curve = tuple[str, FloatArray, FloatArray]
 """A name in `LINES`, times [s] and positions [rad or m], of shapes (n_times,) and
 (n_times, n_joints)."""
-
-
-def plot_motion(
-    axes: Axes,
-    trajectory: Trajectory,
-    quantity: str = "positions",
-    joints: Sequence[str] | None = None,
-    *,
-    prismatic: Collection[str] = (),
-    lines: Sequence[Line] | None = None,
-) -> Axes:
-    """Plot a quantity of some joints over time, one line per joint.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to plot.
-    trajectory : Trajectory
-        The motion.
-    quantity : {'positions', 'velocities', 'accelerations', 'efforts'}
-        Quantity to plot; efforts are skipped for a motion without efforts.
-    joints : sequence of str, optional
-        Which joints; all by default.
-    prismatic : collection of str
-        Joints that are measured in metres; the others are shown in degrees.
-    lines : sequence of Line, optional
-        Properties of the line of each joint.
-    """
-    names = list(trajectory.joint_names if joints is None else joints)
-    values = getattr(trajectory, quantity)
-    factor, label = _scale(quantity, names, prismatic)
-    if values is not None:
-        for name, style in zip(names, lines or _lines(names), strict=True):
-            joint = trajectory.joint_names.index(name)
-            axes.plot(trajectory.times, factor * values[:, joint], **style)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(label)
-    return axes
 
 
 def motion_figure(
@@ -145,11 +105,15 @@ def motion_figure(
     panels, drawn_limits = joint_panels(figure, names, len(quantities)), 0
     for name, column in zip(names, panels, strict=True):
         for axes, quantity in zip(column, quantities, strict=True):
+            factor, label = _scale(quantity, [name], prismatic)
             for entry, motion in zip(entries, motions.values(), strict=True):
-                plot_motion(axes, motion, quantity, [name], prismatic=prismatic, lines=[entry])
+                values = getattr(motion, quantity)
+                if values is not None:
+                    joint = motion.joint_names.index(name)
+                    axes.plot(motion.times, factor * values[:, joint], **entry)
+            axes.set(xlabel="time [s]", ylabel=label)
             drawn_limits += _show_limits(axes, quantity, name, limits, prismatic)
             axes.set_xlim(0.0, duration)
-            axes.set_label(quantity)  # for motions that are drawn over these, see _draw_over
             if not prismatic:
                 label_left(axes)
         factor, _ = _scale("positions", [name], prismatic)
@@ -186,11 +150,6 @@ def _show_behind(axes: Axes, curves: Sequence[Curve], factor: float, joint: int)
         margin = 0.05 * (high - low)
         low, high = min(low, values.min() - margin), max(high, values.max() + margin)
     axes.set_ylim(low, high)
-
-
-def _lines(names: Sequence[str]) -> list[Line]:
-    """A line per joint, by colour."""
-    return [line(printable(n), COLOURS[i % len(COLOURS)]) for i, n in enumerate(names)]
 
 
 def _scale(quantity: str, names: Sequence[str], prismatic: Collection[str]) -> tuple[float, str]:
@@ -339,103 +298,13 @@ def nearest_curves(
     ]
 
 
-def plot_plan(plan: Plan, axes: Axes | Sequence[Axes] | None = None) -> NDArray[np.object_]:
-    """Plot the trajectory of a plan.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    axes : Axes or sequence of Axes, optional
-        Where to plot positions, velocities and efforts, as many as there are Axes, each of all
-        joints. Or the array of another plan's or trajectory's figure, shape
-        (n_joints, n_quantities), to draw one motion over the other. By default a new pyplot
-        figure, see :func:`plan_figure`.
-
-    Returns
-    -------
-    axes : array of Axes
-        The Axes, shape (n_joints, n_quantities) of a new figure.
-
-    Raises
-    ------
-    PlannerError
-        If `axes` is none of these, or the figure shows other joints.
-    """
-    if axes is None:
-        with styled_figure(interactive=True) as figure:
-            return np.array(plan_figure(figure, plan))
-    return plot_trajectory(plan.trajectory, axes, _prismatic(plan))
+def plot_plan(plan: Plan) -> NDArray[np.object_]:
+    """Plot a plan in a new pyplot figure, see :func:`plan_figure`; returns its Axes."""
+    with styled_figure(interactive=True) as figure:
+        return np.array(plan_figure(figure, plan))
 
 
-def plot_trajectory(
-    trajectory: Trajectory,
-    axes: Axes | Sequence[Axes] | None = None,
-    prismatic: Collection[str] = (),
-) -> NDArray[np.object_]:
-    """Plot a trajectory.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The trajectory.
-    axes : Axes or sequence of Axes, optional
-        As for :func:`plot_plan`.
-    prismatic : collection of str
-        Joints that are measured in metres; the others are shown in degrees.
-
-    Returns
-    -------
-    axes : array of Axes
-        The Axes, shape (n_joints, n_quantities) of a new figure.
-
-    Raises
-    ------
-    PlannerError
-        As for :func:`plot_plan`.
-    """
-    if axes is None:
-        with styled_figure(interactive=True) as figure:
-            panels = motion_figure(figure, {"motion": trajectory}, "", None, prismatic)
-            return np.array(panels)
-    given = given_axes(axes)
-    if given.ndim == 2 and all(one.get_label() in QUANTITIES for one in given.flat):
-        _draw_over(given, trajectory, prismatic)
-        return given
-    given, quantities = given.ravel(), ("positions", "velocities", "efforts")
-    if given.size > len(quantities):
-        raise PlannerError(
-            f"axes must be one to three Axes, for {', '.join(quantities)}, or the whole array that "
-            f"plot() returned; got {given.size} Axes"
-        )
-    for one, quantity in zip(given, quantities, strict=False):
-        plot_motion(one, trajectory, quantity, prismatic=prismatic)
-    return given
-
-
-def _draw_over(
-    panels: NDArray[np.object_], trajectory: Trajectory, prismatic: Collection[str]
-) -> None:
-    """Draw a motion on the panels of another one, shape (n_joints, n_quantities)."""
-    joints = [column[0].get_title() for column in panels]
-    names = [printable(name) for name in trajectory.joint_names]
-    if sorted(joints) != sorted(names):
-        raise PlannerError(
-            f"the axes show the joints {quote_names(joints)}, but the motion moves "
-            f"{quote_names(names)}"
-        )
-    for joint, column in zip(joints, panels, strict=True):
-        name = trajectory.joint_names[names.index(joint)]
-        is_metric = column[0].get_ylabel() == _scale("positions", [name], [name])[1]
-        for axes in column:
-            values = getattr(trajectory, axes.get_label())
-            if values is None:
-                continue
-            factor, _ = _scale(axes.get_label(), [name], [name] if is_metric else prismatic)
-            drawn = factor * values[:, names.index(joint)]
-            (low, high), (begin, end) = axes.get_ylim(), axes.get_xlim()
-            colour = COLOURS[len(axes.lines) % len(COLOURS)]
-            axes.plot(trajectory.times, drawn, **line("", colour, width=1.2) | {"label": None})
-            margin = 0.05 * (high - low)
-            axes.set_ylim(min(low, drawn.min() - margin), max(high, drawn.max() + margin))
-            axes.set_xlim(begin, max(end, trajectory.duration))
+def plot_trajectory(trajectory: Trajectory) -> NDArray[np.object_]:
+    """Plot a trajectory in a new pyplot figure; returns its Axes, one row for each joint."""
+    with styled_figure(interactive=True) as figure:
+        return np.array(motion_figure(figure, {"motion": trajectory}, ""))

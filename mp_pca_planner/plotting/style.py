@@ -18,11 +18,8 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .. import __version__
-from ..exceptions import PlannerError, printable, require, shown
+from ..exceptions import PlannerError, printable, require
 from ..files import write_whole
 
 if TYPE_CHECKING:
@@ -57,27 +54,6 @@ MIN_EFFORT_SPAN = 0.2
 
 # Share of a figure's width up to which its header reaches: letters are wider at other resolutions.
 _WIDEST = 0.97
-
-
-def given_axes(axes: object) -> NDArray[Any]:
-    """The Axes that a user gives to draw on: one of them, a list or an array.
-
-    Raises
-    ------
-    PlannerError
-        If they are not Axes of Matplotlib.
-    """
-    from matplotlib.axes import Axes
-
-    given = axes if isinstance(axes, np.ndarray) else np.zeros(0, dtype=object)
-    # Element by element: NumPy crashes on a list that contains itself.
-    several = [axes] if isinstance(axes, Axes) else axes
-    if isinstance(several, (list, tuple)) and all(isinstance(one, Axes) for one in several):
-        given = np.empty(len(several), dtype=object)
-        given[:] = several
-    if not given.size or not all(isinstance(one, Axes) for one in given.flat):
-        raise PlannerError(f"axes must be Axes of Matplotlib, got {shown(axes)}")
-    return given
 
 
 def line(label: str, colour: str, style: Any = "-", width: float = 2.2, **marker: Any) -> Line:

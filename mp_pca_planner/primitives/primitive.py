@@ -442,13 +442,13 @@ class MovementPrimitive:
 
         return load_primitive(as_path(path, PrimitiveError))
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draw the mean shape and the components on Matplotlib Axes; return an array of these.
+    def plot(self) -> Any:
+        """Plot demonstrations and components in a new pyplot figure; return the array of its Axes.
 
-        Without `axes`, a new pyplot figure is drawn: ``plt.savefig("primitive.png")`` writes it.
+        ``plt.savefig("primitive.png")`` writes it.
         """
-        figures = import_module("..plotting.arm", __package__)
-        return figures.plot_primitive(self, axes)
+        figures = import_module("..plotting.primitive", __package__)
+        return figures.plot_primitive(self)
 
     @property
     def n_joints(self) -> int:

@@ -20,12 +20,12 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.plotting.arm import arm_figure, plot_primitive, primitive_figure
 from mp_pca_planner.plotting.motion import (
     motion_figure,
     plan_figure,
     plot_plan,
 )
+from mp_pca_planner.plotting.primitive import plot_primitive, primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
 from mp_pca_planner.plotting.style import MAX_BEHIND, add_header, line, picture, styled_figure
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -92,11 +92,6 @@ def draw_primitive(path: Path, shown: MovementPrimitive) -> None:
         primitive_figure(figure, shown, title="A primitive")
 
 
-def draw_arm(path: Path, motions: dict[str, np.ndarray]) -> None:
-    with picture(path) as figure:
-        arm_figure(figure, motions, "Arm", "wrist")
-
-
 def draw_motion(
     path: Path,
     motion: Trajectory,
@@ -114,12 +109,6 @@ def trajectory(n_joints: int = 2, scale: float = 1.0, with_efforts: bool = True)
     v = np.gradient(q, t, axis=0)
     a = np.gradient(v, t, axis=0)
     return Trajectory(names(n_joints), t, q, v, a, 3 * a if with_efforts else None)
-
-
-def arm(reach: float = 0.5) -> np.ndarray:
-    angles = np.linspace(0.0, 2.0, 30)[:, None] * [0.0, 0.0, 1.0, 1.3]
-    lengths = reach * np.arange(4)
-    return np.stack([lengths * np.sin(angles), -0.3 * lengths + 0 * angles, -np.cos(angles)], -1)
 
 
 @pytest.mark.parametrize("n_joints", [1, 4, 7])
@@ -335,41 +324,6 @@ def test_motion_of_one_point_is_refused(tmp_path: Path) -> None:
         draw_motion(tmp_path / "m.png", point)
 
 
-def test_arm_has_a_row_for_each_motion(tmp_path: Path) -> None:
-    draw_arm(tmp_path / "one.png", {"PCA": arm()})
-    draw_arm(tmp_path / "two.png", {"B-spline": arm(0.4), "PCA": arm()})
-    assert n_pixels(tmp_path / "one.png", BLUE) > 500
-    assert n_pixels(tmp_path / "one.png", ORANGE) == 0
-    assert n_pixels(tmp_path / "two.png", ORANGE) > 500
-
-
-def test_right_arm_is_on_the_left_when_seen_from_the_front(tmp_path: Path) -> None:
-    # The end of a still arm that points to the right (-y) is marked by a filled black square.
-    chain = np.zeros((5, 2, 3))
-    chain[:, 1, 1] = -1.0
-    draw_arm(tmp_path / "a.png", {"still": chain})
-    rows, columns = np.nonzero(mask(tmp_path / "a.png", BLUE))
-    black = mask(tmp_path / "a.png", BLACK)[rows.min() : rows.max() + 1]
-    left_end, right_end = columns.min(), columns[columns < black.shape[1] * 0.6].max()
-    assert black[:, left_end - 15 : left_end + 15].sum() > 50
-    assert black[:, right_end - 15 : right_end + 15].sum() < 10
-
-
-def test_arm_without_extent_is_drawn(tmp_path: Path) -> None:
-    draw_arm(tmp_path / "a.png", {"point": np.zeros((5, 4, 3))})
-    assert n_pixels(tmp_path / "a.png", BLACK) > 50
-
-
-def test_arm_keeps_its_proportions(tmp_path: Path) -> None:
-    # A square as an arm: as wide as high in the front view.
-    square = np.array([[0, 0, 0], [0, -1, 0], [0, -1, 1], [0, 0, 1], [0, 0, 0]], dtype=float)
-    draw_arm(tmp_path / "a.png", {"square": np.stack([square] * 3)})
-    blue = mask(tmp_path / "a.png", BLUE)
-    front_view = blue[:, : blue.shape[1] * 6 // 10]
-    rows, columns = np.nonzero(front_view)
-    assert np.ptp(rows) == pytest.approx(np.ptp(columns), abs=3)
-
-
 def test_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     path = tmp_path / "m.png"
     path.write_text("precious", encoding="utf-8")
@@ -523,62 +477,15 @@ def test_plan_of_a_sliding_joint_is_plotted_in_metres(pyplot: Any) -> None:
     plan = Planner(robot, shown).plan(goal, start)
     labels = [column[0].get_ylabel() for column in plan.plot()]
     assert labels[-1] == "position [m]" and "position [deg]" in labels
-    assert plot_plan(plan, pyplot.figure().subplots()).item().get_ylabel() == "position [rad or m]"
 
 
-def test_plan_is_plotted_on_axes_that_are_given(pyplot: Any, plan: Plan) -> None:
-    one = pyplot.subplot()
-    (found,) = plot_plan(plan, one)
-    assert found is one and one.get_ylabel() == "position [deg]"
-    assert [x.get_label() for x in one.lines] == list(plan.trajectory.joint_names)
-    _, two = pyplot.subplots(2)
-    assert plot_plan(plan, two)[1].get_ylabel() == "velocity [deg/s]"
-
-
-def test_motions_are_drawn_over_each_other(pyplot: Any, plan: Plan) -> None:
-    primitive = arm_primitive()
-    ends = primitive.boundary_states[0, [0, 3]]
-    for panels in (primitive.predict(*ends).plot(), plan.plot()):
-        labels = [axes.get_ylabel() for axes in panels.flat]
-        drawn = primitive.sample(2, *ends)
-        for motion in drawn:
-            assert motion.plot(panels) is panels
-        assert [axes.get_ylabel() for axes in panels.flat] == labels
-        for column, name in zip(panels, plan.trajectory.joint_names, strict=True):
-            assert column[0].get_title() == name
-            for axes, quantity in zip(column, ("positions", "velocities"), strict=False):
-                for curve, motion in zip(axes.lines[-2:], drawn, strict=True):
-                    values = getattr(motion, quantity)[:, motion.joint_names.index(name)]
-                    np.testing.assert_allclose(curve.get_ydata(), np.rad2deg(values))
-                    assert axes.get_xlim()[1] >= motion.duration
-        colours = [curve.get_color() for curve in panels[0, 0].lines[-2:]]
-        assert len(set(colours)) == 2
-
-
-def test_axes_that_do_not_fit_are_rejected_in_one_sentence(pyplot: Any, plan: Plan) -> None:
-    panels = plan.plot()
-    other = Trajectory(["knee"], [0.0, 1.0], *np.zeros((3, 2, 1)))
-    with pytest.raises(PlannerError, match="show the joints .*the motion moves 'knee'"):
-        other.plot(panels)
-    with pytest.raises(PlannerError, match="one to three Axes.*got 4 Axes"):
-        other.plot(pyplot.subplots(4)[1])
-    endless: list[Any] = []
-    endless.append(endless)
-    huge = np.broadcast_to(0.0, 10**12)
-    for wrong in ("figure", [1, 2], panels[0, 0].figure, [], endless, huge):
-        with pytest.raises(PlannerError, match="^axes must be Axes of Matplotlib"):
-            other.plot(wrong)
-
-
-def test_primitive_is_plotted_in_a_new_figure_and_on_axes_that_are_given(pyplot: Any) -> None:
+def test_primitive_is_plotted_in_a_new_figure(pyplot: Any) -> None:
     shown = arm_primitive()
     panels = plot_primitive(shown)
     assert panels.shape == (4, 2)
     # Without the recordings, demonstrations are what the components reproduce.
     ends = np.array([x.get_ydata()[[0, -1]] for x in panels[1, 0].lines[:-1]])
     np.testing.assert_allclose(ends, np.rad2deg(shown.boundary_states[:, [0, 3], 1]), atol=1e-6)
-    _, given = pyplot.subplots(2)
-    assert [axes.get_ylabel() for axes in plot_primitive(shown, given)] == ["shape [deg]"] * 2
 
 
 def test_a_prediction_without_a_robot_is_drawn_as_it_is() -> None:
