@@ -61,9 +61,8 @@ def write_figures(folder: Path) -> None:
         recording_figure(figure, few.recordings.reports[0])
     with picture(folder / "primitive.png", force=True) as figure:
         shown = np.array([motion.time_normalised(PHASES.size) for motion in found.recordings])
-        primitive_figure(
-            figure, found.primitive, shown, "Demonstrations, mean shape and components"
-        )
+        title = "Demonstrations, mean shape and components"
+        primitive_figure(figure, found.primitive, shown, title)
     with picture(folder / "motion.png", force=True) as figure:
         plan_figure(figure, found.plan())
 

@@ -25,8 +25,8 @@ from ..files import config_file, write_whole
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from ..plotting.arm import arm_figure, primitive_figure
 from ..plotting.motion import motion_figure, nearest_curves
+from ..plotting.primitive import primitive_figure
 from ..plotting.style import picture, require_matplotlib
 from ..plotting.text import cells, prediction_words
 from ..primitives.build import build_primitive
@@ -41,7 +41,6 @@ from .main import run_command
 from .terminal import DONE, FAILED, flush, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_ARM = ("upper_arm", "lower_arm", "wrist")
 _GOOD = "executable"
 _COLUMNS = {
     "duration [s]": ("duration", ".2f", ""),
@@ -268,7 +267,7 @@ def _draw(
     robot: Robot,
     motions: Sequence[Trajectory],
 ) -> list[Path]:
-    pictures = [folder / name for name in ("primitive.png", "motion.png", "arm.png")]
+    pictures = [folder / "primitive.png", folder / "motion.png"]
     with picture(pictures[0], force=True) as figure:
         title = "Demonstrations, and mean shape with principal components (±1 standard deviation)"
         primitive_figure(figure, primitive, shown, title)
@@ -280,7 +279,4 @@ def _draw(
     with picture(pictures[1], force=True) as figure:
         title = "Motion to the first goal"
         motion_figure(figure, {"planned": motion}, title, robot.limits(), curves=behind)
-    chain = robot.frame_positions(motion.positions, _ARM)
-    with picture(pictures[2], force=True) as figure:
-        arm_figure(figure, {"planned": chain}, "The arm on its path to the goal", _ARM[-1])
     return pictures

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -75,15 +75,6 @@ def prismatic_joints(primitive: MovementPrimitive) -> tuple[str, ...]:
 def primitive_unit(primitive: MovementPrimitive) -> Unit:
     """The unit for values shared by all joints of a primitive."""
     return unit_of(primitive.joint_names, prismatic_joints(primitive))
-
-
-TABLE_2 = {
-    "shoulder1": (0.9249, 0.0639, 0.0082, 0.0013),
-    "shoulder2": (0.8237, 0.1265, 0.0369, 0.0081),
-    "shoulder3": (0.8563, 0.1190, 0.0190, 0.0029),
-    "elbow": (0.7436, 0.2350, 0.0165, 0.0028),
-}
-"""[P] Table 2: shares of the first four components, joint by joint of the paper's arm."""
 
 
 Table = tuple[list[str], list[list[str]]]
@@ -181,8 +172,3 @@ def kinds_words(errors: KindErrors, unit: Unit) -> str:
         f"({unit.number(errors.known)} if the kind is known), {unit.number(errors.pooled)} with "
         f"one primitive: {verdict}"
     )
-
-
-def is_arm_of_paper(joint_names: Iterable[str]) -> bool:
-    """Whether these are the joints of the paper's arm."""
-    return set(joint_names) == set(TABLE_2)

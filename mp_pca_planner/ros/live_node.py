@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states of a robot: the newest ones for the demo, and all of them for `teach`."""
+"""All joint states of a robot, for `teach`."""
 
 from __future__ import annotations
 
@@ -14,29 +14,9 @@ from sensor_msgs.msg import JointState
 
 from ..exceptions import GoalError, quote_names
 from .client import NodeInOwnContext, check_node_name
-from .node import NODE_NAME
-from .nodes import STATES, PolledSubscription
-from .serialised import read_message
+from .nodes import PolledSubscription
 
 _NAME = "teach"
-
-
-class LiveNode(NodeInOwnContext):
-    """The newest joint states of a robot; a context manager, used in one thread."""
-
-    def __init__(self) -> None:
-        super().__init__("live", "", NODE_NAME)
-        self._states: dict[str, tuple[float, float]] = {}
-        self._subscription = PolledSubscription(self.node, JointState, "joint_states", STATES)
-
-    def states(self) -> dict[str, tuple[float, float]]:
-        """Position and velocity of each joint, as received up to now."""
-        for content, _ in self._subscription.poll():
-            message = read_message(content, JointState)
-            for name, q, v in zip(message.name, message.position, message.velocity, strict=False):
-                self._states[name] = q, v
-        return self._states
-
 
 Record = Callable[[Sequence[tuple[int, bytes]]], None]
 

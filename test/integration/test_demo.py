@@ -41,7 +41,7 @@ def test_the_demo_goes_the_whole_way_and_leaves_pictures(tmp_path):
     elbow = np.load(folder / "commands.npz")["q"][:, 3]
     level = 0.5 * (elbow.min() + elbow.max())
     assert np.count_nonzero(np.diff(np.sign(elbow - level))) == 12
-    for name in ("primitive.png", "motion.png", "arm.png"):
+    for name in ("primitive.png", "motion.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     recordings = load_recordings([folder / "recording"])
     primitive = load_primitive(folder / "arm_raising.npz")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import printable
-from .style import BLACK, COLOURS, Line, add_header, line
+from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.exceptions import printable
+from mp_pca_planner.plotting.style import BLACK, COLOURS, Line, add_header, line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
