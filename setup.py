@@ -94,6 +94,7 @@ setup(
             "pytransform3d>=3.5",  # movement_primitives imports it, but doesn't ask for it
             "crocoddyl>=3.2",
             "toppra>=0.6.9",
+            "mujoco>=3.3",
             "example-robot-data-loaders>=4.4",  # brings the models, example-robot-data
         ],
         # Datasets of LeRobot as demonstrations: their Parquet files are read.
@@ -121,7 +122,6 @@ setup(
             "distributed>=2024.1",
             "filelock>=3.12",
             "hypothesis>=6.100",
-            "mujoco>=3.3",
             "mypy==2.4.*",
             "playwright>=1.45",
             "pyarrow>=15.0",

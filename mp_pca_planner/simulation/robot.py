@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 
 from ..arrays import FloatArray, frozen_array
-from ..exceptions import PlannerError, require, shown, unknown_name
+from ..exceptions import PlannerError, shown, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
@@ -71,26 +71,18 @@ class Plant:
         self.effort = limits.effort
         self._stiffness = PERIOD * self.kd + PERIOD**2 * self.kp
         self.q, self.v = np.array(start), np.zeros(robot.n_joints)
-        self._robot = robot
+        self._robot = self._loaded = robot
         self._commanded = self.q
-        self._load(robot)
 
     def set_payload(self, mass: float) -> None:
         """Attach a mass [kg] to the end effector, which gravity compensation does not include."""
-        self._load(self._robot.with_payload(mass))
+        self._loaded = self._robot.with_payload(mass)
 
     def step(self, command: FloatArray) -> None:
         """Move for one period towards commanded positions, shape (n_joints,)."""
         rate = (command - self._commanded) / PERIOD
         self._commanded = command
-        self._move(command, rate, self._robot.gravity_efforts(self.q))
-
-    def _load(self, robot: Robot) -> None:
-        """Set the inertias of an arm."""
-        self._loaded = robot
-
-    def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
-        """Move for one period towards commands that change at a rate [/s]."""
+        gravity = self._robot.gravity_efforts(self.q)
         M, h = self._loaded.motion_equation(self.q, self.v)
         # The goal at the end of the step, without the part that depends on the velocity there.
         due = command - (self.lag - PERIOD) * rate
@@ -138,72 +130,6 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
             "the robot description a valid inertial"
         )
     return np.asarray(solution)
-
-
-class MujocoPlant(Plant):
-    """An arm computed by MuJoCo.
-
-    Raises
-    ------
-    MissingDependencyError
-        If MuJoCo is not installed.
-    """
-
-    # The drives' torques are explicit, which is stable in shorter steps only.
-    _n_substeps = 5
-
-    def _load(self, robot: Robot) -> None:
-        mujoco = _mujoco()
-        pin_model, self._joints = robot.pinocchio_model()
-        spec = mujoco.MjSpec()
-        spec.option.timestep = PERIOD / self._n_substeps
-        spec.option.gravity = pin_model.gravity.linear
-        _add_links(spec, pin_model, mujoco)
-        self._model = spec.compile()
-        self._model.dof_armature[self._joints] = self.inertia
-        self._data = mujoco.MjData(self._model)
-        self._data.qpos[self._joints], self._data.qvel[self._joints] = self.q, self.v
-
-    def _move(self, command: FloatArray, rate: FloatArray, gravity: FloatArray) -> None:
-        data, there, mujoco = self._data, self._joints, _mujoco()
-        due = command - self.lag * rate
-        for _ in range(self._n_substeps):
-            q, v = data.qpos[there], data.qvel[there]
-            tau = gravity + self.kp * (due - q) + self.kd * (rate - v)
-            data.qfrc_applied[there] = np.clip(tau, -self.effort, self.effort)
-            mujoco.mj_step(self._model, data)
-        self.q, self.v = data.qpos[there], data.qvel[there]
-
-
-def _mujoco() -> Any:
-    return require("mujoco", "sim", "the physics engine 'mujoco'")
-
-
-def _add_links(spec: Any, model: Any, mujoco: Any) -> None:
-    """Add a body for every joint of a Pinocchio model, in its order."""
-    import pinocchio as pin
-
-    least = 1e-9  # mass and inertia of a link [kg, kg·m²]
-    bodies, data, neutral = [spec.worldbody], model.createData(), pin.neutral(model)
-    for i in range(1, model.njoints):
-        placement, inertia = model.jointPlacements[i], model.inertias[i]
-        # MuJoCo rejects links without mass, which are usual between the joints of a shoulder.
-        full = inertia.inertia + least * np.eye(3)
-        body = bodies[model.parents[i]].add_body(
-            pos=placement.translation,
-            quat=np.roll(pin.Quaternion(placement.rotation).coeffs(), 1),
-            mass=max(inertia.mass, least),
-            ipos=inertia.lever,
-            fullinertia=[*np.diag(full), full[0, 1], full[0, 2], full[1, 2]],
-            explicitinertial=True,
-        )
-        bodies.append(body)
-        column = model.joints[i].idx_v
-        subspace = pin.computeJointJacobian(model, data, neutral, i)[:, column]
-        turns = bool(subspace[3:].any())
-        kind = mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE
-        axis = subspace[3:] if turns else subspace[:3]
-        body.add_joint(type=kind, axis=axis)
 
 
 @dataclass
@@ -313,8 +239,6 @@ class Record:
 CYCLE_NS = round(PERIOD * NS_PER_S)
 """Time of one step of the robot [ns]."""
 
-_PLANTS = {"pinocchio": Plant, "mujoco": MujocoPlant}
-
 
 class SimulatedRobot:
     """An arm, its drives and its trajectory controller, stepped together.
@@ -327,8 +251,6 @@ class SimulatedRobot:
         Positions at the start, at rest [rad or m].
     seed : int
         Of delays, losses and noise.
-    plant : str
-        The physics engine, ``pinocchio`` or ``mujoco``.
     time_ns : int
         First time of the virtual clock [ns], over 0: a stamp of 0 means "on arrival".
     state_rate : float
@@ -358,7 +280,7 @@ class SimulatedRobot:
     Raises
     ------
     PlannerError
-        If there is no such physics engine, the rate is not over 0, or the start can't be used.
+        If the rate is not over 0, or the start can't be used.
     """
 
     def __init__(
@@ -367,12 +289,9 @@ class SimulatedRobot:
         start: ArrayLike,
         *,
         seed: int = 0,
-        plant: str = "pinocchio",
         time_ns: int = 10**12,
         state_rate: float = 500.0,
     ) -> None:
-        if plant not in _PLANTS:
-            raise PlannerError(unknown_name("physics engine", plant, _PLANTS))
         if not 0.0 < state_rate <= 1000.0:
             reason = f"the rate of joint states is {state_rate} Hz, expected over 0, up to 1000"
             raise PlannerError(reason)
@@ -382,7 +301,7 @@ class SimulatedRobot:
         self.rejections: list[tuple[float, str]] = []
         self.n_received = 0
         self.taken: list[tuple[int, int]] = []
-        self._plant = _PLANTS[plant](robot, q)
+        self._plant = Plant(robot, q)
         self.controller = TrajectoryController(self.joint_names, q, robot.continuous)
         self.time_ns = self.state_time_ns = time_ns
         self.state_period_ns = round(NS_PER_S / state_rate)

@@ -11,23 +11,14 @@ import pinocchio as pin
 import pytest
 from support.arm import JOINTS, arm_robot
 
-from mp_pca_planner.exceptions import MissingDependencyError, PlannerError
+from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot
-from mp_pca_planner.simulation.robot import PERIOD, MujocoPlant, Plant
+from mp_pca_planner.simulation.robot import PERIOD, Plant
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 START = np.array([0.3, 0.4, -0.2, 0.9])
 SIGNS = np.array([1.0, 1.0, 1.0, -1.0])
-
-
-@pytest.fixture(params=["pinocchio", "mujoco"])
-def kind(request):
-    """Each physics engine."""
-    if request.param == "pinocchio":
-        return Plant
-    pytest.importorskip("mujoco", reason="MuJoCo (extra 'sim') is not installed")
-    return MujocoPlant
 
 
 def limited(effort: float) -> Robot:
@@ -54,8 +45,8 @@ def gravity_with(mass: float, q: np.ndarray) -> np.ndarray:
     return np.array([(energy(q + h * e) - energy(q - h * e)) / (2 * h) for e in np.eye(len(q))])
 
 
-def test_arm_at_rest_stays_where_it_is(kind):
-    plant = kind(arm_robot(), START)
+def test_arm_at_rest_stays_where_it_is():
+    plant = Plant(arm_robot(), START)
     for _ in range(500):
         plant.step(START)
     np.testing.assert_allclose(plant.q, START, atol=1e-10)
@@ -63,8 +54,8 @@ def test_arm_at_rest_stays_where_it_is(kind):
 
 
 @pytest.mark.parametrize("mass", [1.0, 3.0])
-def test_payload_makes_the_arm_sag_by_its_statics(kind, mass):
-    plant = kind(arm_robot(), START)
+def test_payload_makes_the_arm_sag_by_its_statics(mass):
+    plant = Plant(arm_robot(), START)
     plant.set_payload(mass)
     for _ in range(3000):
         plant.step(START)
@@ -95,8 +86,8 @@ def test_energy_of_a_disturbed_arm_only_falls():
     assert energies[-1] < 1e-9 * energies[0]
 
 
-def test_steady_motion_is_followed_with_the_lag_of_the_drives(kind):
-    plant = kind(arm_robot(), START)
+def test_steady_motion_is_followed_with_the_lag_of_the_drives():
+    plant = Plant(arm_robot(), START)
     rate = np.array([0.5, -0.3, 0.4, 0.6])
     for k in range(400):
         command = START + rate * PERIOD * k
@@ -106,9 +97,9 @@ def test_steady_motion_is_followed_with_the_lag_of_the_drives(kind):
     np.testing.assert_allclose(lag, plant.lag, atol=1e-3)
 
 
-def test_drives_give_no_more_than_their_limits(kind):
+def test_drives_give_no_more_than_their_limits():
     robot = limited(12.0)
-    plant = kind(robot, START)
+    plant = Plant(robot, START)
     model = pin.buildModelFromXML(URDF)
     data = model.createData()
     acting = []
@@ -121,19 +112,19 @@ def test_drives_give_no_more_than_their_limits(kind):
     assert 11.5 < np.abs(acting).max() < 13.5
 
 
-def test_drives_that_are_saturated_arrive_all_the_same(kind):
-    plant = kind(limited(25.0), START)
+def test_drives_that_are_saturated_arrive_all_the_same():
+    plant = Plant(limited(25.0), START)
     goal = START + 0.3 * SIGNS
     for _ in range(4000):
         plant.step(goal)
     np.testing.assert_allclose(plant.q, goal, atol=1e-6)
 
 
-def test_order_of_the_joints_changes_nothing(kind):
+def test_order_of_the_joints_changes_nothing():
     order = [2, 0, 3, 1]
     plants = [
-        kind(arm_robot(), START),
-        kind(Robot(URDF, [JOINTS[i] for i in order]), START[order]),
+        Plant(arm_robot(), START),
+        Plant(Robot(URDF, [JOINTS[i] for i in order]), START[order]),
     ]
     for plant in plants:
         plant.set_payload(2.0)
@@ -143,23 +134,6 @@ def test_order_of_the_joints_changes_nothing(kind):
         plants[1].step(goal[order])
     # The drives' gains come from random configurations, which differ with the order.
     np.testing.assert_allclose(plants[1].q, plants[0].q[order], atol=2e-3)
-
-
-def test_both_engines_move_the_arm_alike():
-    pytest.importorskip("mujoco", reason="MuJoCo (extra 'sim') is not installed")
-    plants = [Plant(arm_robot(), START), MujocoPlant(arm_robot(), START)]
-    for k in range(800):
-        goal = START + 0.5 * (1.0 - np.cos(0.01 * k)) * np.array([1.0, -0.5, 0.7, 0.2])
-        for plant in plants:
-            plant.step(goal)
-        # At up to 5 rad/s, half a step of time is this much.
-        np.testing.assert_allclose(plants[0].q, plants[1].q, atol=0.5 * PERIOD * 5.0)
-
-
-def test_without_mujoco_the_message_names_the_extra(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    with pytest.raises(MissingDependencyError, match=r"mp_pca_planner\[sim\]"):
-        MujocoPlant(arm_robot(), START)
 
 
 def test_mass_matrix_that_is_not_positive_definite_is_refused():
