@@ -43,18 +43,21 @@ def solid_of_shape(shape: Shape) -> Solid:
     return body, body, None
 
 
+def primitive_of(stated: StatedShape) -> Shape:
+    """A box, sphere, cylinder or capsule of a link, at the origin."""
+    if stated.kind == "box":
+        return Box(stated.sizes)
+    if stated.kind == "sphere":
+        return Sphere(float(stated.sizes[0]))
+    return {"cylinder": Cylinder, "capsule": Capsule}[stated.kind](*stated.sizes.tolist())
+
+
 def _stated(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
     """A collision shape of a link, at the origin."""
-    sizes = stated.sizes
-    if stated.kind == "box":
-        return Box(sizes)
-    if stated.kind == "sphere":
-        return Sphere(float(sizes[0]))
-    if stated.kind in ("cylinder", "capsule"):
-        kind = Cylinder if stated.kind == "cylinder" else Capsule
-        return kind(float(sizes[0]), float(sizes[1]))
+    if stated.kind != "mesh":
+        return primitive_of(stated)
     found = find_mesh(stated.file, package_dirs)
-    return Mesh(scaled(found.vertices, sizes), found.triangles)
+    return Mesh(scaled(found.vertices, stated.sizes), found.triangles)
 
 
 @dataclass(frozen=True, eq=False)

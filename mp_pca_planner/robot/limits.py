@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, check_type, is_number, text_table, unique_names
+from ..arrays import FloatArray, is_number, set_frozen, text_table, unique_names
 from ..exceptions import LimitsError, shown, unknown_name
 from ..files import load_yaml, read_text, reading
 
@@ -84,13 +84,12 @@ class JointLimits:
         self, joint_names: Sequence[str], limits: Overrides, *, source: str = "limits"
     ) -> None:
         names = unique_names(joint_names, source, LimitsError)
-        object.__setattr__(self, "joint_names", names)
-        check_type(limits, source, LimitsError, Mapping)
+        set_frozen(self, joint_names=names)
         entries = [_read_entry(name, limits.get(name, {}), source) for name in names]
         for field, key in _KEYS.items():
             values = np.array([entry.get(key, _absent(key)) for entry in entries])
-            object.__setattr__(self, field, values)
             values.setflags(write=False)
+            set_frozen(self, **{field: values})
         for name, low, high in zip(names, self.lower, self.upper, strict=True):
             if not low < high:
                 raise LimitsError(
@@ -119,16 +118,6 @@ def _absent(key: str) -> float:
     return -np.inf if key == "min_position" else np.inf
 
 
-def _check_limit(name: str, key: str, value: float, source: str) -> None:
-    # Ratios to smaller limits overflow.
-    if np.isnan(value) or (not key.endswith("position") and value < 1e-9):
-        expected = "a number" if key.endswith("position") else "a positive number from 1e-09 on"
-        raise LimitsError(
-            f"{source}: {key} of joint '{name}' is {value:g}, but it must be {expected} "
-            "(set it in a limits file or by a parameter; .inf means no limit)"
-        )
-
-
 def merge_limits(*layers: Overrides) -> dict[str, dict[str, float]]:
     """Merge limits joint by joint and key by key; later ones replace earlier ones."""
     merged: dict[str, dict[str, float]] = {}
@@ -136,39 +125,6 @@ def merge_limits(*layers: Overrides) -> dict[str, dict[str, float]]:
         for name, values in layer.items():
             merged.setdefault(name, {}).update(values)
     return merged
-
-
-def read_limits_file(path: str | Path, joint_names: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Read limits in the form of MoveIt's joint_limits.yaml.
-
-    Parameters
-    ----------
-    path :
-        A YAML file with a mapping ``joint_limits: {joint: {max_velocity: …}}``, MoveIt's
-        ``has_…_limits`` switches included; ``max_effort`` and ``max_jerk`` are accepted too.
-        MoveIt's default scaling factors are no limits: they are not applied.
-    joint_names :
-        Joints of the robot; an entry for another joint is rejected.
-
-    Returns
-    -------
-    limits : dict
-        By joint name and key. ``has_…_limits: false`` gives infinite values.
-
-    Raises
-    ------
-    LimitsError
-        If the file can't be read or holds something else than limits.
-    """
-    where = f"limits file '{path}'"
-    with reading(where, LimitsError):
-        content = load_yaml(read_text(path))
-        joints = content.get("joint_limits") if isinstance(content, dict) else None
-        if not isinstance(joints, dict):
-            raise LimitsError(
-                f"{where} must hold a mapping 'joint_limits' from joint names to limits"
-            )
-        return _checked(joints, joint_names, where)
 
 
 def moveit_factors_note(path: str | Path | None) -> str:
@@ -194,22 +150,38 @@ def moveit_factors_note(path: str | Path | None) -> str:
 def given_limits(
     given: Overrides | str | Path, joint_names: Sequence[str]
 ) -> dict[str, dict[str, float]]:
-    """Limits of a mapping or of a file, see :func:`read_limits_file`.
+    """Limits of a mapping, or of a file in the form of MoveIt's joint_limits.yaml.
+
+    Parameters
+    ----------
+    given :
+        Limits by joint name and key; or a YAML file with a mapping ``joint_limits: {joint:
+        {max_velocity: …}}``, MoveIt's ``has_…_limits`` switches included; ``max_effort`` and
+        ``max_jerk`` are accepted too. MoveIt's default scaling factors are no limits: they are not
+        applied.
+    joint_names :
+        Joints of the robot; an entry for another joint is rejected.
+
+    Returns
+    -------
+    limits : dict
+        By joint name and key. ``has_…_limits: false`` gives infinite values.
 
     Raises
     ------
     LimitsError
-        If it is neither, or a joint, a key or a value can't be used.
+        If the file can't be read, or a joint, a key or a value can't be used.
     """
+    limits: Any = given
+    where = "limits"
     if isinstance(given, str | Path):
-        return read_limits_file(given, joint_names)
-    check_type(given, "limits", LimitsError, Mapping)
-    return _checked(given, joint_names, "limits")
-
-
-def _checked(
-    limits: Overrides, joint_names: Sequence[str], where: str
-) -> dict[str, dict[str, float]]:
+        where = f"limits file '{given}'"
+        with reading(where, LimitsError):
+            content = load_yaml(read_text(given))
+            limits = content.get("joint_limits") if isinstance(content, dict) else None
+    if not isinstance(limits, Mapping):
+        needed = "'joint_limits' " if where != "limits" else ""
+        raise LimitsError(f"{where} must hold a mapping {needed}from joint names to limits")
     for name in limits:
         if name not in joint_names:
             raise LimitsError(f"{where}: {unknown_name('joint', name, joint_names)}")
@@ -231,8 +203,15 @@ def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
                 continue
             if not (is_number(value) or isinstance(value, float)):
                 raise LimitsError(f"{what} is {shown(value, 40)}, not a number")
-            values[key] = float(value)
-            _check_limit(name, key, values[key], where)
+            number, is_end = float(value), key.endswith("position")
+            # Ratios to smaller limits overflow.
+            if np.isnan(number) or (not is_end and number < 1e-9):
+                expected = "a number" if is_end else "a positive number from 1e-09 on"
+                raise LimitsError(
+                    f"{what} is {number:g}, but it must be {expected} (set it in a limits file or "
+                    "by a parameter; .inf means no limit)"
+                )
+            values[key] = number
         elif key not in _QUANTITIES:
             valid = (*LIMIT_KEYS, *_QUANTITIES)
             raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', key, valid)}")

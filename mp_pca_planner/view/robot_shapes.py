@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -18,6 +18,7 @@ import viser
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
+from ..robot.bodies import primitive_of
 from ..robot.meshes import find_mesh, scaled, solid_of
 from ..robot.model import Robot
 from ..robot.urdf import numbers_of, parse_xml, stated_shape
@@ -36,12 +37,6 @@ _GHOST_GROWTH = 1.02
 _GHOST_OPACITY = 0.35
 
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
-_SHAPES: dict[str, Callable[..., Shape]] = {
-    "box": Box,
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "capsule": Capsule,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,8 +194,7 @@ def _shape(
             vertices, found.triangles, face_colors=found.colours, process=is_plain
         )
     else:
-        sizes = (stated.sizes,) if stated.kind == "box" else stated.sizes
-        mesh, is_plain = surface(_SHAPES[stated.kind](*sizes)), True
+        mesh, is_plain = surface(primitive_of(stated)), True
     frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
     turn = pin.rpy.rpyToMatrix(*stated.origin[3:])
     mesh.apply_transform((frame.placement * pin.SE3(turn, stated.origin[:3])).homogeneous)

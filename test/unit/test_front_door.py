@@ -275,7 +275,6 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
         (lambda reach, robot, ends: mp.show(reach), "planner must be a Planner"),
         (lambda reach, robot, ends: robot.limits({"elbo": {}}), "did you mean 'elbow'"),
         (lambda reach, robot, ends: mp.JointLimits(["a"], {"a": {"velocity": 1}}), "max_velocity"),
-        (lambda reach, robot, ends: mp.JointLimits(["a"], None), "must be a Mapping"),
         (lambda reach, robot, ends: robot.frame_positions(ends[0], ["wrist"]), "any, 4"),
         (lambda reach, robot, ends: mp.World([mp.Sphere(1.0)]), "must be an Obstacle"),
         (lambda reach, robot, ends: mp.write_example_recording("x.mcap", 1.5), "whole number"),

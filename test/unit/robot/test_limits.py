@@ -7,7 +7,7 @@ import pytest
 from support.arm import arm_robot
 
 from mp_pca_planner.exceptions import LimitsError
-from mp_pca_planner.robot.limits import JointLimits, merge_limits, read_limits_file
+from mp_pca_planner.robot.limits import JointLimits, given_limits, merge_limits
 
 NAMES = ("a", "b")
 
@@ -51,7 +51,7 @@ def test_a_moveit_file_is_read_with_its_switches(tmp_path):
         "  b: {has_position_limits: false, has_acceleration_limits: false, max_acceleration: 0}\n",
     )
     limits = JointLimits(
-        NAMES, merge_limits({"b": {"min_position": 0.0}}, read_limits_file(path, NAMES))
+        NAMES, merge_limits({"b": {"min_position": 0.0}}, given_limits(path, NAMES))
     )
     assert limits.velocity.tolist() == [2.0, np.inf]
     assert limits.acceleration.tolist() == [np.inf, np.inf]
@@ -86,12 +86,12 @@ def test_a_moveit_file_is_read_with_its_switches(tmp_path):
 def test_a_faulty_file_is_refused_with_its_name_and_the_reason(tmp_path, text, message):
     path = write(tmp_path / "limits.yaml", text)
     with pytest.raises(LimitsError, match=rf"limits\.yaml.*{message}"):
-        read_limits_file(path, NAMES)
+        given_limits(path, NAMES)
 
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(LimitsError, match=r"nowhere\.yaml.*No such file"):
-        read_limits_file(tmp_path / "nowhere.yaml", NAMES)
+        given_limits(tmp_path / "nowhere.yaml", NAMES)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_a_missing_file_is_named(tmp_path):
         ({"elbow": {"max_velo": 1.0}}, "no limit is called 'max_velo'"),
         ({"elbow": {"max_velocity": "fast"}}, "not a number"),
         ({"elbow": 1.0}, "must be a mapping of limits"),
-        (1.0, "limits must be a Mapping"),
+        (1.0, "limits must hold a mapping"),
         ("nowhere.yaml", "'nowhere.yaml' can't be read"),
     ],
 )
