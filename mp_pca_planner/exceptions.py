@@ -8,21 +8,13 @@ value and what is accepted. Commands print it without a traceback; the node repo
 
 from __future__ import annotations
 
-import os
-import re
-import shlex
 import sys
-import sysconfig
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
-from functools import wraps
 from importlib import import_module
-from inspect import signature
-from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
 _PACKAGE = "mp_pca_planner"
-_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 class PlannerError(Exception):
@@ -135,42 +127,14 @@ def require(module: str, extra: str, purpose: str) -> Any:
 
 
 def _how_to_install(extra: str) -> str:
-    """The command that installs an extra for this Python."""
-    if extra == "ros":
-        # An installed ROS takes precedence over the wheels, which are for machines without ROS.
-        set_up = sorted(Path("/opt/ros").glob("*/setup.sh"))
-        if set_up and "ROS_DISTRO" not in os.environ:
-            return f"run `. {set_up[-1]}` first"
-    pip = [sys.executable or "python3", "-m", "pip", "install"]
-    if sys.prefix == sys.base_prefix and _is_managed():
-        # A sourced ROS uses Debian's Python, where pip needs these options for other packages.
-        pip += ["--user", "--break-system-packages"]
-    return f"run `{shlex.join([*pip, *_requirements(extra)])}` (the extra {_PACKAGE}[{extra}])"
-
-
-def _is_managed() -> bool:
-    """Whether the Python installation is externally managed (PEP 668): pip rejects packages."""
-    return (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").exists()
-
-
-def _requirements(extra: str) -> list[str]:
-    """Packages of an extra, or the checkout with the extra if this package is not installed."""
-    from importlib.metadata import PackageNotFoundError, requires
-
-    try:
-        requirements = requires(_PACKAGE) or []
-    except PackageNotFoundError:
-        return [f"{Path(__file__).resolve().parents[1]}[{extra}]"]
-    pairs = [text.partition(";")[::2] for text in requirements]
-    return [what.strip() for what, when in pairs if re.search(rf"extra == ['\"]{extra}['\"]", when)]
+    """What installs an extra for this Python."""
+    pip = f"run `{sys.executable or 'python3'} -m pip install '{_PACKAGE}[{extra}]'`"
+    return f"source the setup.sh of ROS 2, or {pip}" if extra == "ros" else pip
 
 
 def shown(value: object, most: int = 80) -> str:
-    """A value as one line of Python text for a message, cut; its type if it has no text."""
-    try:
-        return printable(" ".join(repr(value)[: 4 * most].split()))[:most]
-    except Exception:  # an integer of too many digits, lists nested too deep, methods of others
-        return f"a value of type {type(value).__name__}"
+    """A value as one line of Python text for a message, cut."""
+    return printable(" ".join(repr(value)[: 4 * most].split()))[:most]
 
 
 def quote_names(names: Iterable[str]) -> str:
@@ -194,35 +158,6 @@ def unknown_name(kind: str, name: object, valid: Iterable[str], most: int = 12) 
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     valid_names = listed([f"'{one}'" for one in names], most) or "none"
     return f"no {kind} is called '{name:.200}'{hint}; valid names: {valid_names}"
-
-
-def names_options(error: type[PlannerError]) -> Callable[[_Function], _Function]:
-    """Decorator of methods and dataclasses: an unknown keyword gets the nearest valid one.
-
-    Parameters
-    ----------
-    error :
-        Type of the error that is raised in place of a `TypeError`.
-    """
-
-    def decorate(function: _Function) -> _Function:
-        if isinstance(function, type):
-            made: Any = function
-            made.__init__ = decorate(made.__init__)
-            return function
-        kind = f"option of {function.__qualname__.removesuffix('.__init__')}"
-        _, *valid = signature(function).parameters  # without self or cls
-
-        @wraps(function)
-        def call(*values: Any, **options: Any) -> Any:
-            for name in options:
-                if name not in valid:
-                    raise error(unknown_name(kind, name, valid, 40))
-            return function(*values, **options)
-
-        return cast(_Function, call)
-
-    return decorate
 
 
 def printable(text: str) -> str:

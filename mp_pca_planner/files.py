@@ -5,25 +5,20 @@
 from __future__ import annotations
 
 import csv
-import ctypes
-import fcntl
-import json
 import os
-import shutil
 import stat
 import tempfile
 import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import yaml
 
-from .arrays import check_type
-from .exceptions import PlannerError, shown, unknown_name
+from .exceptions import PlannerError, unknown_name
 from .input_limits import INPUT_LIMITS
 
 PACKAGE = "mp_pca_planner"
@@ -45,7 +40,7 @@ def config_file(name: str) -> Path:
     'human_arm.urdf'
     """
     folder = config_folder(Path(__file__))
-    path = folder / as_path(name)
+    path = folder / name
     if not path.is_file():
         shipped = sorted(entry.name for entry in folder.iterdir() if entry.is_file())
         raise PlannerError(unknown_name("configuration file", name, shipped))
@@ -115,30 +110,6 @@ def reading(what: str, error: type[PlannerError]) -> Iterator[None]:
         yield
     except _CONTENT_ERRORS as problem:
         raise error(f"{what} can't be read: {_reason(problem)}") from None
-
-
-_MAX_NAME = 255  # of a file on the systems that ROS runs on [bytes]
-
-
-def as_path(value: object, error: type[PlannerError] = PlannerError) -> Path:
-    """A path of a file or folder.
-
-    Raises
-    ------
-    PlannerError
-        (as `error`) If the value is none that the system accepts.
-    """
-    try:
-        path = Path(value)  # type: ignore[arg-type]
-        is_short = max((len(os.fsencode(part)) for part in path.parts), default=0) <= _MAX_NAME
-        if is_short and b"\0" not in os.fsencode(path):
-            return path
-    except Exception:  # also methods of others, and text that is no Unicode
-        pass
-    raise error(
-        f"a path must be a string or a Path, without a NUL, of names of "
-        f"at most {_MAX_NAME} bytes, got {shown(value)}"
-    )
 
 
 def open_regular(path: str | Path) -> BinaryIO:
@@ -240,47 +211,36 @@ def _reason(error: BaseException) -> str:
 
 
 def write_whole(path: str | Path, content: Content, *, overwrite: bool = False) -> None:
-    """Write a file atomically, see :func:`write_together`."""
-    write_together({as_path(path): content}, overwrite=overwrite)
-
-
-def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool = False) -> None:
-    """Write several files; none changes unless all of them could be stored.
-
-    Each content is written to a hidden folder beside its file first. When all are complete and on
-    disk, they are renamed one by one, each atomically.
+    """Write a file whole or not at all.
 
     Parameters
     ----------
-    contents : mapping
-        Contents by path, or functions that write them, in the order of renaming; None removes a
-        file.
+    path : str or Path
+        The file.
+    content : bytes or callable
+        Its content, or a function that writes it into an open file.
     overwrite : bool
-        Whether existing files may be replaced.
+        Whether an existing file may be replaced.
 
     Raises
     ------
     PlannerError
-        If a file exists and may not be overwritten, or can't be written.
+        If it exists and may not be overwritten, or can't be written.
     """
-    check_type(overwrite, "overwrite", PlannerError, bool)
-    target = Path()
+    target = Path(path)
     try:
-        with ExitStack() as stack:
-            written: dict[Path, Path] = {}
-            for target, content in contents.items():
-                if os.path.lexists(target) and not overwrite:
-                    raise FileExistsError
-                if content is not None:
-                    workspace = stack.enter_context(workspace_beside(target))
-                    written[target] = _stored(workspace / ".new", content)
-            for target in contents:
-                if target not in written:
-                    target.unlink(missing_ok=True)
-                elif overwrite:
-                    os.replace(written[target], target)
+        if os.path.lexists(target) and not overwrite:
+            raise FileExistsError
+        with workspace_beside(target) as workspace:
+            written = workspace / ".new"
+            with written.open("wb") as file:
+                if callable(content):
+                    content(file)
                 else:
-                    take_free_name(written[target], target)
+                    file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            (os.replace if overwrite else take_free_name)(written, target)
     except FileExistsError:
         raise exists_already(target) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
@@ -288,22 +248,18 @@ def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool =
         raise PlannerError(f"'{target}' can't be written: {reason}") from None
 
 
-def _stored(path: Path, content: Content) -> Path:
-    with path.open("wb") as file:
-        if callable(content):
-            content(file)
+def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool = False) -> None:
+    """Write several files, and remove those whose content is None."""
+    for target, content in contents.items():
+        if content is None:
+            target.unlink(missing_ok=True)
         else:
-            file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    return path
+            write_whole(target, content, overwrite=overwrite)
 
 
 @contextmanager
 def workspace_beside(target: Path) -> Iterator[Path]:
     """A hidden folder beside a file to write; removed afterwards.
-
-    Folders left by killed processes are removed too; a running process holds a lock on its own.
 
     Raises
     ------
@@ -311,43 +267,8 @@ def workspace_beside(target: Path) -> Iterator[Path]:
         If a device or a pipe has the name of the file.
     """
     _check_kind(target)
-    for other in target.parent.glob(f"{_WORKSPACE}*"):
-        with suppress(OSError):
-            lock = _lock(other)
-            shutil.rmtree(other, ignore_errors=True)
-            os.close(lock)
-    folder, own_lock = _new_workspace(target.parent)
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        if own_lock is not None:
-            os.close(own_lock)
-
-
-def _new_workspace(parent: Path) -> tuple[Path, int | None]:
-    """A new folder, and its lock unless the file system has none."""
-    while True:
-        folder = Path(tempfile.mkdtemp(prefix=_WORKSPACE, dir=parent))
-        try:
-            lock = _lock(folder)
-        except (BlockingIOError, FileNotFoundError):
-            continue  # another process removed it as left by a killed one
-        except OSError:
-            return folder, None
-        if folder.exists():
-            return folder, lock
-        os.close(lock)
-
-
-def _lock(folder: Path) -> int:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        raise
-    return descriptor
+    with tempfile.TemporaryDirectory(prefix=_WORKSPACE, dir=target.parent) as folder:
+        yield Path(folder)
 
 
 def take_free_name(source: Path, target: Path) -> None:
@@ -375,27 +296,17 @@ def take_free_name(source: Path, target: Path) -> None:
 
 
 def replace_path(source: Path, target: Path) -> None:
-    """Replace a file or folder by a complete one, atomically where the file system supports it."""
+    """Replace a file or folder by a complete one."""
     if not target.exists() or not (source.is_dir() or target.is_dir()):
         os.replace(source, target)
-    elif not _exchange(source, target):
-        replaced = source.with_name(f"{source.name}.replaced")
-        os.rename(target, replaced)
-        try:
-            os.rename(source, target)
-        except OSError:
-            os.rename(replaced, target)
-            raise
-
-
-def _exchange(first: Path, second: Path) -> bool:
-    """Exchange two names atomically; return False where that is unsupported (not Linux, NFS)."""
+        return
+    replaced = source.with_name(f"{source.name}.replaced")
+    os.rename(target, replaced)
     try:
-        exchange = ctypes.CDLL(None).renameat2
-    except AttributeError:
-        return False
-    here, flag = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
-    return bool(exchange(here, os.fsencode(first), here, os.fsencode(second), flag) == 0)
+        os.rename(source, target)
+    except OSError:
+        os.rename(replaced, target)
+        raise
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
@@ -442,25 +353,6 @@ _WORDS = {
 }
 
 
-def load_json(text: str | bytes) -> Any:
-    """Parse JSON with bounded integers and a bounded nesting depth.
-
-    Raises
-    ------
-    ValueError, RecursionError
-        If the text is malformed or exceeds a bound: call it within :func:`.files.reading`.
-    """
-    content = json.loads(text, parse_int=_bounded_integer)
-    nested = {dict, list}
-    level = [content] if type(content) in nested else []
-    for _ in range(INPUT_LIMITS.json_depth):
-        parts = (one.values() if type(one) is dict else one for one in level)
-        level = [part for many in parts for part in many if type(part) in nested]
-        if not level:
-            return content
-    raise ValueError(f"it is nested more than {INPUT_LIMITS.json_depth} levels deep")
-
-
 def check_form(value: Any, form: Any, name: str) -> None:
     """Reject a JSON value that has another form than the given one.
 
@@ -503,9 +395,3 @@ def check_form(value: Any, form: Any, name: str) -> None:
 def _expect(fits: bool, name: str, expected: str, value: Any) -> None:
     if not fits:
         raise ValueError(f"{name} is {value!r:.40}, expected {expected}")
-
-
-def _bounded_integer(text: str) -> int:
-    if len(text) > INPUT_LIMITS.json_digits:
-        raise ValueError(f"an integer has more than {INPUT_LIMITS.json_digits} digits")
-    return int(text)

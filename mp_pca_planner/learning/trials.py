@@ -25,7 +25,7 @@ import numpy as np
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import LearningError, TrajectoryError, require
-from ..files import check_form, load_json, read_text, reading, write_whole
+from ..files import check_form, read_text, reading, write_whole
 from ..motion.collision import CollisionModel
 from ..planning.motion import Motion
 from ..robot.limits import JointLimits
@@ -372,7 +372,7 @@ def read_request(path: Path) -> Any:
 
 def _content(path: Path) -> dict[str, Any]:
     with reading(f"the trials in '{path}'", LearningError):
-        content = load_json(read_text(path))
+        content = json.loads(read_text(path))
         check_form(content, {"format": str, "version": int}, "the file")
         if content["format"] != _FORMAT or content["version"] != _VERSION:
             raise LearningError(f"'{path}' is not a file of trials of this release")

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
 from ..exceptions import PlannerError, TrajectoryError, require
-from ..files import as_path, write_whole
+from ..files import write_whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class Trajectory:
             If the format is unknown, the file exists and may not be overwritten, or it can't be
             written.
         """
-        path = as_path(path)
+        path = Path(path)
         content = {".csv": _csv, ".json": _json, ".npz": _npz}.get(path.suffix)
         if content is not None:
             write_whole(path, content(self), overwrite=overwrite)

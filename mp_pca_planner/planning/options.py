@@ -12,7 +12,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 from ..arrays import check_choice, check_number, check_type
-from ..exceptions import GoalError, names_options, shown
+from ..exceptions import GoalError, shown
 from .objectives import Objective, effort
 from .path_constraints import PathConstraint
 
@@ -49,7 +49,6 @@ class Checked:
                 check_number(number, one.name, GoalError, *limits, is_whole=is_whole)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class SolverOptions(Checked):
     """Stopping criteria and step limits of the solver.
@@ -92,7 +91,6 @@ class SolverOptions(Checked):
     min_radius: float = within(1e-9, 0.0, 1.0)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class SelectionOptions(Checked):
     """Options of the selection among primitives.
@@ -126,7 +124,6 @@ class SelectionOptions(Checked):
     n_kept_tables: int = within(1000, 1, 1_000_000, is_whole=True)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class PoseSearchOptions(Checked):
     """Options of the search for configurations that reach a pose.
@@ -160,7 +157,6 @@ class PoseSearchOptions(Checked):
     distinct: float = within(0.05, 0.0, 10.0)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class ClearanceOptions(Checked):
     """Options of clearance constraints.
@@ -186,7 +182,6 @@ class ClearanceOptions(Checked):
     n_more: int = within(5, 1, 100, is_whole=True)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class PathOptions(Checked):
     """Options of the search for collision-free paths.
@@ -222,7 +217,6 @@ class PathOptions(Checked):
     fine_step: float = within(0.03, 1e-4, 1.0)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class DetourOptions(Checked):
     """Options of motions near collision-free paths.
@@ -258,7 +252,6 @@ class DetourOptions(Checked):
     radius: float = within(1.0, 1e-6, 1e6)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class BrakingOptions(Checked):
     """Options of braking and of the timing of slow motions.
@@ -287,7 +280,6 @@ class BrakingOptions(Checked):
     max_stretches: int = within(10, 1, 1000, is_whole=True)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class SearchOptions(Checked):
     """Options of the planner's search; the defaults suit arms of 4 to 14 joints.
@@ -387,7 +379,6 @@ class SearchOptions(Checked):
     n_kept_tables: int = within(500, 1, 1_000_000, is_whole=True)
 
 
-@names_options(GoalError)
 @dataclass(frozen=True)
 class PlannerOptions(Checked):
     """Options of planning.

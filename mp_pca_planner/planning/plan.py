@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,17 +33,6 @@ if TYPE_CHECKING:
 SOLVED = "solved"
 STOPPED_EARLY = "stopped_early"
 INFEASIBLE = "infeasible"
-
-_SHOWN = (
-    "status",
-    "message",
-    "primitive",
-    "duration",
-    "least_path_duration",
-    "effort_cost",
-    "in_span_score",
-)
-"""Values of a plan that notebooks show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,13 +191,6 @@ class Plan:
         from .report import table
 
         return table(self)
-
-    def _repr_html_(self) -> str:
-        values = [(name, self.summary()[name]) for name in _SHOWN]
-        shown = [(name, f"{v:.4g}" if isinstance(v, float) else f"{v}") for name, v in values]
-        rows = [*shown, *(("remark", text) for text in self.remarks if text != self.message)]
-        cells = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in rows)
-        return f"<table>{cells}</table>"
 
     @property
     def remarks(self) -> list[str]:

@@ -17,7 +17,6 @@ from ..exceptions import (
     PrimitiveError,
     RobotError,
     WorldError,
-    names_options,
     quote_names,
 )
 from ..input_limits import INPUT_LIMITS
@@ -91,7 +90,6 @@ class Planner:
     'solved'
     """
 
-    @names_options(GoalError)
     def __init__(
         self,
         robot: Robot,
@@ -197,7 +195,6 @@ class Planner:
         selector = selector if goal.primitive is None else selector.named(goal.primitive)
         return selector.least_score(start.positions, end.positions, goal.duration) > most
 
-    @names_options(GoalError)
     @one_blas_thread()
     def plan(
         self,

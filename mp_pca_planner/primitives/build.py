@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, as_list, check_choice, check_number, float_array, unique_names
-from ..exceptions import PrimitiveError, RecordingError, names_options, shown, unknown_name
+from ..exceptions import PrimitiveError, RecordingError, shown, unknown_name
 from ..recordings.demonstration import TIME_COLUMNS, Demonstration, milliseconds_note
 from ..recordings.segmentation import ABSURD_EXTENT
 from .basis import N_END_CONDITIONS
@@ -35,7 +35,6 @@ from .primitive_values import COUPLINGS
 from .timing import ALIGNMENTS, reversed_paces
 
 
-@names_options(PrimitiveError)
 @dataclass(frozen=True)
 class PrimitiveOptions:
     """Options of building a primitive.

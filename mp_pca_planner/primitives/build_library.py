@@ -16,7 +16,6 @@ import numpy as np
 
 from ..arrays import FloatArray, as_list
 from ..exceptions import PrimitiveError, quote_names, shown
-from ..files import as_path
 from ..recordings.demonstration import Demonstration
 from ..recordings.recording_set import RecordingSet
 from ..robot.model import Robot
@@ -203,7 +202,7 @@ def build_library(
     [4]
     """
     require_locks()
-    folder, options = as_path(folder, PrimitiveError), options or PrimitiveOptions()
+    folder, options = Path(folder), options or PrimitiveOptions()
     existing = existing or ExistingLibraries.read(folder)
     earlier = [x.metadata for x in existing.primitives]
     repairs = {k: v for x in earlier for k, v in x.get("repairs", {}).items()} | dict(repairs or {})

@@ -22,7 +22,7 @@ from numpy.lib.npyio import NpzFile
 from .. import __version__
 from ..arrays import BLOCK, FloatArray, frozen_array, row_blocks
 from ..exceptions import PlannerError, PrimitiveError
-from ..files import check_form, load_json, open_regular, reading, write_whole
+from ..files import check_form, open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 from .in_span import request_precision
 from .motion_statistics import MotionSource, MotionSources, MotionStatistics, source_rows, thinned
@@ -148,7 +148,7 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
         with reading("it", PrimitiveError):
             arrays, text = _read(path)
         with reading("its metadata", PrimitiveError):
-            return _primitive(arrays, load_json(text))
+            return _primitive(arrays, json.loads(text))
     except PrimitiveError as error:
         raise PrimitiveError(f"primitive file '{path}' is rejected: {error}") from None
 

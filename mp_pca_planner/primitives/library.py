@@ -32,7 +32,6 @@ from ..exceptions import (
 from ..files import (
     Content,
     check_form,
-    load_json,
     read_bytes,
     read_text,
     reading,
@@ -484,7 +483,7 @@ def _parsed_change(line: str, where: str) -> Change:
     """The change that a line of the journal describes."""
     try:
         with reading(where, PrimitiveError):
-            content = load_json(line)
+            content = json.loads(line)
             check_form(content, _LINE, "it")
             change = Change(**content)
             check_name(change.name)

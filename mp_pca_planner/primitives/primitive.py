@@ -7,7 +7,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, check_number, frozen_array
-from ..exceptions import GoalError, PrimitiveError, names_options
-from ..files import as_path
+from ..exceptions import GoalError, PrimitiveError
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import StateLike, joint_positions
 from ..motion.interpolation import boundary_values, hermite_functions, quintics
@@ -145,9 +143,6 @@ class MovementPrimitive:
             lines.append(f"  {joint}: starts {a:.2f} to {b:.2f}, goals {c:.2f} to {d:.2f}")
         return "\n".join(lines)
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(str(self))}</pre>"
-
     def summary(self) -> dict[str, Any]:
         """What the primitive was learned from, and how well it predicts.
 
@@ -181,7 +176,6 @@ class MovementPrimitive:
         }
 
     @classmethod
-    @names_options(PrimitiveError)
     def fit(
         cls,
         demonstrations: Sequence[Demonstration] | RecordingSet | Sequence[ArrayLike],
@@ -433,14 +427,14 @@ class MovementPrimitive:
         """Write the primitive to a file, see :func:`.save_primitive`."""
         from .file import save_primitive
 
-        save_primitive(self, as_path(path, PrimitiveError), overwrite=overwrite)
+        save_primitive(self, path, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path) -> MovementPrimitive:
         """Read a primitive from a file, see :func:`.load_primitive`."""
         from .file import load_primitive
 
-        return load_primitive(as_path(path, PrimitiveError))
+        return load_primitive(path)
 
     def plot(self) -> Any:
         """Plot demonstrations and components in a new pyplot figure; return the array of its Axes.

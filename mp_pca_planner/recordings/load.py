@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from ..arrays import as_list, check_number, check_type
 from ..exceptions import RecordingError, RobotError, quote_names, unknown_name
-from ..files import as_path
 from ..robot.model import Robot
 from . import bags, cutting
 from .cutting import segments_by_hand
@@ -120,8 +119,6 @@ def load_demonstrations(
         if isinstance(paths, (str, Path))
         else as_list(paths, "the paths of recordings are needed", RecordingError)
     )
-    for one in several:
-        as_path(one, RecordingError)
     for option in options.keys() - {*_OPTIONS}:
         raise RecordingError(unknown_name("option of load_demonstrations", option, _OPTIONS, 40))
     joints = options.pop("joints", None)

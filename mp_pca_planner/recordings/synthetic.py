@@ -20,7 +20,6 @@ from scipy.special import betainc
 
 from ..arrays import FloatArray, check_number
 from ..exceptions import RecordingError
-from ..files import as_path
 from .bags import write_joint_states
 from .demonstration import Demonstration
 
@@ -204,7 +203,7 @@ def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int 
     >>> mp.write_example_recording("motions.mcap", 6).name
     'motions.mcap'
     """
-    file = as_path(path, RecordingError)
+    file = Path(path)
     check_number(n_motions, "the number of motions", RecordingError, 1, 10_000, is_whole=True)
     check_number(seed, "the seed", RecordingError, 0, is_whole=True)
     recording = continuous_recording(generate_motions(n_motions, seed), seed=seed)

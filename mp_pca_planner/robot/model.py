@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray, check_number, frozen_array, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
-from ..files import as_path, read_text, reading
+from ..files import read_text, reading
 from .bodies import Bodies
 from .joints import (
     JointOrder,
@@ -145,7 +145,7 @@ class Robot:
         locked: Mapping[str, float] | None = None,
     ) -> Robot:
         """Read the robot description from a URDF file (see the class)."""
-        path = as_path(path, RobotError)
+        path = Path(path)
         with reading(f"the URDF file {str(path)!r:.100}", RobotError):
             urdf = read_text(path)
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")

@@ -22,7 +22,6 @@ from ..arrays import (
     unique_names,
 )
 from ..exceptions import PlannerError, WorldError, quote_names, shown, unknown_name
-from ..files import as_path
 from ..input_limits import INPUT_LIMITS
 from .meshes import MeshSolid, is_point, read_mesh, solid_of
 
@@ -261,7 +260,7 @@ class Mesh(Shape):
         WorldError
             If the file can't be read.
         """
-        size, found = _positive(scale, "scale of a mesh"), read_mesh(as_path(path, WorldError))
+        size, found = _positive(scale, "scale of a mesh"), read_mesh(Path(path))
         return cls(size * found.vertices, found.triangles, position, orientation)
 
     @cached_property
@@ -441,7 +440,7 @@ class World:
         """
         from .scene_files import read_scene
 
-        return read_scene(as_path(path, WorldError))
+        return read_scene(Path(path))
 
     def with_obstacles(self, *obstacles: Obstacle) -> World:
         """The world with further obstacles; those of the same name are replaced."""
