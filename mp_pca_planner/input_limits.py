@@ -19,9 +19,6 @@ class InputLimits:
         YAML text, and its nesting depth of mappings and lists.
     yaml_value_bytes : int
         One value of YAML: parsing of integers takes time proportional to the square of their size.
-    json_digits, json_depth : int
-        Integer of JSON: more digits exceed a float, and take long to convert. Nesting depth of
-        objects and lists.
     definition_characters : int
         Definition of messages in a bag; large definitions of ROS have a third of that.
     unpacked_bytes : int
@@ -81,8 +78,6 @@ class InputLimits:
     yaml_bytes: int = 1 << 20
     yaml_depth: int = 20
     yaml_value_bytes: int = 1 << 16
-    json_digits: int = 300
-    json_depth: int = 50
     definition_characters: int = 1 << 17
     unpacked_bytes: int = 256 << 20
     unpacked_ratio: int = 200

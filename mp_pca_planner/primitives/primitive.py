@@ -254,14 +254,14 @@ class MovementPrimitive:
         several = found if isinstance(found, Sequence) else [found]
         if times is not None:
             several, sentences = demonstrations_of(found, times, joint_names)
-            for sentence in sentences:  # from the caller's line, above the decorator
-                warnings.warn(sentence, stacklevel=3)
+            for sentence in sentences:  # from the line of the caller
+                warnings.warn(sentence, stacklevel=2)
         primitive = build_primitive(several, name, options)
         if len(several) == 1:
             warnings.warn(
                 f"primitive '{name}': one demonstration says nothing about variation, so its "
                 "samples equal its predictions and its expected error is unknown",
-                stacklevel=3,
+                stacklevel=2,
             )
         return primitive
 

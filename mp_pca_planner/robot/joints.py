@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arrays import MAX_SIZE, FloatArray, frozen_array
+from ..arrays import FloatArray, frozen_array
 from ..exceptions import RobotError
 from .urdf import Description, stated_origin
 
@@ -59,7 +59,7 @@ class JointOrder:
         for x in arrays:
             # The innermost loop of planning has arrays of floats.
             is_array = isinstance(x, np.ndarray) and x.dtype == np.float64 and x.ndim == n_dims
-            is_usual = is_array and x.shape[-1] == n_joints and x.size <= MAX_SIZE
+            is_usual = is_array and x.shape[-1] == n_joints
             if not is_usual or (found and x.shape != expected):
                 x = frozen_array(x, expected, "values of the joints", RobotError)
             expected = x.shape
