@@ -19,7 +19,6 @@ from .stage import Player, ShownMotion, Stage, part
 
 NAME = "Components"
 _N_SAMPLES = 60  # configurations of a shown demonstration
-_N_CURVES = 25  # demonstrations in the picture of a primitive
 _MAX_SLIDERS, _SLIDER_RANGE = 12, 3.0  # the range in standard deviations
 _TYPICAL: Rgb = (140, 140, 140)
 _BENT: Rgb = (204, 121, 167)
@@ -29,52 +28,14 @@ _SLIDERS = (
 )
 
 
-def explanation(primitive: MovementPrimitive, *, is_open: bool = False) -> str:
-    """What a movement primitive is, in plain words, with a picture of this one, as HTML."""
-    facts = {
-        "name": primitive.name,
-        "n_demonstrations": len(primitive.durations),
-        "n_joints": primitive.n_joints,
-        "n_components": primitive.n_components,
-        "share": f"{100.0 * float(variance_shares(primitive).sum()):.0f}",
-    }
-    return part("explanation", facts, _curves(primitive), is_open)
-
-
-def _curves(primitive: MovementPrimitive) -> dict[str, Any]:
-    """Curves of the joint that moves most, as points of a picture that is 100 wide and 50 high."""
-    times = np.linspace(0.0, 1.0, 41)
-    typical = typical_demonstration(primitive)
-    chosen = np.unique(np.linspace(0, len(primitive.durations) - 1, _N_CURVES).astype(int))
-    motions = np.array([primitive.reproduction(i, primitive.durations[i] * times) for i in chosen])
-    # The joint that moves most, and the component that bends it most.
-    bends = np.abs(primitive.component_coefficients).sum(axis=2)
-    bends = bends * np.sqrt(primitive.explained_variance)[:, None]
-    joint = int(np.ptp(motions, axis=1).mean(axis=0).argmax())
-    deviations = np.zeros(primitive.n_components)
-    if deviations.size:
-        deviations[bends[:, joint].argmax()] = _SLIDER_RANGE
-    curves = [motions[..., joint]]
-    for sign in (0.0, 1.0, -1.0):
-        motion = bent_demonstration(primitive, typical, sign * deviations, len(times))
-        curves.append(motion.positions[None, :, joint])
-    shown = np.concatenate(curves)
-    low, high = shown.min(), max(shown.max(), shown.min() + 1e-6)
-    heights = 47.0 - 44.0 * (shown - low) / (high - low)
-    lines = [
-        " ".join(f"{100.0 * t:.1f},{y:.1f}" for t, y in zip(times, row, strict=True))
-        for row in heights
-    ]
-    return {
-        "joint": primitive.joint_names[joint],
-        "demonstrations": lines[:-3],
-        "typical": lines[-3],
-        "bent": lines[-2:] if deviations.any() else [],
-    }
+def explanation(primitive: MovementPrimitive) -> str:
+    """What a movement primitive is, in plain words with the numbers of this one, as HTML."""
+    share = f"{100.0 * float(variance_shares(primitive).sum()):.0f}"
+    return part("explanation", primitive, share)
 
 
 def bent_demonstration(
-    primitive: MovementPrimitive, index: int, deviations: ArrayLike, n_samples: int = _N_SAMPLES
+    primitive: MovementPrimitive, index: int, deviations: ArrayLike
 ) -> ShownMotion:
     """A demonstration as its weights reproduce it, bent by components.
 
@@ -86,11 +47,9 @@ def bent_demonstration(
         Index of the demonstration.
     deviations : array, shape (n_components,)
         Weight added to that of each component, in standard deviations of the demonstrations.
-    n_samples : int
-        Number of configurations.
     """
     duration = float(primitive.durations[index])
-    times = np.linspace(0.0, duration, n_samples)
+    times = np.linspace(0.0, duration, _N_SAMPLES)
     added = np.asarray(deviations) * np.sqrt(primitive.explained_variance)
     bend = primitive.basis.shape(added, times / duration)
     bend = bend - primitive.basis.shape(np.zeros_like(added), times / duration)
@@ -161,7 +120,7 @@ class ComponentsPanel:
     def _on_choice(self) -> None:
         gui, primitive = self._stage.server.gui, self._primitives[self._choice.value]
         self._index = typical_demonstration(primitive)
-        self._text.content = explanation(primitive, is_open=True)
+        self._text.content = explanation(primitive)
         for widget in self._widgets:
             widget.remove()
         self._widgets, self._sliders = [], {}

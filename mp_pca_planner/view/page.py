@@ -66,7 +66,7 @@ class ViewPage:
         self.components.set_open(name == COMPONENTS)
         self.world.set_open(name == WORLD)
         # Obstacles change the plan.
-        self.plan.set_open(name in (PLAN, WORLD), with_handles=name == PLAN)
+        self.plan.set_open(name in (PLAN, WORLD), with_handle=name == PLAN)
 
     def _add_panels(self) -> None:
         stage, gui, content = self.stage, self.server.gui, self._content

@@ -16,7 +16,6 @@ from ..arrays import FloatArray
 from ..execution.threads import PreemptiveWorker
 from ..motion.goal import Pose
 from ..planning.plan import AUTO, TIMINGS
-from .learned import explanation
 from .planning import (
     FIXED,
     InteractivePlanner,
@@ -31,8 +30,6 @@ from .stage import Player, ShownMotion, Stage, part
 NAME = "Plan"
 _TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."
 _CONTINUE, _RESET = "At the goal", "Reset"
-_ADD, _REMOVE = "Add", "Remove all"
-_MAX_VIAS = 4
 _NATURALNESS = (AUTO, "0", "0.01", "0.1", "1", "10")
 _OBJECTIVES = ("effort", "energy", "jerk", "straightness")
 _FORMATS = {"CSV": "motion.csv", "JSON": "motion.json", "Bag (.mcap)": "motion.mcap"}
@@ -86,15 +83,8 @@ class PlanPanel:
         stage.on_drag(self.handle, self._on_handle)
         gui = stage.server.gui
         gui.add_html(part("lines", [_TEXT]))
-        gui.add_html(explanation(planner.primitives[0]))
         self._verdict = gui.add_html("")
         self._add_goal()
-        self._vias: list[viser.TransformControlsHandle] = []
-        hint = "Places that the end effector passes, in order"
-        vias = gui.add_button_group("Points to pass", (_ADD, _REMOVE), hint=hint)
-        stage.on_click(
-            vias, lambda: self._on_add_via() if vias.value == _ADD else self._on_remove_vias()
-        )
         self._add_settings()
         with gui.add_folder("Limits used"):
             self._bars = gui.add_html("")
@@ -106,13 +96,12 @@ class PlanPanel:
         self._place_handle()
         self.submit()
 
-    def set_open(self, is_open: bool, *, with_handles: bool) -> None:
-        """Show the plan, and its handles or not."""
+    def set_open(self, is_open: bool, *, with_handle: bool) -> None:
+        """Show the plan, and its handle or not."""
         self._is_open = is_open
         self._ghost.visible = is_open
         self._draw_paths()
-        for handle in (self.handle, *self._vias):
-            handle.visible = with_handles
+        self.handle.visible = with_handle
         if is_open:
             self._player.show(self._motion)
 
@@ -232,33 +221,7 @@ class PlanPanel:
         start, goal = self._home
         self._place_handle(goal)
         self._player.seek(0.0)
-        self._on_remove_vias(start=start, goal=goal, pose=None)
-
-    def _on_add_via(self) -> None:
-        """Add a place to pass, where the end effector is in the middle of the present motion."""
-        if len(self._vias) == _MAX_VIAS:
-            return
-        plan = None if self.answer is None else self.answer.plan
-        motion = self._request.start[None] if plan is None else plan.trajectory.positions
-        (place,) = self._stage.path(motion[len(motion) // 2][None])
-        scene, size, name = self._stage.server.scene, self._stage.size, f"/vias/{len(self._vias)}"
-        handle = scene.add_transform_controls(
-            name, scale=0.1 * size, disable_rotations=True, depth_test=False, position=place
-        )
-        scene.add_icosphere(f"{name}/ball", 0.012 * size, color=_SHORT)
-        self._stage.on_drag(handle, lambda _: self._submit_vias())
-        self._vias.append(handle)
-        self._submit_vias()
-
-    def _submit_vias(self, **changes: Any) -> None:
-        vias = tuple(Pose(self._stage.frame, handle.position) for handle in self._vias)
-        self.submit(vias=vias, **changes)
-
-    def _on_remove_vias(self, **changes: Any) -> None:
-        for handle in self._vias:
-            handle.remove()
-        self._vias = []
-        self._submit_vias(**changes)
+        self.submit(start=start, goal=goal, pose=None)
 
     def _place_handle(self, q: FloatArray | None = None) -> None:
         """Put the handle onto the end effector in a configuration, by default at the goal."""

@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import CollisionModel
-from ..motion.goal import JointGoal, JointState, Pose, SequenceGoal
+from ..motion.goal import JointGoal, JointState, Pose
 from ..motion.interpolation import interpolate
 from ..motion.trajectory import Trajectory
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
@@ -47,8 +47,6 @@ class ViewRequest:
         The goal; if there is a pose, the configuration from which it is searched.
     pose : Pose or None
         The pose to reach.
-    vias : tuple of Pose
-        Positions to pass.
     naturalness : float, optional
         See :class:`.PlannerOptions`.
     objective : str
@@ -66,7 +64,6 @@ class ViewRequest:
     start: FloatArray
     goal: FloatArray
     pose: Pose | None = None
-    vias: tuple[Pose, ...] = ()
     naturalness: float | None = None
     objective: str = "effort"
     timing: str = AUTO
@@ -144,7 +141,8 @@ class InteractivePlanner:
             self._use_world(request.world)
             if request.pose is not None:
                 reached, distance = self._nearest(request.pose, request.goal)
-            goal = self._goal(request, reached)
+            duration = request.duration if request.timing == FIXED else None
+            goal = JointGoal(JointState(self.robot.joint_names, reached), duration)
             plan = self._planner(*options).plan(goal, start)
             reached = plan.trajectory.positions[-1]
             problem = "" if plan.is_executable else plan.message
@@ -173,14 +171,6 @@ class InteractivePlanner:
                 )
         elif self.collision.world is not world:
             self.collision.set_world(world)
-
-    def _goal(self, request: ViewRequest, configuration: FloatArray) -> JointGoal | SequenceGoal:
-        duration = request.duration if request.timing == FIXED else None
-        state = JointState(self.robot.joint_names, configuration)
-        if request.vias:
-            times = (*(None for _ in request.vias), duration)
-            return SequenceGoal((*request.vias, state), times)
-        return JointGoal(state, duration)
 
     def _new_planner(self, naturalness: float | None, objective: str, timing: str) -> Planner:
         options = PlannerOptions(

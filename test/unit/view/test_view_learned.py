@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A demonstration bent by components, and the clock that plays it."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -67,18 +66,11 @@ def test_what_is_bent_moves_as_far_as_the_demonstrations_also_where_half_of_them
     assert travel(mean) < 0.1 * shown  # what the page showed before
 
 
-def test_a_primitive_is_explained_with_its_own_numbers_and_curves():
+def test_a_primitive_is_explained_with_its_own_numbers():
     primitive = arm_primitive()
     text = explanation(primitive)
-    assert (
-        f"{len(primitive.durations)}\ntimes" in text or f"{len(primitive.durations)} times" in text
-    )
-    curves = re.findall(r'points="([^"]+)"', text)
-    points = np.array(
-        [[pair.split(",") for pair in curve.split()] for curve in curves], dtype=float
-    )
-    assert len(points) == min(len(primitive.durations), 25) + 3
-    assert points.min() >= 0.0 and points[..., 0].max() <= 100.0 and points[..., 1].max() <= 50.0
+    assert f"{len(primitive.durations)} times" in text
+    assert f"{primitive.n_components} components" in text
 
 
 def test_one_deviation_is_the_standard_deviation_of_the_demonstrations():

@@ -82,14 +82,6 @@ def test_obstacles_that_cannot_be_avoided_are_an_answer():
     assert answer.plan is None and "obstacles can't be avoided" in answer.problem
 
 
-def test_vias_are_passed():
-    via = np.add(wrist(0.5 * (START + GOAL)), [0.02, 0.0, 0.0])
-    answer = planner().answer(ViewRequest(START, GOAL, vias=(Pose(FRAME, via),)))
-    path = arm_robot().frame_positions(answer.plan.trajectory.positions, [FRAME])[:, 0]
-    assert answer.problem == ""
-    assert np.linalg.norm(path - via, axis=1).min() < 0.02  # between two samples
-
-
 @pytest.mark.parametrize("timing", ["demonstrated", "shortest", "free"])
 def test_every_timing_is_served(timing):
     answer = planner().answer(ViewRequest(START, GOAL, timing=timing))
