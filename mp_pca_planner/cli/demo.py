@@ -14,21 +14,19 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from ..arrays import FloatArray, text_table
 from ..exceptions import PlannerError
-from ..files import config_file, write_whole
+from ..files import config_file
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
-from ..plotting.motion import motion_figure, nearest_curves
+from ..plotting.motion import motion_figure
 from ..plotting.primitive import primitive_figure
 from ..plotting.style import picture, require_matplotlib
-from ..plotting.text import cells, prediction_words
+from ..plotting.text import prediction_words
 from ..primitives.build import build_primitive
 from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive
@@ -40,16 +38,17 @@ from .example_robots import EXAMPLE_ROBOTS, HUMAN_ARM, robot_file, write_example
 from .main import run_command
 from .terminal import DONE, FAILED, flush, say
 
+_DESCRIPTION = """\
+Record, build, plan and execute: the whole pipeline with a simulated human-like arm.
+
+The demo records demonstrations into a bag and builds primitives from them. It starts the planner
+node and a simulated robot. Another process sends goals, the robot executes the motions, and
+pictures show the results. With a ROBOT, it writes arm.urdf, session.mcap, limits.yaml and
+scene.yaml, builds reach.npz from the generated recording, and shows it on a page in the browser."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _GOOD = "executable"
-_COLUMNS = {
-    "duration [s]": ("duration", ".2f", ""),
-    "effort [N²m²s]": ("effort_cost", ".2f", ""),
-    "solve [ms]": ("solve_time_s", ".2f", "ms"),
-    "end error [rad]": ("goal_error", ".1g", ""),
-    "goal to trajectory [ms]": ("latency", ".2f", "ms"),
-    "arrival error [mrad]": ("arrival_error", ".3f", "mrad"),
-}
+_HEADER = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "goal to trajectory [ms]"]
+_HEADER += ["arrival error [mrad]", "checked on receipt"]
 # Numbers of recorded motions and of goals; the robot returns after each goal.
 _N_DEMONSTRATIONS, _N_GOALS = 30, 6
 # Seed of the goals, which are ends of motions that are not among the demonstrations.
@@ -61,38 +60,17 @@ _POSITION_ERROR, _SPEED, _START_ERROR = 1e-3, 1e-5, 1e-5
 _PATIENCE, _END_PATIENCE = 30.0, 10.0
 
 
-_DESCRIPTION = """\
-Record, build, plan and execute: the whole pipeline with a simulated human-like arm.
-
-The demo records demonstrations into a bag and builds primitives from them. It starts the planner
-node and a simulated robot. Another process sends goals, the robot executes the motions, and
-pictures show the results. With a ROBOT, it writes arm.urdf, session.mcap, limits.yaml and
-scene.yaml, builds reach.npz from the generated recording, and shows it on a page in the browser."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = _DESCRIPTION
-    names = [HUMAN_ARM, *EXAMPLE_ROBOTS]
-    parser.add_argument(
-        "robot",
-        metavar="ROBOT",
-        nargs="?",
-        choices=names,
-        help=f"one of {', '.join(names)}; the last ones come with the extra 'example'",
-    )
-    parser.add_argument(
-        "--output",
-        metavar="DIR",
-        type=Path,
-        default=Path("demo_output"),
-        help="folder of the results (default: %(default)s)",
-    )
-    of_robot = parser.add_mutually_exclusive_group()
-    of_robot.add_argument(
-        "--node", action="store_true", help="run the node and a simulated ROBOT, not the page"
-    )
-    of_robot.add_argument("--files", action="store_true", help="only write the files of ROBOT")
+    robots = [HUMAN_ARM, *EXAMPLE_ROBOTS]
+    about = f"{', '.join(robots)}; all but the first need the extra 'example'"
+    parser.add_argument("robot", metavar="ROBOT", nargs="?", choices=robots, help=about)
+    output, about = Path("demo_output"), "folder of the results (default: %(default)s)"
+    parser.add_argument("--output", metavar="DIR", type=Path, default=output, help=about)
+    modes = parser.add_mutually_exclusive_group()
+    modes.add_argument("--node", action="store_true", help="run node and simulated ROBOT, no page")
+    modes.add_argument("--files", action="store_true", help="only write the files of ROBOT")
     parser.add_argument("--force", action="store_true", help="overwrite files of ROBOT")
 
 
@@ -104,36 +82,32 @@ def run(arguments: argparse.Namespace) -> int:
     make_folder(folder)
     files = write_example(arguments.robot, folder, force=arguments.force)
     say(f"written: {', '.join(map(str, files))}")
-    return DONE if arguments.files else _show(arguments.robot, files, with_node=arguments.node)
-
-
-def _show(name: str, files: Sequence[Path], *, with_node: bool) -> int:
-    """Learn a primitive, and show it on the page or serve goals until Ctrl-C."""
-    session, urdf, *others = files
-    file = session.with_name("reach.npz")
-    _, _, joints = robot_file(name)
-    _learn(session, file, Robot.from_file(urdf, joints))
-    limits = ["--limits", str(others[0])] if others else []
-    if not with_node:
-        return run_command("view", [str(file), "--robot", str(urdf), *limits])
-    node = ["--ros-args", "-p", f"primitives:=['{file}']", "--log-level", "warn"]
-    node += ["-p", f"limits_file:={others[0]}"] if others else []
-    with _children(["planner_node", *node], ["simulate", "--robot", str(urdf)]):
-        say("The node and a simulated robot run until Ctrl-C; send goals by 'mp-pca send_goal'")
+    if arguments.files:
+        return DONE
+    session, urdf, *others = map(str, files)
+    primitive = folder / "reach.npz"
+    _, _, joints = robot_file(arguments.robot)
+    _learn(Path(session), primitive, Robot.from_file(urdf, joints))
+    if not arguments.node:
+        limits = ["--limits", others[0]] if others else []
+        return run_command("view", [str(primitive), "--robot", urdf, *limits])
+    limits = ["-p", f"limits_file:={others[0]}"] if others else []
+    node = ["planner_node", "--ros-args", "-p", f"primitives:=['{primitive}']", *limits]
+    with _children(node, ["simulate", "--robot", urdf]), suppress(KeyboardInterrupt):
+        say("The node and a simulated robot run until Ctrl-C. Goals: mp-pca send_goal")
         flush()
-        with suppress(KeyboardInterrupt):  # the usual end
-            threading.Event().wait()
+        threading.Event().wait()
     return DONE
 
 
-def _learn(bag: Path, file: Path, robot: Robot) -> tuple[MovementPrimitive, FloatArray]:
-    """Build a primitive from a recording; returns it and its motions on common phases."""
+def _learn(bag: Path, file: Path, robot: Robot) -> MovementPrimitive:
+    """Build a primitive from a recording."""
     motions = load_recordings([bag], joints=robot.joint_names).demonstrations
     primitive = build_primitive(motions, file.stem)
     save_primitive(primitive, file, overwrite=True)
     say(f"   {len(motions)} motions, {primitive.n_components} components: {file}")
     say(f"   {prediction_words(primitive)}")
-    return primitive, np.array([motion.time_normalised(101) for motion in motions])
+    return primitive
 
 
 def _pipeline(folder: Path) -> int:
@@ -143,29 +117,28 @@ def _pipeline(folder: Path) -> int:
     require_matplotlib()
     make_folder(folder)
     bag, file, arm = folder / "recording", folder / "arm_raising.npz", config_file("human_arm.urdf")
-    n = _N_DEMONSTRATIONS
-    say(f"1. Recording {n} arm-raising motions, and returns between them, into {bag}")
-    write_example_recording(bag, n)
+    say(f"1. Recording {_N_DEMONSTRATIONS} arm-raising motions and returns into {bag}")
+    write_example_recording(bag, _N_DEMONSTRATIONS)
     say("2. Building primitives from the bag")
     robot = Robot.from_file(arm, JOINT_NAMES)
-    primitive, shown = _learn(bag, file, robot)
+    primitive = _learn(bag, file, robot)
     say("", "3. Starting the planner node and a simulated robot, sending goals over ROS 2 topics")
     os.environ.update(this_machine_only())
     goals = [motion.positions[[0, -1]] for motion in generate_motions(_N_GOALS, _GOAL_SEED)]
     home = goals[0][0]
     start = ",".join(f"{name}={q}" for name, q in zip(JOINT_NAMES, home, strict=True))
-    parameters = {"primitives": [str(file)], "robot_description": arm.read_text(encoding="utf-8")}
-    content = {"mp_pca_planner": {"ros__parameters": parameters}}
-    write_whole(folder / "planner.yaml", yaml.safe_dump(content).encode(), overwrite=True)
-    node = ["--ros-args", "--params-file", str(folder / "planner.yaml"), "--log-level", "warn"]
+    node = ["planner_node", "--ros-args", "--log-level", "warn", "-p", f"primitives:=['{file}']"]
+    simulation = ["simulate", "--robot", str(arm), "--start", start]
     record = ["--record", str(folder / "commands.npz"), "--force"]
-    simulation = ["simulate", "--robot", str(arm), "--start", start, *record]
-    with _children(["planner_node", *node], simulation):
-        ends = [end for _, goal in goals for end in (goal, home)]
-        rows, motions = _serve(robot, home, ends)
-    header = ["goal", *_COLUMNS, "checked on receipt"]
-    say(*text_table(rows, header=header).splitlines(), "", f"4. Drawing into {folder}")
-    say(*(f"   {path}" for path in _draw(folder, primitive, shown, robot, motions)))
+    with _children(node, [*simulation, *record]):
+        rows, motions = _serve(robot, home, [end for _, goal in goals for end in (goal, home)])
+    say(*text_table(rows, header=_HEADER).splitlines(), "", f"4. Drawing into {folder}")
+    with picture(folder / "primitive.png", force=True) as figure:
+        primitive_figure(figure, primitive, title="Demonstrations, mean shape and components")
+    if motions:
+        with picture(folder / "motion.png", force=True) as figure:
+            title = "Motion to the first goal"
+            motion_figure(figure, {"planned": motions[0]}, title, robot.limits())
     return DONE if all(row[-1] == _GOOD for row in rows) else FAILED
 
 
@@ -173,8 +146,8 @@ def _pipeline(folder: Path) -> int:
 def _children(*commands: Sequence[str]) -> Iterator[None]:
     """Run commands of this package, and end them with the block; their stdout is discarded.
 
-    The first SIGINT, SIGTERM or SIGHUP raises KeyboardInterrupt, once they are started; from then
-    on, signals are ignored.
+    The first SIGINT, SIGTERM or SIGHUP raises KeyboardInterrupt, once they are started; later ones
+    are ignored.
     """
     processes: list[subprocess.Popen[bytes]] = []
     is_starting, is_interrupted = True, False
@@ -185,7 +158,8 @@ def _children(*commands: Sequence[str]) -> Iterator[None]:
         if is_first and not is_starting:
             raise KeyboardInterrupt
 
-    previous: dict[int, Any] = {number: signal.signal(number, interrupt) for number in _SIGNALS}
+    for number in _SIGNALS:
+        signal.signal(number, interrupt)
     try:
         for words in commands:
             command = [sys.executable, "-m", __package__.partition(".")[0], *words]
@@ -204,8 +178,6 @@ def _children(*commands: Sequence[str]) -> Iterator[None]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def _serve(
@@ -231,7 +203,7 @@ def _serve(
     with GoalClient() as client:
         client.node.create_subscription(Message, "joint_states", measure, 10)
         client.wait_for_node()
-        client.wait(lambda: is_at(home), _PATIENCE, "has no robot at rest")
+        client.wait(partial(is_at, home), _PATIENCE, "has no robot at rest")
         client.wait_for_diagnostics(lambda values: values["text"] == READY)
         for goal in goals:
             start = state[0].copy()
@@ -241,10 +213,11 @@ def _serve(
                 motions.append(to_trajectory(answer.trajectory))
                 verdict = _verdict(robot, motions[-1], start)
                 client.wait(partial(is_at, goal), _PATIENCE, "moved no robot to the goal")
-            found = {name: answer.values.get(name) for name, _, _ in _COLUMNS.values()}
-            values = {name: None if text is None else float(text) for name, text in found.items()}
-            values |= {"latency": answer.latency, "arrival_error": np.abs(state[0] - goal).max()}
-            rows.append([str(len(rows) + 1), *cells(values, _COLUMNS), verdict])
+            names = ("duration", "effort_cost", "solve_time_s")
+            numbers = [float(answer.values.get(name, "nan")) for name in names]
+            numbers += [answer.latency or np.nan, np.abs(state[0] - goal).max()]
+            shown = np.multiply(numbers, [1.0, 1.0, 1e3, 1e3, 1e3])
+            rows.append([str(len(rows) + 1), *(f"{x:.2f}" for x in shown), verdict])
     return rows, motions
 
 
@@ -258,25 +231,3 @@ def _verdict(robot: Robot, motion: Trajectory, start: FloatArray) -> str:
     except PlannerError as error:
         return str(error)
     return _GOOD
-
-
-def _draw(
-    folder: Path,
-    primitive: MovementPrimitive,
-    shown: FloatArray,
-    robot: Robot,
-    motions: Sequence[Trajectory],
-) -> list[Path]:
-    pictures = [folder / "primitive.png", folder / "motion.png"]
-    with picture(pictures[0], force=True) as figure:
-        title = "Demonstrations, and mean shape with principal components (±1 standard deviation)"
-        primitive_figure(figure, primitive, shown, title)
-    if not motions:
-        return pictures[:1]
-    motion = motions[0]
-    ends = motion.positions[[0, -1]]
-    behind = nearest_curves(primitive, motion.joint_names, ends, 0.0, motion.duration)
-    with picture(pictures[1], force=True) as figure:
-        title = "Motion to the first goal"
-        motion_figure(figure, {"planned": motion}, title, robot.limits(), curves=behind)
-    return pictures

@@ -27,20 +27,7 @@ EXAMPLE_ROBOTS = {
 }
 DEMONSTRATIONS_SEED = 1
 """Seed of the demonstrations."""
-
-# Centres of balls on the path of the hand [m]: those of robots with limits of accelerations.
-_BALLS = {HUMAN_ARM: (0.40, -0.57, -0.15), "panda": (0.50, 0.10, 0.52)}
-_SCENE = """\
-name: ball on the path
-world:
-  collision_objects:
-    - id: ball
-      header: {{frame_id: ""}}
-      operation: 0
-      pose: {{position: {{x: {}, y: {}, z: {}}}, orientation: {{w: 1.0}}}}
-      primitives: [{{type: 2, dimensions: [0.05]}}]
-      primitive_poses: [{{position: {{x: 0.0, y: 0.0, z: 0.0}}, orientation: {{w: 1.0}}}}]
-"""
+_WITH_SCENE = (HUMAN_ARM, "panda")
 
 
 def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
@@ -79,30 +66,31 @@ def demonstrations_of(
 
 
 def write_example(name: str, folder: Path, *, force: bool) -> list[Path]:
-    """Write arm.urdf and session.mcap, and where they are known limits.yaml and scene.yaml."""
+    """Write session.mcap, arm.urdf and, of two robots, limits.yaml and scene.yaml."""
     _, source, joints = robot_file(name)
     robot = Robot.from_file(source, joints)
     # Paths of meshes that hold in every folder.
     package = next((one for one in source.parents if one.name == "example-robot-data"), "")
     urdf = read_text(source).replace("package://example-robot-data/", f"file://{package}/")
-    contents, limits = {"arm.urdf": urdf}, None
-    if name in _BALLS:
-        limits = config_file(f"{name}_joint_limits.yaml")
-        contents |= {"limits.yaml": read_text(limits), "scene.yaml": _SCENE.format(*_BALLS[name])}
+    contents, limits = {"arm.urdf": urdf}, robot.limits()
+    if name in _WITH_SCENE:
+        limits_file = config_file(f"{name}_joint_limits.yaml")
+        contents["limits.yaml"] = read_text(limits_file)
+        contents["scene.yaml"] = read_text(config_file(f"{name}_scene.yaml"))
+        limits = robot.limits(limits_file)
     files = [folder / "session.mcap", *(folder / file for file in contents)]
     for file in files:
         check_writable(file, overwrite=force)
-    motions = demonstrations_of(name, robot, robot.limits(limits or {}))
+    motions = demonstrations_of(name, robot, limits)
     if name == HUMAN_ARM:
         found = continuous_recording(motions, seed=DEMONSTRATIONS_SEED)
     else:
         others = [joint for joint in robot.movable_joints if joint not in robot.joint_names]
         bounds = robot.with_joints(others).limits()
-        resting = np.clip(0.0, bounds.lower, bounds.upper).tolist()
-        still = dict(zip(others, resting, strict=True))
-        found = reach_recording(motions, still, seed=DEMONSTRATIONS_SEED)
-    for file_name, text in contents.items():
-        write_whole(folder / file_name, text.encode(), overwrite=force)
-    stamps, positions = found.stamps, found.positions
-    write_joint_states(files[0], "mcap", found.joint_names, stamps, positions, overwrite=force)
+        still = zip(others, np.clip(0.0, bounds.lower, bounds.upper).tolist(), strict=True)
+        found = reach_recording(motions, dict(still), seed=DEMONSTRATIONS_SEED)
+    for file, text in zip(files[1:], contents.values(), strict=True):
+        write_whole(file, text.encode(), overwrite=force)
+    names, stamps, positions = found.joint_names, found.stamps, found.positions
+    write_joint_states(files[0], "mcap", names, stamps, positions, overwrite=force)
     return files

@@ -14,8 +14,11 @@ import pytest
 from support.domains import lease_domain
 from support.patience import HANG
 
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.file import load_primitive
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.robot.model import Robot
+from mp_pca_planner.robot.world import World
 
 
 def test_the_demo_goes_the_whole_way_and_leaves_pictures(tmp_path):
@@ -34,7 +37,7 @@ def test_the_demo_goes_the_whole_way_and_leaves_pictures(tmp_path):
     assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert sum(line.endswith("  executable") for line in lines) == 12
-    errors = [float(line.split()[6]) for line in lines if line.endswith("  executable")]
+    errors = [float(line.split()[5]) for line in lines if line.endswith("  executable")]
     assert max(errors) < 1.0
     folder = tmp_path / "out"
     # The arm was commanded to all of the goals: it raised itself six times.
@@ -96,3 +99,16 @@ def test_without_ros_the_demo_names_the_extra(tmp_path):
     assert done.returncode == 2
     assert "mp_pca_planner[ros]" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_files_of_an_example_are_written_and_kept(tmp_path, capsys):
+    words = ["demo", "human_arm", "--files", "--output", str(tmp_path)]
+    assert main(words) == 0
+    names = ("arm.urdf", "limits.yaml", "scene.yaml", "session.mcap")
+    assert sorted(path.name for path in tmp_path.iterdir()) == list(names)
+    assert len(load_recordings([tmp_path / "session.mcap"]).demonstrations) >= 40
+    robot = Robot.from_file(tmp_path / "arm.urdf")
+    robot.limits(tmp_path / "limits.yaml")
+    assert len(list(World.from_file(tmp_path / "scene.yaml"))) == 1
+    assert main(words) == 2
+    assert "--force" in capsys.readouterr().err
