@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 
 from support.view_browser import SIZE, chromium
 from view_animation import panda
 
+from mp_pca_planner.robot.world import Box, Obstacle, World
 from mp_pca_planner.view.page import ViewPage
 
 
 def main() -> None:
     """Write the picture."""
-    with ViewPage(panda(), port=0) as page, chromium() as browser:
+    in_the_way = World([Obstacle("box", Box((0.15, 0.1, 0.3), (0.57, 0.05, 0.15)))])
+    with ViewPage(replace(panda(), world=in_the_way), port=0) as page, chromium() as browser:
         page.player.seek(0.4)  # without a GPU, a browser is slow while the robot moves
         tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
         tab.set_default_timeout(180e3)

@@ -236,7 +236,7 @@ def answer_html(answer: PlanAnswer) -> str:
     score = f"{in_span_words(plan.in_span_score)} (score {plan.in_span_score:.1f})"
     rows = [
         ("Primitive", plan.primitive),
-        ("Duration", f"{plan.duration:.2f} s{plan.could_take}"),
+        ("Duration", f"{plan.duration:.2f} s"),
         ("Effort", _effort(plan)),
         ("The goal is", score),
         ("Planned in", f"{1e3 * answer.seconds:.0f} ms"),
