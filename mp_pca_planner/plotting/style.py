@@ -274,17 +274,12 @@ def environment() -> Environment:
     return made
 
 
-def image_address(content: io.BytesIO) -> str:
-    """A PNG image as a data URI."""
-    return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode("ascii")
-
-
 def figure_address(plot: Callable[[Figure], object]) -> str:
     """A new figure, drawn by a function, as a data URI."""
     content = io.BytesIO()
     with picture(content) as figure:
         plot(figure)
-    return image_address(content)
+    return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode("ascii")
 
 
 Line = dict[str, Any]
