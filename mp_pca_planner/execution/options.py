@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Constants of tracking, serving and stopping, with their units.
 
-The values were tuned in campaigns of benchmarks/moving_robot.py. Distances are the largest of all
+The values were tuned in campaigns of moving robots. Distances are the largest of all
 joints [rad or m].
 """
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Thirty damaged sets of recordings with known truth: what is learned, rejected and named.
 
-    python3 benchmarks/damaged_sets.py [--only NAME …]
+    python3 -m campaigns.damaged_sets [--only NAME …]
 
 A demonstration that is no whole motion of its recording is a half motion. The exit status is 1 if
 there is one, if a recording is rejected that is good or for another reason than its damage, or if a

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuzz test of the commands that read files, with corrupted files of every format.
 
-    python3 benchmarks/fuzz.py [--inputs 20000] [--formats npz,mcap] [--seed 0] [--jobs 2]
-    python3 benchmarks/fuzz.py --formats mcap --only 17      # one input, with its traceback
+    python3 -m campaigns.fuzz [--inputs 20000] [--formats npz,mcap] [--seed 0] [--jobs 2]
+    python3 -m campaigns.fuzz --formats mcap --only 17      # one input, with its traceback
 
 Each input is a valid file that is corrupted at random (`fuzz_files`); its number is the seed. A
 command may succeed or reject the input: it exits with 0, 1 or 2 and prints one line of error. It

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Test of crash safety: processes are killed while they write, and earlier files stay intact.
 
-    python3 benchmarks/kills.py [--kills 200] [--node-kills 50] [--seed 0]
+    python3 -m campaigns.kills [--kills 200] [--node-kills 50] [--seed 0]
 
 `library add`, `build_primitives --force`, `refine --trials --force`, and the node while it serves
 ~/save_motion get a SIGKILL after their first write. Then each earlier file must hold its complete

@@ -17,7 +17,7 @@ some tenths of a milliradian as they accelerate. A delay of up to 5 ms is indist
 servo lag. (3) A stop of a slowed robot does not wait until the speed is steady. (4) A controller
 that restarts shortly before the end of a motion holds a position close to that end.
 
-    python benchmarks/moving_robot.py [--events 1000] [--robots panda,ur5] [--seed 0] [--json]
+    python3 -m campaigns.moving_robot [--events 1000] [--robots panda,ur5] [--seed 0] [--json]
 
 Exits with 1 if a command exceeded a limit by more than 1 %, or jumped by more than 0.2 mrad in a
 millisecond. It also exits with 1 if a goal got no report or several, a motion got no execution

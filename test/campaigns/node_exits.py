@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Repeated starts and stops of the node: times until it is ready, and exit statuses.
 
-Run it as ``python benchmarks/node_exits.py``. Times count from the start of the interpreter: until
+Run it as ``python3 -m campaigns.node_exits``. Times count from the start of the interpreter: until
 the node reports that it is ready, and until a running client receives the report on its first goal.
 Of two signals, the second is sent at a random moment of the shutdown.
 

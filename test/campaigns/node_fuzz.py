@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuzz test of the node: random messages on every topic, odd values for every parameter.
 
-Run it as ``python benchmarks/node_fuzz.py``. After each step, the services are called, the
+Run it as ``python3 -m campaigns.node_fuzz``. After each step, the services are called, the
 parameters are reset, and a valid goal must be served. During each step, another process calls
 ``~/stop``, which has to answer within 50 ms on a machine that does nothing else. The script exits
 with status 1 if the node dies, does not answer, answers later, or reports an internal error.

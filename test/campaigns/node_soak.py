@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Soak test of the node: valid, invalid and mixed goals from three processes at once.
 
-Run it as ``python benchmarks/node_soak.py``; joint states are published at 500 Hz meanwhile. The
+Run it as ``python3 -m campaigns.node_soak``; joint states are published at 500 Hz meanwhile. The
 script exits with status 1 if a goal gets a wrong answer, a motion is missing, or the memory grows
 by 5 MB.
 

@@ -9,7 +9,7 @@ motion that was running. The goal is 0.3 s or more. Obstacles with which the rob
 less than 0.8 s, or collides already, are not counted. Then the obstacle is removed, and the robot
 has to go on to its goal; if not, the log of the node follows::
 
-    python benchmarks/obstacle_stops.py [--trials 200] [--primitives 300] [--quiet]
+    python3 -m campaigns.obstacle_stops [--trials 200] [--primitives 300] [--quiet]
 
 The script exits with status 1 if a reaction comes later, or a robot does not go on.
 """

@@ -8,7 +8,7 @@ parameters, robot descriptions, huge and malformed messages, and mesh files that
 are the median and the longest time for each kind, and the longest pause of the node's safety thread
 by its own diagnostics. The goal is 50 ms on a machine that does nothing else::
 
-    python benchmarks/stop_latency.py [--seconds 5] [--primitives 300]
+    python3 -m campaigns.stop_latency [--seconds 5] [--primitives 300]
 
 The script exits with status 1 if an answer takes longer, or is missing.
 """

@@ -9,7 +9,7 @@ states. Plain calls of Pinocchio check the commands after the stop every millise
 time the search for a clear stop is not cut off, as it is in the node
 (`Serving.clearance_time`).
 
-    python benchmarks/stops.py [--stops 200] [--obstacles 20] [--robots panda,ur5] [--seed 0]
+    python3 -m campaigns.stops [--stops 200] [--obstacles 20] [--robots panda,ur5] [--seed 0]
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ planner node plans the first motion; trials of it, scaled and warped, are execut
 into a bag from the robot's joint_states topic; the best becomes a new primitive, which the node
 loads to plan the same goal again.
 
-    PYTHONPATH=.:benchmarks python3 test/integration/learning_loop.py [--trials 20]
+    PYTHONPATH=.:test python3 test/integration/learning_loop.py [--trials 20]
 
 needs ROS 2 and the extras `learn` and `plot`. Leaves the bags, the primitives, and a picture of
 the cost over the trials.

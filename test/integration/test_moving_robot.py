@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots that move, and goals that come in any rhythm: a short campaign in virtual time.
 
-`benchmarks/moving_robot.py` runs a long one.
+`test/campaigns/moving_robot.py` runs a long one.
 """
 
 from __future__ import annotations

@@ -224,7 +224,7 @@ def test_node_that_was_told_all_that_serves_goals_when_its_parameters_are_as_bef
     assert list(trajectory.points[-1].positions) == GOAL
 
 
-# `benchmarks/node_fuzz.py` does more of these.
+# `test/campaigns/node_fuzz.py` does more of these.
 
 
 @pytest.fixture(scope="module")
