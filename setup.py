@@ -88,13 +88,14 @@ setup(
         "plot": ["matplotlib>=3.6", "jinja2>=3.0"],
         # The page in the browser.
         "view": ["jinja2>=3.0", "rich>=13.0", "viser>=1.1"],
-        # Other ways to motions, to compare with: ProMP, DMP, optimal control, time-optimal paths.
+        # To compare with: ProMP, DMP, optimal control, time-optimal paths; arms of another physics.
         "peers": [
             "movement_primitives>=0.9",
             "pytransform3d>=3.5",  # movement_primitives imports it, but doesn't ask for it
             "crocoddyl>=3.2",
             "toppra>=0.6.9",
             "mujoco>=3.3",
+            "mujoco-menagerie",
             "example-robot-data-loaders>=4.4",  # brings the models, example-robot-data
         ],
         # Datasets of LeRobot as demonstrations: their Parquet files are read.

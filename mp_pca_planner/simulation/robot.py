@@ -301,7 +301,7 @@ class SimulatedRobot:
         self.rejections: list[tuple[float, str]] = []
         self.n_received = 0
         self.taken: list[tuple[int, int]] = []
-        self._plant = Plant(robot, q)
+        self.plant = Plant(robot, q)
         self.controller = TrajectoryController(self.joint_names, q, robot.continuous)
         self.time_ns = self.state_time_ns = time_ns
         self.state_period_ns = round(NS_PER_S / state_rate)
@@ -369,7 +369,7 @@ class SimulatedRobot:
             self._activate(faults.active)
         if faults.payload != self._payload:
             self._payload = faults.payload
-            self._plant.set_payload(self._payload)
+            self.plant.set_payload(self._payload)
         while self._under_way and self._under_way[0][0] <= self.time_ns:
             self._deliver(*self._under_way.popleft()[1:])
         self._measured = self._measure()
@@ -379,12 +379,12 @@ class SimulatedRobot:
         controller.speed_scaling = self._filters[-1]
         command = controller.update(self.time_ns, CYCLE_NS, self._measured)
         clock, rows = controller.clock_ns / NS_PER_S, command.reshape(3, -1)
-        self.record.append(self.time, clock, controller.speed_scaling, *rows, self._plant.q)
+        self.record.append(self.time, clock, controller.speed_scaling, *rows, self.plant.q)
         if not faults.silent and self.time_ns - self.state_time_ns >= self.state_period_ns:
             self._state, self.state_time_ns = self._measured, self.time_ns
         # Drives ignore NaN.
         if math.isfinite(rows[0].sum()):
-            self._plant.step(rows[0])
+            self.plant.step(rows[0])
 
     def set_time(self, time_ns: int) -> None:
         """Set the clock [ns]; neither the arm nor its controller moves meanwhile."""
@@ -420,7 +420,7 @@ class SimulatedRobot:
             self.taken.append((len(self.record), len(message.points)))
 
     def _measure(self) -> tuple[FloatArray, FloatArray]:
-        q, v = self._plant.q, self._plant.v
+        q, v = self.plant.q, self.plant.v
         if self.faults.noise == 0.0:
             return q, v
         noise = self.faults.noise * self._noise.standard_normal((2, len(q)))
