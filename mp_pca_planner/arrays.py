@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from .exceptions import PlannerError, printable, quote_names, shown
+from .exceptions import GoalError, PlannerError, printable, quote_names, shown, unknown_name
 
 FloatArray = NDArray[np.float64]
 
@@ -309,6 +309,62 @@ def by_name(names: Sequence[str], values: FloatArray) -> dict[str, float]:
 def name_values(values: Mapping[str, float]) -> str:
     """Format values as ``a=0.1, b=-1.2``, the form that commands accept."""
     return ", ".join(f"{name}={value:.6g}" for name, value in values.items())
+
+
+def read_numbers(text: str, what: str) -> list[float]:
+    """Read finite numbers separated by spaces or commas, also in square brackets.
+
+    Raises
+    ------
+    GoalError
+        If one is no finite number.
+    """
+    inner = text.strip()
+    inner = inner[1:-1] if inner[:1] == "[" and inner[-1:] == "]" else inner
+    found = []
+    for part in inner.replace(",", " ").split():
+        try:
+            found.append(float(part))
+        except ValueError:
+            raise GoalError(f"{what} is '{part}', not a number") from None
+        if not np.isfinite(found[-1]):
+            raise GoalError(f"{what} is '{part}', but only finite numbers are accepted")
+    return found
+
+
+def read_values(
+    text: str, what: str, kind: str, names: Sequence[str] | None = None, default: str = ""
+) -> dict[str, float]:
+    """Read ``name=value,…``.
+
+    Parameters
+    ----------
+    text : str
+        The values.
+    what, kind : str
+        What is read, and of what, for messages.
+    names : sequence of str, optional
+        The names that are accepted; all unless given.
+    default : str
+        The value of a name alone.
+
+    Raises
+    ------
+    GoalError
+        If a name is unknown or repeated, or a value is no finite number.
+    """
+    values: dict[str, float] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, _, number = (piece.strip() for piece in part.partition("="))
+        if not name or (names is not None and name not in names):
+            raise GoalError(f"{what}: {unknown_name(kind, name, names or ())}")
+        if name in values:
+            raise GoalError(f"{what}: {kind} '{name}' is given more than once")
+        found = read_numbers(number or default, f"{what}: the value of {kind} '{name}'")
+        if len(found) != 1:
+            raise GoalError(f"{what}: {kind} '{name}' needs a value, as in name=value,…")
+        values[name] = found[0]
+    return values
 
 
 def text_table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:

@@ -8,27 +8,12 @@ import argparse
 import math
 from collections.abc import Callable, Collection, Sequence
 
-import numpy as np
-
-from ..exceptions import GoalError, unknown_name
+from ..arrays import read_numbers, read_values
+from ..exceptions import GoalError
 from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.options import AUTO
 from ..robot.model import Robot
 from .options import Stop, seconds
-
-
-def number_list(text: str, what: str) -> list[float]:
-    """Read numbers separated by spaces or commas, also in square brackets.
-
-    Raises
-    ------
-    GoalError
-        If there is none, or one is no finite number.
-    """
-    parts = _without_brackets(text).replace(",", " ").split()
-    if not parts:
-        raise GoalError(f"{what} '{text}' must be numbers, separated by spaces")
-    return [_finite(part, f"a number of {what}") for part in parts]
 
 
 def joint_values(
@@ -57,52 +42,27 @@ def joint_values(
         If a name is unknown or repeated, a value is no finite number, or the number of
         values in a list is not that of the joints.
     """
-    separated = _without_brackets(text).replace(" ", ",").split(",")
-    parts = [part.strip() for part in separated if part.strip()]
-    named = ["=" in part for part in parts]
-    if not parts or any(named) != all(named):
-        raise GoalError(
-            f"{what} '{text}' must be name=value,… or {len(names)} values in {kind} order"
-        )
-    if not named[0]:
-        if len(parts) != len(names):
+    if "=" in text:
+        values = read_values(text.strip(" []").replace(" ", ","), what, kind, names)
+    else:
+        numbers = read_numbers(text, f"{what}, name=value,… or a list,")
+        if not numbers:
             raise GoalError(
-                f"{what} has {len(parts)} values, but there are {len(names)} {kind}s: "
+                f"{what} '{text}' must be name=value,… or {len(names)} values in {kind} order"
+            )
+        if len(numbers) != len(names):
+            raise GoalError(
+                f"{what} has {len(numbers)} values, but there are {len(names)} {kind}s: "
                 f"{', '.join(names)}"
             )
-        parts = [f"{name}={part}" for name, part in zip(names, parts, strict=True)]
-    values: dict[str, float] = {}
-    for part in parts:
-        name, _, number = (piece.strip() for piece in part.partition("="))
-        if name not in names:
-            raise GoalError(f"{what}: {unknown_name(kind, name, names)}")
-        if name in values:
-            raise GoalError(f"{what}: {kind} '{name}' is given more than once")
-        value = _finite(number, f"{what}: value of {kind} '{name}'")
-        values[name] = math.radians(value) if name in angles else value
-    return values
-
-
-def _without_brackets(text: str) -> str:
-    """The text of a list such as ``[0.1, 0.2]`` without its brackets."""
-    inner = text.strip()
-    return inner[1:-1] if inner[:1] == "[" and inner[-1:] == "]" else text
+        values = dict(zip(names, numbers, strict=True))
+    return {name: math.radians(x) if name in angles else x for name, x in values.items()}
 
 
 def angles_in_degrees(arguments: argparse.Namespace, robot: Robot) -> tuple[str, ...]:
     """The joints whose values are in degrees: with ``--degrees``, all that turn."""
     turning = (name for name in robot.joint_names if name not in robot.prismatic_joints)
     return tuple(turning) if arguments.degrees else ()
-
-
-def _finite(text: str, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise GoalError(f"{what} is '{text}', not a number") from None
-    if not np.isfinite(value):
-        raise GoalError(f"{what} is '{text}', but only finite numbers are accepted")
-    return value
 
 
 def start_positions(arguments: argparse.Namespace, robot: Robot) -> dict[str, float]:
@@ -205,7 +165,7 @@ def pose(frame: str, text: str, option: str) -> Pose:
     GoalError
         If these are not three or seven numbers, or the quaternion is not of length 1.
     """
-    numbers = number_list(text, option)
+    numbers = read_numbers(text, option)
     if len(numbers) not in (3, 7):
         raise GoalError(
             f"{option} '{text}' has {len(numbers)} numbers, but a position has 3 (x y z) and a "

@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
+from ..arrays import read_numbers
 from ..exceptions import GoalError, quote_names
 from ..execution.serving.execution import MotionOutcome
 from ..motion.goal import JointState
@@ -28,7 +29,7 @@ from ..ros.client import (
 )
 from ..ros.goal_messages import to_pose_message, to_sequence_message
 from .common import print_json, reported, show
-from .goal_arguments import joint_values, number_list, pose, sequence_goal
+from .goal_arguments import joint_values, pose, sequence_goal
 from .options import add_node, add_targets, number
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
 
@@ -182,13 +183,11 @@ def _joints_of_list(arguments: argparse.Namespace, client: GoalClient, goal: str
     GoalError
         If it is no list of numbers.
     """
-    try:
-        number_list(goal, "the goal")
-    except GoalError as error:
+    if not read_numbers(goal, "the goal, name=value,… or a list,"):
         raise GoalError(
-            f"{error}; a goal is name=value,… or a list of numbers in the joint order of the robot "
-            "description"
-        ) from None
+            "the goal is empty; a goal is name=value,… or a list of numbers in the joint order of "
+            "the robot description"
+        )
     longest = arguments.wait or arguments.timeout
     client.wait_for_node(longest, with_trajectory=False)
     values = client.wait_for_diagnostics(

@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from ..arrays import read_values
 from ..exceptions import (
     MissingDependencyError,
     PlannerError,
@@ -36,17 +37,7 @@ def locked_positions(text: str) -> dict[str, float]:
     PlannerError
         If it has another form.
     """
-    found: dict[str, float] = {}
-    for part in filter(None, (part.strip() for part in text.split(","))):
-        name, _, number = (piece.strip() for piece in part.partition("="))
-        value = _numbers(number)
-        if not name or name in found or len(value) != 1:
-            raise PlannerError(
-                f"parameter 'locked_joints': '{part:.80}' is not accepted; expected name=value,… "
-                "with each joint once and finite numbers"
-            )
-        found[name] = value[0]
-    return found
+    return read_values(text, "parameter 'locked_joints'", "joint")
 
 
 def fixed_frames(texts: Sequence[str]) -> dict[str, list[float]]:

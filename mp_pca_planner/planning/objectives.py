@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, read_values
 from ..exceptions import GoalError, unknown_name
 from ..robot.model import Robot
 
@@ -179,21 +179,13 @@ def objective_weights(text: str, what: str) -> dict[str, float]:
         If a name is unknown or repeated, or a weight is not between 1e-12 and 1e12, which fits all
         units and avoids overflow.
     """
-    weights: dict[str, float] = {}
-    for part in text.split(","):
-        name, _, number = (word.strip() for word in part.partition("="))
-        if name not in OBJECTIVES:
-            raise GoalError(f"{what}: {unknown_name('objective', name, OBJECTIVES)}")
-        if name in weights:
-            raise GoalError(f"{what}: objective '{name}' is given more than once")
-        try:
-            weights[name] = float(number or "1")
-        except ValueError:
-            raise GoalError(f"{what}: the weight of '{name}' is '{number}', not a number") from None
-        if not 1e-12 <= weights[name] <= 1e12:
+    weights = read_values(text, what, "objective", OBJECTIVES, "1")
+    if not weights:
+        raise GoalError(f"{what}: {unknown_name('objective', text, OBJECTIVES)}")
+    for name, weight in weights.items():
+        if not 1e-12 <= weight <= 1e12:
             raise GoalError(
-                f"{what}: the weight of '{name}' is {weights[name]:g}, expected one from 1e-12 to "
-                "1e+12"
+                f"{what}: the weight of '{name}' is {weight:g}, expected one from 1e-12 to 1e+12"
             )
     return weights
 

@@ -525,7 +525,7 @@ def test_plan_draws_the_motion(primitive, tmp_path):
         (["--start", START, "--goal", "elbow=nan"], "only finite numbers"),
         (["--start", START, "--goal", "elbow=x"], "'x', not a number"),
         (["--start", START, "--goal", "elbow=-1,elbow=-2"], "given more than once"),
-        (["--start", START, "--goal", "elbow=-1,2"], "must be name=value"),
+        (["--start", START, "--goal", "elbow=-1,2"], "no joint is called '2'"),
         (["--start", START, "--goal", ""], "must be name=value"),
         (["--start", START, "--goal", "elbow=9"], "in radians; in degrees, 515.66"),
         (

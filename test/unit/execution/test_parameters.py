@@ -132,10 +132,10 @@ def test_missing_files_of_collisions_are_refused_whether_they_are_used_or_not(va
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("locked_joints", "grip", "expected name=value"),
-        ("locked_joints", "grip=0.1,grip=0.2", "each joint once"),
+        ("locked_joints", "grip", "as in name=value"),
+        ("locked_joints", "grip=0.1,grip=0.2", "more than once"),
         ("locked_joints", "grip=nan", "finite"),
-        ("locked_joints", "=1", "expected name=value"),
+        ("locked_joints", "=1", "no joint is called"),
         ("fixed_frames", ("map",), "expected each frame once as FRAME: X Y Z"),
         ("fixed_frames", ("map: 1 2",), "FRAME: X Y Z"),
         ("fixed_frames", ("map: 1 2 inf",), "FRAME: X Y Z"),
