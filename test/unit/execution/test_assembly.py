@@ -163,9 +163,8 @@ def test_a_joint_that_mimics_one_that_moves_is_rejected_even_if_it_is_measured()
     own, unknown = (
         urdf.replace(f'c joint="{JOINTS[3]}"', f'c joint="{x}"') for x in ("grip", "no")
     )
-    with pytest.raises(RobotError, match="in a circle: 'grip' mimics 'grip'"):
-        assemble_model(own, PRIMITIVES, Settings())
-    assert assemble_model(unknown, PRIMITIVES, Settings()).robot.mimicking_joints == {}
+    for text in (own, unknown):
+        assert assemble_model(text, PRIMITIVES, Settings()).robot.mimicking_joints == {}
 
 
 def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measured() -> None:
