@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field
 from fnmatch import fnmatchcase
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -253,9 +252,9 @@ def _read_samples(bag: Bag, topic: str) -> dict[str, BodySamples]:
     """Samples of all bodies on a topic, or on the topics below it."""
     named = {item.type: item for item in bag.topics if item.name == topic}
     if MARKER_ARRAY in named:
-        return bag.read([named[MARKER_ARRAY]], partial(_marker_array, bag))
+        return _marker_array(bag, bag.messages([named[MARKER_ARRAY]]))
     frames = [named[kind] for kind in TF_TYPES if kind in named]
-    return bag.read(frames, partial(_bodies, bag, {})) if frames else _read_topics(bag, topic)
+    return _bodies(bag, {}, bag.messages(frames)) if frames else _read_topics(bag, topic)
 
 
 def _marker_array(bag: Bag, stored: Iterator[Stored]) -> dict[str, BodySamples]:
@@ -317,7 +316,7 @@ def _read_topics(bag: Bag, pattern: str) -> dict[str, BodySamples]:
             f"that could hold markers: {', '.join(good) or 'none'}"
         )
     names = {t.name: t.name.removeprefix(before).removesuffix(after) for t in chosen}
-    return bag.read(chosen, partial(_bodies, bag, names))
+    return _bodies(bag, names, bag.messages(chosen))
 
 
 def _bodies(bag: Bag, names: Mapping[str, str], stored: Iterator[Stored]) -> dict[str, BodySamples]:

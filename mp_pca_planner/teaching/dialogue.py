@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import PlannerError, RecordingError
+from ..exceptions import PlannerError
 from ..plotting.text import DEGREES, Unit, unit_of
 from ..primitives.build import PrimitiveOptions
 from ..primitives.differences import leave_one_out
 from ..primitives.prediction import OFFSET, RequestFeatures
-from ..recordings.bags import JOINT_STATE, choose_topic, open_bag, to_cdr
+from ..recordings.bags import choose_topic, open_bag, to_cdr
 from ..recordings.bags.bag import damage_reported
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import slice_joint_states
@@ -129,10 +129,8 @@ class PlayedBag:
     def __init__(self, path: Path, topic: str | None = None, n_parts: int = 50) -> None:
         with open_bag(path) as bag, damage_reported(path, bag.format):
             chosen = choose_topic(bag.topics, topic)
-            if chosen.type != JOINT_STATE:
-                raise RecordingError(f"'{chosen.name}' of '{path}' holds no joint states")
             convert = to_cdr if bag.format == "rosbag1" else bytes
-            self._left = bag.read([chosen], lambda stored: [(t, convert(x)) for _, t, x in stored])
+            self._left = [(stamp, convert(x)) for _, stamp, x in bag.messages([chosen])]
         self.topic = chosen.name
         self._n = -(-len(self._left) // n_parts)
 

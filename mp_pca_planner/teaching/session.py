@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 import fcntl
-import os
 import re
 import struct
 import threading
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -21,11 +21,15 @@ from ..files import reading, write_whole
 from ..recordings import cutting
 from ..recordings.bags import open_bag
 from ..recordings.bags.formats import (
+    CHANNEL,
+    DATA_END,
+    FOOTER,
+    HEADER,
     MCAP_HEAD,
+    MCAP_MAGIC,
     MCAP_MESSAGE_HEAD,
-    Buffer,
-    DamageError,
-    McapFile,
+    MESSAGE,
+    SCHEMA,
     mapped,
     mcap_records,
     mcap_text,
@@ -51,16 +55,15 @@ def _record(kind: int, *content: bytes) -> bytes:
     return MCAP_HEAD.pack(kind, len(data)) + data
 
 
-_START = McapFile.MAGIC + _record(McapFile.HEADER, _text("ros2"), _text("mp_pca_planner teach"))
-_END = _record(McapFile.DATA_END, bytes(4)) + _record(McapFile.FOOTER, bytes(20)) + McapFile.MAGIC
+_START = MCAP_MAGIC + _record(HEADER, _text("ros2"), _text("mp_pca_planner teach"))
+_END = _record(DATA_END, bytes(4)) + _record(FOOTER, bytes(20)) + MCAP_MAGIC
 
 
 class GrowingBag:
     """An mcap file of joint states, which another process may continue.
 
-    Messages are written without chunks, and the end of the file is written again behind them in the
-    same write. A process that is killed leaves a complete file; killed within a write, it leaves
-    one whose last messages are cut off, and which the next process repairs.
+    Messages are written without chunks, and the end of the file when it is closed. A process that
+    is killed leaves a file that is cut off, which the next process continues.
 
     Parameters
     ----------
@@ -79,13 +82,13 @@ class GrowingBag:
     def __init__(self, path: Path, topic: str) -> None:
         self.path, self.topic = path, topic
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            self._file = path.open("r+b" if path.exists() else "w+b")
         except OSError as error:
             raise RecordingError(f"'{path}' can't be written: {error.strerror}") from None
         try:
             self._start()
         except BaseException:
-            self.close()
+            self._file.close()
             raise
 
     def append(self, messages: Iterable[tuple[int, bytes]]) -> None:
@@ -96,16 +99,13 @@ class GrowingBag:
         RecordingError
             If they can't be written.
         """
-        self._write(
-            b"".join(
-                _record(McapFile.MESSAGE, MCAP_MESSAGE_HEAD.pack(1, 0, stamp, stamp), data)
-                for stamp, data in messages
-            )
-        )
+        heads = ((MCAP_MESSAGE_HEAD.pack(1, 0, stamp, stamp), data) for stamp, data in messages)
+        self._write(b"".join(_record(MESSAGE, *parts) for parts in heads))
 
     def close(self) -> None:
-        """Close the file, which is complete already."""
-        os.close(self._file)
+        """Write the end of the file, and close it."""
+        with self._file:
+            self._write(_END)
 
     def _start(self) -> None:
         """Lock the file, and find or write what comes before the messages."""
@@ -113,58 +113,45 @@ class GrowingBag:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise RecordingError(f"'{self.path}' is being recorded by another process") from None
-        self._end = self._end_of_messages() if os.fstat(self._file).st_size else 0
-        if self._end:
-            os.ftruncate(self._file, self._end)
-            self._write(b"")
-            return
-        schema = (JOINT_STATE, "ros2msg", message_definition(JOINT_STATE))
-        self._write(
-            _START
-            + _record(McapFile.SCHEMA, _ONE, *map(_text, schema))
-            + _record(McapFile.CHANNEL, _ONE, _ONE, _text(self.topic), _text("cdr"), _text(""))
-        )
+        end = self._end_of_messages() if self.path.stat().st_size else 0
+        self._file.truncate(end)
+        self._file.seek(end)
+        if not end:
+            schema = (JOINT_STATE, "ros2msg", message_definition(JOINT_STATE))
+            self._write(
+                _START
+                + _record(SCHEMA, _ONE, *map(_text, schema))
+                + _record(CHANNEL, _ONE, _ONE, _text(self.topic), _text("cdr"), _text(""))
+            )
 
     def _end_of_messages(self) -> int:
-        """Position behind the last whole record of the data; 0 if there is no message yet."""
+        """Position behind the last whole record of the data; 0 if there is no topic yet."""
+        topic, position = None, 0
         with mapped(self.path) as content:
             if content[: len(_START)] != _START[: len(content)]:
                 raise RecordingError(
                     f"'{self.path}' was not recorded by 'teach': choose another --output"
                 )
-            topic, position = _scan(content)
+            with suppress(ValueError, struct.error):  # the last record is cut off
+                for kind, start, end in mcap_records(content, len(MCAP_MAGIC)):
+                    if kind == DATA_END:
+                        break
+                    if kind == CHANNEL:
+                        topic, _ = mcap_text(content, start + 4)
+                    position = end
         if topic not in (None, self.topic):
             raise RecordingError(
                 f"'{self.path}' was recorded from the topic '{topic}', not '{self.topic}': choose "
                 "another --output"
             )
-        return 0 if topic is None else position
+        return position if topic else 0
 
-    def _write(self, added: bytes) -> None:
-        """Replace the end of the file by records and a new end."""
-        waiting, position = memoryview(added + _END), self._end
+    def _write(self, content: bytes) -> None:
         try:
-            while waiting:
-                n_written = os.pwrite(self._file, waiting, position)
-                waiting, position = waiting[n_written:], position + n_written
+            self._file.write(content)
+            self._file.flush()
         except OSError as error:
             raise RecordingError(f"'{self.path}' can't be written: {error.strerror}") from None
-        self._end += len(added)
-
-
-def _scan(content: Buffer) -> tuple[str | None, int]:
-    """The topic, None before its record; and the position behind the last whole record."""
-    topic, position = None, len(McapFile.MAGIC)
-    try:
-        for kind, start, end in mcap_records(content, position, len(content)):
-            if kind == McapFile.DATA_END:
-                break
-            if kind == McapFile.CHANNEL:
-                topic, _ = mcap_text(content, start + 4)
-            position = end
-    except (DamageError, struct.error):
-        pass  # the last record is cut off
-    return topic, position
 
 
 _NOTHING = re.compile(r"(?!)")  # never matches
@@ -231,7 +218,7 @@ class TeachingSession:
         self._waiting: list[tuple[int, bytes]] = []
         self._bag = GrowingBag(self.recording, topic)
         try:
-            with open_bag(self.recording) as bag:
+            with open_bag(self.recording, salvage=True) as bag:
                 self._raw = bag.joint_states(topic)
             self._discarded = self._read_discarded()
         except BaseException:

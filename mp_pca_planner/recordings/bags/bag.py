@@ -5,15 +5,15 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path, PurePath
-from typing import Any, TypeVar
+from typing import Any
+
+from rosbags.interfaces import MessageDefinitionFormat
 
 from ...exceptions import DamagedRecordingError, RecordingError, quote_names
 from ...files import load_yaml, read_bytes
@@ -26,18 +26,7 @@ from .discovery import (
     bag_format,
     translated_os_errors,
 )
-from .formats import (
-    ZSTD_MAGIC,
-    Channel,
-    DamageError,
-    McapFile,
-    Rosbag1File,
-    Sqlite3File,
-    StorageFile,
-    StoredMessage,
-    copy_unpacked,
-    unpacked,
-)
+from .formats import ZSTD_MAGIC, ScannedFile, opened, scan_mcap, scan_rosbag1, zstd
 from .serialisation import (
     JOINT_STATE,
     Types,
@@ -48,8 +37,6 @@ from .serialisation import (
     known_types,
     states_in_field,
 )
-
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -82,7 +69,7 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
     path :
         The recording.
     salvage :
-        Reads the messages before the damage of a damaged recording.
+        Reads the messages of an .mcap file up to its damage.
 
     Raises
     ------
@@ -111,78 +98,57 @@ class Bag:
     def __init__(self, path: Path, stack: ExitStack, *, salvage: bool) -> None:
         self.path, self.format = path, bag_format(path)
         self.notes: tuple[str, ...] = ()
-        self._files: list[StorageFile] = []
-        self._notes_on_files: tuple[str, ...] = ()
-        self._salvage, self._has_index = salvage, True
-        self._defined: dict[Channel, Types] = {}
-        try:
-            counts = self._open_by_index(stack)
-        except DamagedRecordingError:
-            counts = self._open_damaged(stack) if salvage else Counter()
-            if not counts:
-                raise
-            self._has_index = False
+        self._defined: dict[str, Types] = {}
+        if path.is_file():
+            # Errors of the file system do not count as damage of the recording.
+            with translated_os_errors(path), path.open("rb") as file:
+                file.read(1)
+        with self._damage_reported():
+            self._files = [
+                _opened(file, stack, salvage=salvage) for file in _plain_files(path, stack)
+            ]
+        self._connections = [found for file in self._files for found in file.connections]
+        counts = Counter[tuple[str, str]]()
+        for found in self._connections:
+            counts[found.topic, found.msgtype] += found.msgcount
+        damaged = [file.damage for file in self._files if isinstance(file, ScannedFile)]
+        if any(damaged) and not counts:
+            raise DamagedRecordingError(f"'{path}' can't be read: {damaged[0]}")
         self.topics = tuple(Topic(*channel, count) for channel, count in sorted(counts.items()))
 
-    def _open_by_index(self, stack: ExitStack) -> Counter[Channel]:
-        """Open the files; return the number of messages of each channel, by their indices."""
-        if self.path.is_file():
-            # Errors of the file system do not count as damage of the recording.
-            with translated_os_errors(self.path), self.path.open("rb") as file:
-                file.read(1)
-        counts: Counter[Channel] = Counter()
-        with self._damage_reported():
-            files = bag_files(self.path)
-            if (self.path / METADATA).exists():
-                files = _read_metadata(self.path)
-            elif self.path.is_dir():
-                note = f"{METADATA} is missing: the files are read in the order of their numbers"
-                self._notes_on_files = (note,)
-            logs = [log.name for file in files for log in _logs(file)]
-            if logs:
-                left = quote_names(logs)
-                note = f"the recorder did not finish: the samples in {left} are also used"
-                self._notes_on_files += (note,)
-            self._files = [_READERS[part.suffix](part) for part in _plain_files(files, stack)]
-            for part in self._files:
-                # Channels without messages are included.
-                for channel, count in part.index().items():
-                    counts[channel] += count
-        return counts
-
-    def _open_damaged(self, stack: ExitStack) -> Counter[Channel]:
-        """Open the files; return the number of messages of each channel before the damage."""
-        files = _plain_files(bag_files(self.path), stack, damaged=True)
-        self._files = [_READERS[file.suffix](file) for file in files]
-        counts: Counter[Channel] = Counter()
-        with suppress(DamagedRecordingError), self._damage_reported():
-            for channel, _, _ in self._stored():
-                counts[channel] += 1
-        return counts
-
-    def read(self, topics: Collection[Topic], use: Callable[[Iterator[Stored]], Result]) -> Result:
-        """Call a function with the messages of some topics, up to the damage of a damaged bag.
-
-        Parameters
-        ----------
-        topics :
-            Some of :attr:`topics`.
-        use :
-            A function of the messages: topic, time of reception [ns], and the message as stored. It
-            is called again if damage is detected during reading and `salvage` is enabled.
+    def messages(self, topics: Collection[Topic]) -> Iterator[Stored]:
+        """Messages of some of :attr:`topics`, in order of reception.
 
         Raises
         ------
         RecordingError
-            If the messages can't be read, wholly or in part.
+            If they can't be read, wholly or in part.
         """
-        if self._has_index:
-            try:
-                return use(self._all_messages(topics))
-            except DamagedRecordingError:
-                if not self._salvage or not any(True for _ in self._before_damage(topics)):
-                    raise
-        return use(self._before_damage(topics))
+        keys = {(topic.name, topic.type): topic for topic in topics}
+        self.notes = ()
+        if self.path.is_dir() and not (self.path / METADATA).exists():
+            self.notes = (
+                f"{METADATA} is missing: the files are read in the order of their numbers",
+            )
+        with self._damage_reported():
+            for file in self._files:
+                chosen = [x for x in file.connections if (x.topic, x.msgtype) in keys]
+                count = 0
+                for found, stamp, data in file.messages(chosen) if chosen else ():
+                    count += 1
+                    # Messages may be packed one by one; CDR never begins as zstd does.
+                    whole = zstd.decompress(data) if data[:4] == ZSTD_MAGIC else data
+                    yield keys[found.topic, found.msgtype], stamp, whole
+                indexed = sum(found.msgcount for found in chosen)
+                if count != indexed:
+                    raise ValueError(
+                        f"its index says {indexed} messages on the topic, {count} can be read"
+                    )
+                if isinstance(file, ScannedFile) and file.damage:
+                    self.notes += (
+                        f"it is damaged ({file.damage}): only the {count} messages before the "
+                        "damage are used",
+                    )
 
     def deserialise(self, topic: Topic, data: bytes) -> Any:
         """Deserialise a message of a common type, or of a type that the bag defines.
@@ -193,7 +159,9 @@ class Bag:
             If it does not hold such a message.
         """
         with self._damage_reported():
-            return self._decoded((topic.name, topic.type), data)
+            types = known_types(self.format)
+            known = types if topic.type in types.types else self._own_types(topic)
+            return decoder(known, self.format)(data, topic.type)
 
     def joint_states(self, topic: str, *, field: str | None = None) -> RawJointStates:
         """Read all joint states of a topic.
@@ -221,94 +189,41 @@ class Bag:
                 f"there is no topic '{topic}'; topics: "
                 f"{quote_names(sorted({item.name for item in self.topics}))}"
             )
-        extract = {} if field is None else {t: self._field_reader(t, field) for t in chosen}
-
-        def gathered(stored: Iterator[Stored]) -> RawJointStates:
-            if extract:
-                stored = ((source, t, extract[source](data)) for source, t, data in stored)
-            with self._damage_reported():
-                raw = slice_joint_states(topic, stored, ros1=self.format == "rosbag1")
-            return replace(raw, notes=self.notes)
-
-        return self.read(chosen, gathered)
+        stored: Iterator[tuple[object, int, bytes]] = self.messages(chosen)
+        if field is not None:
+            extract = {item: self._field_reader(item, field) for item in chosen}
+            stored = ((item, t, extract[item](data)) for item, t, data in self.messages(chosen))
+        with self._damage_reported():
+            raw = slice_joint_states(topic, stored, ros1=self.format == "rosbag1")
+        return replace(raw, notes=self.notes)
 
     def embedded_states(self) -> list[tuple[str, str]]:
         """Topics whose messages have joint states in a field, and the name of this field."""
         found = []
         for topic in self.topics:
             with suppress(RecordingError), self._damage_reported():
-                types = self._own_types((topic.name, topic.type))
-                found.append((topic.name, field_of_states(types, topic.type)))
+                found.append((topic.name, field_of_states(self._own_types(topic), topic.type)))
         return [(name, field) for name, field in found if field]
 
-    def _all_messages(self, topics: Collection[Topic]) -> Iterator[Stored]:
-        """Messages, whose number must be that of the index."""
-        keys = {(topic.name, topic.type): topic for topic in topics}
-        count = 0
-        with self._damage_reported():
-            for channel, stamp, data in self._stored(keys):
-                count += 1
-                yield keys[channel], stamp, data
-        indexed = sum(topic.count for topic in topics)
-        if count != indexed:
-            raise DamagedRecordingError(
-                f"'{self.path}' is damaged: its index says {indexed} messages on the topic, "
-                f"{count} can be read"
-            )
-        self.notes = self._notes_on_files
-
-    def _before_damage(self, topics: Collection[Topic]) -> Iterator[Stored]:
-        """Messages before the damage; the damage may also be within a message."""
-        keys = {(topic.name, topic.type): topic for topic in topics}
-        count, reason = 0, "its index"
-        try:
-            for channel, stamp, data in self._stored(keys):
-                self._decoded(channel, data)
-                count += 1
-                yield keys[channel], stamp, data
-        # Every error in a damaged file counts as damage, see `_damage_reported`.
-        except Exception as error:
-            reason = f"after message {count}: {error}"
-        self.notes = (
-            f"it is damaged ({reason}): only the {count} messages before the damage are used",
-        )
-
-    def _stored(self, channels: Collection[Channel] | None = None) -> Iterator[StoredMessage]:
-        """Messages of some channels (all by default), each unpacked."""
-        for file in self._files:
-            messages = file.messages(channels)
-            # All messages of a file are packed, or none; CDR never begins as zstd does.
-            for first in messages:
-                whole: Iterator[StoredMessage] = chain([first], messages)
-                if first[2].startswith(ZSTD_MAGIC):
-                    whole = ((c, stamp, unpacked("zstd", data)) for c, stamp, data in whole)
-                yield from whole
-
-    def _decoded(self, channel: Channel, data: bytes) -> Any:
-        """A message of a known type, else of a type that the bag defines."""
-        types, (_, kind) = known_types(self.format), channel
-        if kind not in types.types:
-            types = self._own_types(channel)
-        return decoder(types, self.format)(data, kind)
-
-    def _own_types(self, channel: Channel) -> Types:
+    def _own_types(self, topic: Topic) -> Types:
         """Types as the bag itself defines them."""
-        topic, kind = channel
-        if channel not in self._defined:
-            definitions = [file.definitions.get(channel) for file in self._files]
-            text = next(filter(None, reversed(definitions)), None)
-            if text is None:
+        if topic.type not in self._defined:
+            definitions = [
+                found.msgdef for found in self._connections if found.msgtype == topic.type
+            ]
+            texts = [x.data for x in definitions if x.format == MessageDefinitionFormat.MSG]
+            if not texts:
                 raise RecordingError(
-                    f"'{topic}' has messages of type {kind}, which the bag does "
+                    f"'{topic.name}' has messages of type {topic.type}, which the bag does "
                     "not define as .msg text: only fields of defined messages can be read"
                 )
-            self._defined[channel] = defined_types(text, kind)
-        return self._defined[channel]
+            self._defined[topic.type] = defined_types(texts[-1], topic.type)
+        return self._defined[topic.type]
 
     def _field_reader(self, topic: Topic, field: str) -> Callable[[bytes], bytes]:
         """A function from a message to the joint states in a field of it, both serialised."""
         with self._damage_reported():
-            decode = decoder(self._own_types((topic.name, topic.type)), self.format)
+            decode = decoder(self._own_types(topic), self.format)
         encode = encoder(known_types(self.format), self.format)
 
         def extracted(data: bytes) -> bytes:
@@ -364,16 +279,6 @@ def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:
     return next(iter(states.values()))
 
 
-METADATA_VERSION = 9
-"""Newest supported version of metadata.yaml."""
-
-_READERS: dict[str, type[StorageFile]] = {
-    ".bag": Rosbag1File,
-    ".db3": Sqlite3File,
-    ".mcap": McapFile,
-}
-
-
 @contextmanager
 def damage_reported(path: Path, storage: BagFormat) -> Iterator[None]:
     """Convert all errors of reading to a RecordingError that names the recording."""
@@ -393,60 +298,44 @@ def damage_reported(path: Path, storage: BagFormat) -> Iterator[None]:
         ) from error
 
 
-def _plain_files(
-    files: Iterable[Path], stack: ExitStack, *, damaged: bool = False
-) -> Iterator[Path]:
-    """The files, as temporary ones if compressed or incomplete; a damaged one up to the damage."""
-    for file in files:
-        logs = _logs(file)
-        if file.suffix not in PACKED_SUFFIXES and not logs:
-            yield file
-            continue
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        target = folder / (file.name if logs else file.stem)
-        try:
-            if logs:
-                for part in (file, *logs):
-                    shutil.copyfile(part, folder / part.name)
-                with closing(sqlite3.connect(target)) as database:
-                    database.execute("PRAGMA journal_mode=DELETE")  # applies the logs
-            else:
-                copy_unpacked(file, target)
-        except Exception:
-            if not damaged:
-                raise
-        yield target
+def _opened(file: Path, stack: ExitStack, *, salvage: bool) -> Any:
+    """A reader of a file."""
+    if file.suffix == ".active":
+        return ScannedFile(file, scan_rosbag1)
+    if salvage and file.suffix == ".mcap":
+        return ScannedFile(file, scan_mcap)
+    reader = opened(file)
+    stack.callback(reader.close)
+    return ScannedFile(file, scan_mcap, reader.connections) if file.suffix == ".mcap" else reader
 
 
-def _logs(file: Path) -> list[Path]:
-    """Logs of sqlite3 beside a file, in which a recorder that was killed left messages."""
-    beside = [file.with_name(f"{file.name}{end}") for end in ("-wal", "-journal")]
-    return [log for log in beside if log.is_file() and log.stat().st_size]
-
-
-def _read_metadata(folder: Path) -> list[Path]:
-    """The storage files that metadata.yaml lists, in order.
-
-    The metadata of rosbags parses YAML in pure Python, which takes longer than reading a short
-    recording.
+def _plain_files(path: Path, stack: ExitStack) -> Iterator[Path]:
+    """The storage files of a recording in order; those that are compressed as temporary files.
 
     Raises
     ------
-    DamageError
-        If a file is missing, or the storage format is unknown.
+    ValueError
+        If one is missing, or its recorder did not finish it.
     """
-    content = load_yaml(read_bytes(folder / METADATA))["rosbag2_bagfile_information"]
-    if content["version"] > METADATA_VERSION:
-        raise DamageError(f"version {content['version']} of {METADATA} is not known")
-    for topic in content["topics_with_message_count"]:
-        kind = topic["topic_metadata"]["serialization_format"]
-        if kind != "cdr":
-            raise DamageError(f"messages are stored as {kind}")
-    files = [folder / PurePath(name).name for name in content["relative_file_paths"]]
+    files = bag_files(path)
+    if (path / METADATA).exists():
+        content = load_yaml(read_bytes(path / METADATA))["rosbag2_bagfile_information"]
+        files = [path / PurePath(name).name for name in content["relative_file_paths"]]
     missing = [file.name for file in files if not file.is_file()]
-    if missing:
-        raise DamageError(f"files are missing: {quote_names(missing)}")
-    mode = (content.get("compression_mode") or "none").lower()
-    if mode != "none" and content.get("compression_format") != "zstd":
-        raise DamageError(f"compression by {content.get('compression_format')!r} is not known")
-    return files
+    if missing or not files:
+        raise ValueError(f"files are missing: {quote_names(missing)}")
+    for file in files:
+        for log in (file.with_name(f"{file.name}{end}") for end in ("-wal", "-journal")):
+            if log.is_file() and log.stat().st_size:
+                raise ValueError(
+                    f"the recorder did not finish, and left '{log.name}': complete it with "
+                    f"sqlite3 {file.name} 'PRAGMA journal_mode=DELETE'"
+                )
+        if file.suffix not in PACKED_SUFFIXES:
+            yield file
+            continue
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        target = Path(folder, file.stem)
+        with zstd.open(file, "rb") as packed, target.open("wb") as plain:
+            shutil.copyfileobj(packed, plain)
+        yield target

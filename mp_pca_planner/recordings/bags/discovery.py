@@ -20,7 +20,11 @@ BagFormat = Literal["rosbag1", "sqlite3", "mcap"]
 RecordingFormat = BagFormat | Literal["csv", "lerobot"]
 
 METADATA = "metadata.yaml"
-FORMAT_OF_SUFFIX: dict[str, BagFormat] = {".bag": "rosbag1", ".db3": "sqlite3", ".mcap": "mcap"}
+FORMAT_OF_SUFFIX: dict[str, BagFormat] = {
+    ".bag": "rosbag1",
+    ".db3": "sqlite3",
+    ".mcap": "mcap",
+}
 TABLE_SUFFIX = ".csv"
 DATASET_INFO = Path("meta/info.json")
 """The file that makes a folder a dataset of LeRobot."""
@@ -160,7 +164,7 @@ def recordings_in(path: Path) -> list[Path]:
     return [
         recording
         for child in children
-        if child.is_dir() or child.suffix in FORMAT_OF_SUFFIX
+        if child.is_dir() or _suffix(child) in FORMAT_OF_SUFFIX
         for recording in recordings_in(child)
     ]
 
@@ -213,8 +217,8 @@ def _storage_files(path: Path) -> list[Path]:
 
 
 def _suffix(file: PurePath) -> str:
-    """Suffix of a file without that of its compression."""
-    return (file.with_suffix("") if file.suffix in PACKED_SUFFIXES else file).suffix
+    """Suffix of a file without that of its compression, or of a recorder that did not finish."""
+    return (file.with_suffix("") if file.suffix in (*PACKED_SUFFIXES, ".active") else file).suffix
 
 
 def _is_recording(folder: str, names: Sequence[str]) -> bool:

@@ -170,6 +170,7 @@ def test_field_without_joint_states_is_refused_by_name(
         read_joint_states(multi, topic, field=field)
 
 
+@pytest.mark.parametrize("bag_format", ["mcap"])
 def test_joint_states_inside_of_messages_are_salvaged(multi: Path) -> None:
     file = storage_file(multi)
     content = file.read_bytes()

@@ -499,6 +499,7 @@ def test_all_motions_cut_by_hand_load(shared_data: Path) -> None:
     }
 
 
+@pytest.mark.parametrize("bag_format", ["mcap"])
 def test_damaged_recording_is_used_as_far_as_it_goes_only_on_request(
     tmp_path: Path, bag_format: str
 ) -> None:

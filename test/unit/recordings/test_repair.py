@@ -329,6 +329,7 @@ def test_clock_that_is_set_back_cuts(bag: Bag) -> None:
 
 
 @pytest.mark.parametrize("seconds", [2.0, 0.3])
+@pytest.mark.parametrize("bag_format", ["mcap"])
 def test_clock_that_is_set_back_while_recording_cuts(bag: Bag, seconds: float) -> None:
     """The clock gives the times of reception, too, by which messages of a chunk are sorted."""
     messages = stamped(MOTION)
