@@ -43,7 +43,6 @@ from campaigns.fuzz_files import (
     Spoil,
     make_seeds,
     spoil_bag,
-    spoil_json,
     spoil_npz,
     spoil_text,
     spoil_yaml,
@@ -83,14 +82,13 @@ class Format:
     inside: str = ""
 
 
-BAG = (["inspect", "{file}"], ["inspect", "--salvage", "{file}"], [*BUILD, "{file}"])
+BAG = (["inspect", "{file}"], ["inspect", "--recover", "{file}"], [*BUILD, "{file}"])
 FORMATS = {
     "npz": Format(
         "a.npz",
         spoil_npz,
         (
             ["inspect", "{file}"],
-            ["library", "add", "{out}/library", "{file}"],
             ["plan", "{file}", *MOTION],
         ),
     ),
@@ -112,24 +110,6 @@ FORMATS = {
         ),
     ),
     "segments": Format("a.csv", spoil_text, ([*BUILD, "{seeds}/a.mcap", "--segments", "{file}"],)),
-    "journal": Format(
-        "library",
-        spoil_json,
-        (
-            ["library", "list", "{file}"],
-            ["library", "history", "{file}"],
-            ["plan", "{file}", *MOTION],
-        ),
-        ".versions/journal.jsonl",
-    ),
-    "trials": Format(
-        "trials.json",
-        spoil_json,
-        (
-            ["refine", "{seeds}/a.npz", *MOTION, "--trials", "{out}/trials.json"],
-            ["refine", "{seeds}/a.npz", *MOTION, "--trials", "{out}/trials.json", "--cost", "2"],
-        ),
-    ),
     "scene": Format("scene.yaml", spoil_yaml, ([*PLAN, "--obstacles", "{file}"],)),
     "scene_text": Format("a.scene", spoil_text, ([*PLAN, "--obstacles", "{file}"],)),
 }
@@ -151,8 +131,6 @@ def try_input(name: str, number: int, seed: int, seeds: Path, work: Path, *more:
     # Some formats can't represent some values.
     while not _is_spoilt(one.spoil, file / one.inside if one.inside else file, random):
         pass
-    if name == "trials":
-        shutil.copy(file, out / "trials.json")
     chosen = one.commands[int(random.integers(0, len(one.commands)))]
     arguments = [part.format(file=file, out=out, seeds=seeds) for part in chosen]
     return judged([*arguments, *more], allowed=(out, Path(tempfile.gettempdir())))
@@ -246,7 +224,6 @@ def check_seeds(seeds: Path, work: Path) -> None:
         for command_line in one.commands:
             shutil.rmtree(work, ignore_errors=True)
             work.mkdir()
-            shutil.copy(seeds / "trials.json", work)
             arguments = [
                 p.format(file=seeds / one.seed, out=work, seeds=seeds) for p in command_line
             ]

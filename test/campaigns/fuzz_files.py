@@ -133,11 +133,6 @@ def make_seeds(folder: Path) -> None:
     (folder / "a.scene").write_text(SCENE_TEXT)
     shutil.copy(config_file("human_arm_markers.yaml"), folder / "markers.yaml")
     _run("build_primitives", bag, "--output", primitive, "--write-segments", folder / "a.csv")
-    _run("library", "add", folder / "library", primitive)
-    motion = ("--robot", urdf, f"--start={START}", f"--goal={GOAL}")
-    for k in range(2):
-        cost = ("--cost", "3.0") if k else ()
-        _run("refine", primitive, *motion, "--trials", folder / "trials.json", *cost)
 
 
 @cache
@@ -255,17 +250,6 @@ def spoil_tree(tree: Any, random: Random) -> Any:
             tree = [tree]
         return tree
     return ODD_VALUES[int(random.integers(0, len(ODD_VALUES)))]
-
-
-def spoil_json(path: Path, random: Random) -> None:
-    """Corrupt one value of a JSON file, or of one of its lines; or its text."""
-    if random.random() < 0.3:
-        return spoil_text(path, random)
-    lines = [path.read_text()] if path.suffix == ".json" else path.read_text().splitlines()
-    at = int(random.integers(0, len(lines)))
-    lines[at] = json.dumps(spoil_tree(json.loads(lines[at]), random))
-    path.write_text("\n".join(lines) + "\n")
-    return None
 
 
 def spoil_yaml(path: Path, random: Random) -> None:

@@ -2,26 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """Spoilt files and killed writers: a short run of the commands that try many of each."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+TEST = Path(__file__).resolve().parents[1]
 
 
 def run(name, *arguments):
-    command = [sys.executable, str(BENCHMARKS / name), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", f"campaigns.{name}", *arguments]
+    paths = os.pathsep.join([str(TEST), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": paths}
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
 
 
 def test_spoilt_files_of_every_format_are_used_or_refused_in_a_sentence():
-    done = run("fuzz.py", "--inputs", "360", "--jobs", "2")
+    done = run("fuzz", "--inputs", "360", "--jobs", "2")
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_fuzz_notices_what_it_looks_for(tmp_path):
     script = (
-        f"import sys; sys.path.insert(0, {str(BENCHMARKS)!r}); import fuzz\n"
+        f"import sys; sys.path.insert(0, {str(TEST)!r}); from campaigns import fuzz\n"
         "from pathlib import Path\n"
         "sys.addaudithook(fuzz._audit)\n"
         "def bad(arguments):\n"
@@ -38,5 +41,5 @@ def test_fuzz_notices_what_it_looks_for(tmp_path):
 
 
 def test_killed_writers_leave_every_earlier_file_whole():
-    done = run("kills.py", "--kills", "24", "--node-kills", "0")
+    done = run("kills", "--kills", "24", "--node-kills", "0")
     assert done.returncode == 0, done.stdout + done.stderr
