@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 COMMANDS = {
     "planning_speed": "python3 benchmarks/planning_speed.py",
     "planning_cases": "python3 benchmarks/planning_cases.py --goals 40",
-    "optimality": "python3 benchmarks/optimality.py --problems 13",
+    "optimality": "python3 -m campaigns.optimality --problems 13",
     "scenes": "python3 benchmarks/compare.py --scenes problems --problems 100",
     "sequences": "python3 benchmarks/sequences.py",
     "benchmark_human_arm": "python3 benchmarks/compare.py --problems 200 --repeats 1 "

@@ -3,6 +3,7 @@
 """The comparisons that users repeat: scripts in benchmarks/, with few problems."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,21 @@ from support.obstacle_scenes import write_request, write_scene
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
 
+ARM = """\
+<mujoco><compiler angle="radian" autolimits="true"/>
+<default><joint armature="0.1" axis="0 1 0"/></default>
+<worldbody><body name="base"><inertial pos="0 0 0" mass="4" diaginertia="0.01 0.01 0.01"/>
+<body name="a" pos="0 0 0.2"><inertial pos="0 0 0.1" mass="4" diaginertia="0.02 0.02 0.01"/>
+<joint name="one" axis="0 0 1" range="-3 3"/><geom type="mesh" mesh="missing"/>
+<body name="b" pos="0 0 0.2"><inertial pos="0 0 0.2" mass="3" diaginertia="0.05 0.05 0.01"/>
+<joint name="two" range="-2 2"/>
+<body name="c" pos="0 0 0.4"><inertial pos="0 0.05 0.1" mass="1" quat="1 1 0 0"
+diaginertia="0.01 0.02 0.02"/>
+<joint name="three" range="-2.5 2.5"/></body></body></body></body></worldbody>
+<actuator><position joint="one" kp="1" forcerange="-80 80"/>
+<position joint="two" kp="1" forcerange="-80 80"/>
+<position joint="three" kp="1" forcerange="-30 30"/></actuator></mujoco>
+"""
 ROOT = Path(__file__).resolve().parents[2]
 POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
 
@@ -22,7 +38,9 @@ pytestmark = pytest.mark.slow
 
 def facts_of(script: str, *options: str | Path) -> dict:
     command = [sys.executable, ROOT / "benchmarks" / script, *map(str, options), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    paths = os.pathsep.join(map(str, (ROOT, ROOT / "test")))
+    environment = os.environ | {"PYTHONPATH": paths}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -67,3 +85,16 @@ def test_the_case_study_of_the_paper(tmp_path):
     assert facts["time_ratio_pca_over_bspline"]["planned, ρ = 0"] < 1.0
     for name in ("figure_2.png", "figures_3_4.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_arm_that_mujoco_moves_arrives(tmp_path):
+    pytest.importorskip("mujoco", reason="MuJoCo (extra 'peers') is not installed")
+    folder = tmp_path / "universal_robots_ur5e"
+    folder.mkdir()
+    (folder / "ur5e.xml").write_text(ARM, encoding="utf-8")
+    options = ("--arms", "ur5e", "--models", tmp_path, "--goals", "3")
+    (table,) = facts_of("mujoco_arms.py", *options)["tables"].values()
+    ((_, n_goals, n_arrived, _, largest_error, effort, *_),) = table["rows"]
+    assert n_goals == n_arrived == "3"
+    assert float(largest_error) < 1.0
+    assert 1.0 < float(effort) < 2.0

@@ -6,7 +6,7 @@ Motions are planned for least effort within all limits. SciPy's SLSQP then start
 the same basis with the same constraints and analytic gradients, and runs until it finds no
 improvement. Only motions within the constraints (to 1e-6 of a limit) count.
 
-    python benchmarks/optimality.py [--problems 25]
+    python3 -m campaigns.optimality [--problems 25]
 """
 
 from __future__ import annotations
