@@ -185,7 +185,8 @@ def given_limits(
     for name in limits:
         if name not in joint_names:
             raise LimitsError(f"{where}: {unknown_name('joint', name, joint_names)}")
-    return {name: _read_entry(name, entry, where) for name, entry in limits.items()}
+    with reading(where, LimitsError):  # of a number that no float can hold
+        return {name: _read_entry(name, entry, where) for name, entry in limits.items()}
 
 
 def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
