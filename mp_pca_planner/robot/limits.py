@@ -132,13 +132,12 @@ def moveit_factors_note(path: str | Path | None) -> str:
 
     They are no limits, but their file slows MoveIt down. A file that can't be read gets none.
     """
-    where, content = f"limits file '{path}'", None
-    with suppress(LimitsError), reading(where, LimitsError):
-        content = load_yaml(read_text(path)) if path else None
-    found = content if isinstance(content, dict) else {}
+    where, scaled = f"limits file '{path}'", list[str]()
     names = (f"default_{rate}_scaling_factor" for rate in ("velocity", "acceleration"))
-    factors = {name: found[name] for name in names if name in found}
-    scaled = [f"{name} {x:g}" for name, x in factors.items() if is_number(x) and x != 1.0]
+    with suppress(LimitsError), reading(where, LimitsError):
+        found = load_yaml(read_text(path)) if path else {}
+        factors = {name: found[name] for name in names if name in found}
+        scaled = [f"{name} {x:g}" for name, x in factors.items() if is_number(x) and x != 1.0]
     if not scaled:
         return ""
     return (

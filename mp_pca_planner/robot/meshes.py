@@ -110,11 +110,15 @@ def _read(path: Path, changed: int, size: int) -> MeshContent:
         found = MeshContent(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     if not len(found.triangles):
         raise ValueError("it has no triangles")
-    if len(found.triangles) > (most := INPUT_LIMITS.mesh_triangles):
-        raise ValueError(f"it has {len(found.triangles)} triangles, at most {most} are accepted")
+    _check_count(len(found.triangles))
     if not np.isfinite(found.vertices[found.triangles]).all():
         raise ValueError("it has coordinates that are not finite")
     return found
+
+
+def _check_count(n_triangles: int) -> None:
+    if n_triangles > (most := INPUT_LIMITS.mesh_triangles):
+        raise ValueError(f"it has {n_triangles} triangles, at most {most} are accepted")
 
 
 def _collada(content: bytes) -> MeshContent:
@@ -127,13 +131,15 @@ def _collada(content: bytes) -> MeshContent:
     if b"<!DOCTYPE" in content:
         raise ValueError("it has a document type, which is not accepted")
     document = collada.Collada(io.BytesIO(content), ignore=[collada.common.DaeBrokenRefError])
-    corners, colours = [np.zeros((0, 3, 3))], [np.zeros((0, 4))]
+    corners, colours, n_triangles = [np.zeros((0, 3, 3))], [np.zeros((0, 4))], 0
     for geometry in document.scene.objects("geometry") if document.scene else ():
         for part in geometry.primitives():
             part = part.triangleset() if hasattr(part, "triangleset") else part
             if not isinstance(part, collada.triangleset.BoundTriangleSet) or not len(part):
                 continue
             corners.append(part.vertex[part.vertex_index])
+            n_triangles += len(part)
+            _check_count(n_triangles)  # files may double what they hold again and again
             colour = getattr(getattr(part.material, "effect", None), "diffuse", None)
             plain = isinstance(colour, tuple)
             colours.append(np.tile(np.array(colour if plain else [np.nan] * 4), (len(part), 1)))

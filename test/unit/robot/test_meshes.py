@@ -14,6 +14,9 @@ from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.robot.meshes import THICKNESS, read_mesh, solid_of
 
+# pycollada uses matrices of NumPy.
+pytestmark = pytest.mark.filterwarnings("ignore:the matrix subclass")
+
 FLOOR = (
     np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]),
     np.array([[0, 1, 2], [0, 2, 3]]),
@@ -237,6 +240,14 @@ def stl(points, count=None):
 
 
 GOOD = collada(f"<node>{BARE}</node>")
+DOUBLE = "<node id='n{0}'><instance_node url='#n{1}'/><instance_node url='#n{1}'/></node>"
+DOUBLED = collada("<node><instance_node url='#n0'/></node>").replace(
+    "<library_visual_scenes>",
+    "<library_nodes>"
+    + "".join(DOUBLE.format(k, k + 1) for k in range(40))
+    + f"<node id='n40'>{BARE}</node></library_nodes><library_visual_scenes>",
+    1,
+)
 BAD = {
     "empty.stl": b"",
     "empty.obj": b"",
@@ -257,6 +268,7 @@ BAD = {
     "no scene.dae": GOOD[: GOOD.index("<scene>")].encode() + b"</COLLADA>",
     "bomb.dae": GOOD.replace("?>", "?><!DOCTYPE C [<!ENTITY a 'a'>]>", 1).encode(),
     "robot.dae": b"<robot/>",
+    "doubled.dae": DOUBLED.encode(),
     "other.ply": b"ply\n",
 }
 
