@@ -1,6 +1,12 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`demo`: the whole pipeline, from recorded demonstrations to motions of a simulated robot."""
+"""Record, build, plan and execute: the whole pipeline with a simulated human-like arm.
+
+The demo records demonstrations into a bag and builds primitives from them. It starts the planner
+node and a simulated robot. Another process sends goals, the robot executes the motions, and
+pictures show the results. With a ROBOT, it writes arm.urdf, session.mcap, limits.yaml and
+scene.yaml, builds reach.npz from the generated recording, and shows it on a page in the browser.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +44,6 @@ from .example_robots import EXAMPLE_ROBOTS, HUMAN_ARM, robot_file, write_example
 from .main import run_command
 from .terminal import DONE, FAILED, flush, say
 
-_DESCRIPTION = """\
-Record, build, plan and execute: the whole pipeline with a simulated human-like arm.
-
-The demo records demonstrations into a bag and builds primitives from them. It starts the planner
-node and a simulated robot. Another process sends goals, the robot executes the motions, and
-pictures show the results. With a ROBOT, it writes arm.urdf, session.mcap, limits.yaml and
-scene.yaml, builds reach.npz from the generated recording, and shows it on a page in the browser."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _GOOD = "executable"
 _HEADER = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "goal to trajectory [ms]"]
@@ -62,7 +61,7 @@ _PATIENCE, _END_PATIENCE = 30.0, 10.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.description = _DESCRIPTION
+    parser.description = __doc__
     robots = [HUMAN_ARM, *EXAMPLE_ROBOTS]
     about = f"{', '.join(robots)}; all but the first need the extra 'example'"
     parser.add_argument("robot", metavar="ROBOT", nargs="?", choices=robots, help=about)
