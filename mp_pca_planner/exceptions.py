@@ -43,10 +43,6 @@ class RecordingError(PlannerError):
     """A recording (or a part of it) that can't be used."""
 
 
-class DamagedRecordingError(RecordingError):
-    """A recording whose file can't be read, wholly or in part."""
-
-
 class UnusableRecordingError(RecordingError):
     """A recording that could be read, but not used.
 

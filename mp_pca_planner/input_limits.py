@@ -22,12 +22,7 @@ class InputLimits:
     definition_characters : int
         Definition of messages in a bag; large definitions of ROS have a third of that.
     unpacked_bytes : int
-        Unpacked chunk or message of a bag.
-    unpacked_ratio : int
-        A file unpacks to at most this many times its size, or to `unpacked_bytes` if that is more.
-        Joint states of a robot at rest reach a ratio of 100.
-    disk_share : float
-        Share of the free disk space that an unpacked file takes.
+        Content of a CSV file.
     joints : int
         Joints of a recording.
     position : float
@@ -80,8 +75,6 @@ class InputLimits:
     yaml_value_bytes: int = 1 << 16
     definition_characters: int = 1 << 17
     unpacked_bytes: int = 256 << 20
-    unpacked_ratio: int = 200
-    disk_share: float = 0.5
     joints: int = 500
     position: float = 1e6
     state_rate: float = 5000.0

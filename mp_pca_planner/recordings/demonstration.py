@@ -8,7 +8,6 @@ import hashlib
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,15 +16,12 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from ..arrays import (
     MAX_SIZE,
     FloatArray,
-    check_number,
-    check_type,
     float_array,
     frozen_array,
     set_frozen,
     unique_names,
 )
 from ..exceptions import RecordingError
-from ..input_limits import INPUT_LIMITS
 
 TIME_COLUMNS = ("time", "t", "time_s", "timestamp", "stamp")
 """Names of a column of times [s]."""
@@ -102,10 +98,7 @@ class Demonstration:
     episode: int | str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        check_type(self.recording, "the recording of a motion", RecordingError, str)
-        for value, what in ((self.start_time, "start_time [s]"), (self.end_time, "end_time [s]")):
-            check_number(value, what, RecordingError, -1e18, 1e18)
-        where = f"motion at {float(self.start_time):.3f} s of '{self.recording}'"
+        where = f"motion at {self.start_time:.3f} s of '{self.recording}'"
         names = unique_names(self.joint_names, f"joints of the {where}", RecordingError)
         times = frozen_array(self.times, (None,), f"times of the {where}", RecordingError)
         if times.size < 2:
@@ -208,7 +201,6 @@ class Demonstration:
         from .repair import Piece
         from .segmentation import smooth
 
-        check_type(recording, "the recording of a motion", RecordingError, str)
         names = unique_names(joint_names, f"joints of '{recording}'", RecordingError)
         t = frozen_array(times, (None,), f"times of '{recording}'", RecordingError)
         shape = (t.size, len(names))
@@ -254,13 +246,6 @@ class Demonstration:
             checksum=hashlib.sha256(t.tobytes() + q.tobytes()).hexdigest(),
         )
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Arrays that come from another process are writeable.
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-        self.__dict__.update(state)
-
     def __repr__(self) -> str:
         label = f" '{self.label}'" if self.label else ""
         episode = "" if self.episode is None else f", episode {self.episode}"
@@ -284,15 +269,13 @@ class Demonstration:
 
         They are found by cubic Hermite interpolation of positions and velocities.
         """
-        return np.asarray(self.curve()(frozen_array(times, (None,), "times [s]", RecordingError)))
+        return np.asarray(self.curve()(times))
 
     def time_normalised(self, n_phases: int) -> FloatArray:
         """Joint positions at evenly spaced phases from 0 to 1 (linear time normalisation).
 
         Their shape is (n_phases, n_joints); at least 2 phases are needed.
         """
-        most = INPUT_LIMITS.trajectory_points
-        check_number(n_phases, "the number of phases", RecordingError, 2, most, is_whole=True)
         return np.asarray(self.curve()(np.linspace(0.0, self.duration, n_phases)))
 
     def curve(self) -> CubicHermiteSpline:
@@ -307,7 +290,6 @@ class Demonstration:
         most_samples : int
             Largest number of samples, at least 2. A motion that has no more is returned unchanged.
         """
-        check_number(most_samples, "the number of samples", RecordingError, 2, is_whole=True)
         if self.times.size <= most_samples:
             return self
         times = np.linspace(0.0, self.times[-1], most_samples)

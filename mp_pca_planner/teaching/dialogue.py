@@ -6,24 +6,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..plotting.text import DEGREES, Unit, unit_of
 from ..primitives.build import PrimitiveOptions
 from ..primitives.differences import leave_one_out
-from ..primitives.prediction import OFFSET, RequestFeatures
 from ..recordings.bags import choose_topic, open_bag, to_cdr
 from ..recordings.bags.bag import damage_reported
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import slice_joint_states
 from ..recordings.segmentation import extent
-from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .session import SessionUpdate, TeachingSession
 
@@ -153,163 +149,8 @@ class PlayedBag:
         return bool(self._left)
 
 
-# Variance of the noise of a demonstration.
-_NOISE = 0.02
-# Number of suggested motions.
-_N_SUGGESTED = 2
-# A motion is covered while this share of the variance of its shape, or less, is unknown.
-_MAX_UNKNOWN = 0.5
-# Suggested goals are at most this share of the distance from the mean goal beyond the
-# demonstrated ones.
-_BEYOND = 0.25
-# A suggested motion is longer than this share of the shortest demonstrated one.
-_MIN_DISTANCE = 0.5
-# Largest numbers of motions that are compared, and of demonstrations that are left out.
-_MAX_CANDIDATES = 200
+# Largest number of demonstrations that are left out, one by one.
 _MAX_LEFT_OUT = 20
-
-
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """What demonstrations teach.
-
-    Attributes
-    ----------
-    error, straight_error : float
-        RMS distance of left-out demonstrations from their prediction by the others, and from
-        the minimum-jerk motion between their ends [rad or m].
-    low, high : array, shape (n_joints,)
-        Range of the demonstrated goals.
-    covered : float
-        Share of the motions from a demonstrated start to the goal of another demonstration of
-        which more is known than unknown.
-    suggested : array, shape (n_suggested, 2, n_joints)
-        Starts and goals of the motions of which least is known, each given those before it.
-    """
-
-    error: float
-    straight_error: float
-    low: FloatArray
-    high: FloatArray
-    covered: float
-    suggested: FloatArray
-
-    @classmethod
-    def of(cls, motions: Sequence[Demonstration], limits: JointLimits | None = None) -> Learned:
-        """Find out what demonstrations teach.
-
-        Parameters
-        ----------
-        motions :
-            Demonstrations of the same joints, at least two.
-        limits :
-            Suggested goals are within these.
-
-        Raises
-        ------
-        PrimitiveError
-            If no primitive can be built from them.
-        """
-        every = -(-len(motions) // _MAX_LEFT_OUT)
-        errors = leave_one_out(motions, PrimitiveOptions(), range(0, len(motions), every)).rms()
-        ends = np.array([motion.positions[[0, -1]] for motion in motions])
-        shown, new = _requests(ends, limits)
-        demonstrated = ends.reshape(len(ends), -1)
-        requests = np.concatenate([shown, new])
-        covariance = remaining_covariance(demonstrated, requests)
-        suggested = requests[_least_known(covariance, _N_SUGGESTED)]
-        is_covered = np.diag(covariance)[: len(shown)] <= _MAX_UNKNOWN
-        return cls(
-            error=float(errors[2, 0]),
-            straight_error=float(errors[0, 0]),
-            low=ends[:, 1].min(axis=0),
-            high=ends[:, 1].max(axis=0),
-            covered=float(is_covered.mean()) if len(shown) else 0.0,
-            suggested=suggested.reshape(-1, *ends.shape[1:]),
-        )
-
-
-def _requests(ends: FloatArray, limits: JointLimits | None) -> tuple[FloatArray, FloatArray]:
-    """Requests from demonstrated starts to the goals of other demonstrations, and to new goals.
-
-    New goals are halfway between two demonstrated ones, and beyond them.
-
-    Parameters
-    ----------
-    ends : array, shape (n_demonstrations, 2, n_joints)
-        Starts and goals.
-
-    Returns
-    -------
-    shown, new : array, shape (n_requests, 2 n_joints)
-        Start and goal of each request.
-    """
-    starts, goals = ends.transpose(1, 0, 2)
-    n = len(ends)
-    halfway = 0.5 * np.sum(goals[_some(np.argwhere(np.tri(n, k=-1)), _MAX_CANDIDATES)], axis=1)
-    further = np.concatenate([halfway, goals + _BEYOND * (goals - goals.mean(axis=0))])
-    least = _MIN_DISTANCE * np.linalg.norm(goals - starts, axis=1).min()
-
-    def requests(to: FloatArray, pairs: NDArray[np.intp]) -> FloatArray:
-        first, second = _some(pairs, _MAX_CANDIDATES).T
-        start, goal = starts[first], to[second]
-        kept = np.linalg.norm(goal - start, axis=1) > least
-        if limits is not None:
-            kept &= np.all((goal >= limits.lower) & (goal <= limits.upper), axis=1)
-        return np.asarray(np.concatenate([start, goal], axis=1)[kept])
-
-    others = np.argwhere(~np.eye(n, dtype=bool))
-    return requests(goals, others), requests(further, np.argwhere(np.ones((n, len(further)))))
-
-
-def _some(rows: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """All rows, or at most so many of them at random, always the same ones."""
-    return rows[np.random.default_rng(0).permutation(len(rows))[:most]]
-
-
-def remaining_covariance(demonstrated: FloatArray, requests: FloatArray) -> FloatArray:
-    """Covariance of the shapes of requests that demonstrations leave, in units of the prior's.
-
-    That of a Gaussian process with the least noise (Rasmussen and Williams, equation 2.24). The
-    common offset of all shapes counts as known. It does not depend on the shapes, so it is known
-    before a motion is demonstrated.
-
-    Parameters
-    ----------
-    demonstrated : array, shape (n_demonstrations, 2 n_joints)
-        Start and goal of each demonstration [rad or m].
-    requests : array, shape (n_requests, 2 n_joints)
-        Start and goal of each request.
-
-    Returns
-    -------
-    covariance : array, shape (n_requests, n_requests)
-        On its diagonal, 0 is at a demonstration and 1 far from all.
-    """
-    every, n = np.concatenate([demonstrated, requests]), len(demonstrated)
-    similar, _ = RequestFeatures(every)(every)
-    prior = similar[0, 0] - OFFSET
-    gram = prior[:n, :n] + _NOISE * np.eye(n)
-    return np.asarray(prior[n:, n:] - prior[n:, :n] @ np.linalg.solve(gram, prior[:n, n:]))
-
-
-def _least_known(covariance: FloatArray, n: int) -> list[int]:
-    """Requests of largest variance, each given the demonstration of those before it.
-
-    Parameters
-    ----------
-    covariance : array, shape (n_requests, n_requests)
-        See :func:`remaining_covariance`.
-    n : int
-        Largest number of requests.
-    """
-    chosen: list[int] = []
-    for _ in range(min(n, len(covariance))):
-        best = int(np.argmax(np.diag(covariance)))
-        column = covariance[:, best]
-        covariance = covariance - np.outer(column, column) / (column[best] + _NOISE)
-        chosen.append(best)
-    return chosen
 
 
 class SessionWords:
@@ -343,27 +184,28 @@ class SessionWords:
             yield from self.learned_lines(motions)
 
     def learned_lines(self, motions: Sequence[Demonstration]) -> Iterator[str]:
-        """What motions teach."""
+        """What motions teach: the error of left-out motions, and the range of the goals."""
+        if len(motions) < 2:
+            yield "  nothing is learned yet: two motions are needed"
+            return
+        every = -(-len(motions) // _MAX_LEFT_OUT)
         try:
-            learned = self._learned(motions)
+            errors = leave_one_out(motions, PrimitiveOptions(), range(0, len(motions), every)).rms()
         except PlannerError as error:
             yield f"  nothing is learned yet: {error}"
             return
-        unit = self._unit(motions[0].joint_names)
         names = motions[0].joint_names
+        unit, goals = self._unit(names), np.array([motion.positions[-1] for motion in motions])
         yield (
-            f"  left-out error {unit.number(learned.error)} {unit.name} (straight motions: "
-            f"{unit.number(learned.straight_error)} {unit.name}); {learned.covered:.0%} of the "
-            "motions between shown starts and goals are covered"
+            f"  left-out error {unit.number(errors[2, 0])} {unit.name} (straight motions: "
+            f"{unit.number(errors[0, 0])} {unit.name})"
         )
-        yield f"  goals shown {self._si(names)}: {_ranges(names, learned.low, learned.high)}"
+        shown = _ranges(names, goals.min(axis=0), goals.max(axis=0))
+        yield f"  goals shown {self._si(names)}: {shown}"
         if self._robot is not None:
-            goals = np.array([motion.positions[-1] for motion in motions])
             frame, places = self._places(names, goals)
             shown = _ranges("xyz", places.min(axis=0), places.max(axis=0))
             yield f"  {frame} at goals [m]: {shown}"
-        for start, goal in learned.suggested:
-            yield f"  least known: from {self.place(names, start)} to {self.place(names, goal)}"
 
     def place(self, joint_names: Sequence[str], q: FloatArray) -> str:
         """Positions of joints, shape (n_joints,), and the place of the end effector."""
@@ -382,12 +224,6 @@ class SessionWords:
         robot = self._robot.with_joints(joint_names)
         frame = self._frame or robot.end_effector  # of a gripper at rest, the hand
         return frame, robot.frame_positions(q, [frame])[:, 0]
-
-    def _learned(self, motions: Sequence[Demonstration]) -> Learned:
-        if len(motions) < 2:
-            raise PlannerError("two motions are needed")
-        robot = self._robot and self._robot.with_joints(motions[0].joint_names)
-        return Learned.of(motions, robot.limits() if robot else None)
 
     def _length(self, motion: Demonstration) -> str:
         unit = self._unit(motion.joint_names)

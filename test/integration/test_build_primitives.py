@@ -273,11 +273,6 @@ def test_no_more_samples_are_kept_than_asked_for(bags: Path, most: int | None, k
         np.testing.assert_allclose(motion.time_normalised(50), full.time_normalised(50), atol=2e-3)
 
 
-def test_demonstrations_of_processes_are_immutable(bags: Path) -> None:
-    for motion in load_recordings([bags], jobs=2).demonstrations:
-        assert not any(x.flags.writeable for x in (motion.times, motion.positions))
-
-
 def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -> None:
     messages = stamped(np.tile(reaching([0.1, 1.1, 0.1]), (4, 1)))
     path = write_bag(tmp_path / "x", "mcap", messages[:210] + messages[290:])

@@ -15,7 +15,7 @@ from typing import Any
 
 from rosbags.interfaces import MessageDefinitionFormat
 
-from ...exceptions import DamagedRecordingError, RecordingError, quote_names
+from ...exceptions import RecordingError, quote_names
 from ...files import load_yaml, read_bytes
 from ..joint_states import RawJointStates, slice_joint_states
 from .discovery import (
@@ -76,7 +76,7 @@ def open_bag(path: Path, *, salvage: bool = False) -> Iterator[Bag]:
     RecordingError
         If it can't be read.
     """
-    with _hint_at_salvage(salvage), ExitStack() as stack:
+    with ExitStack() as stack:
         yield Bag(path, stack, salvage=salvage)
 
 
@@ -113,7 +113,7 @@ class Bag:
             counts[found.topic, found.msgtype] += found.msgcount
         damaged = [file.damage for file in self._files if isinstance(file, ScannedFile)]
         if any(damaged) and not counts:
-            raise DamagedRecordingError(f"'{path}' can't be read: {damaged[0]}")
+            raise RecordingError(f"'{path}' can't be read: {damaged[0]}")
         self.topics = tuple(Topic(*channel, count) for channel, count in sorted(counts.items()))
 
     def messages(self, topics: Collection[Topic]) -> Iterator[Stored]:
@@ -236,21 +236,6 @@ class Bag:
         return damage_reported(self.path, self.format)
 
 
-@contextmanager
-def _hint_at_salvage(salvage: bool) -> Iterator[None]:
-    """Add advice to reports of damage."""
-    try:
-        yield
-    except DamagedRecordingError as error:
-        if salvage:
-            raise
-        hint = (
-            "recovering it (--recover; salvage=True in Python) reads the part before the damage, "
-            "if there is any"
-        )
-        raise DamagedRecordingError(f"{error}; {hint}") from error.__cause__
-
-
 def choose_topic(topics: Sequence[Topic], topic: str | None = None) -> Topic:
     """Choose the topic to read: the given one, else the only one with joint states.
 
@@ -293,8 +278,10 @@ def damage_reported(path: Path, storage: BagFormat) -> Iterator[None]:
     # only reads.
     except Exception as error:
         reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise DamagedRecordingError(
+        hint = "recovering it (--recover; salvage=True in Python) reads the part before the damage"
+        raise RecordingError(
             f"'{path}' can't be read: damaged, cut off or no {storage} recording ({reason})"
+            + (f"; {hint}, if there is any" if storage == "mcap" else "")
         ) from error
 
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, is_dataclass
@@ -295,24 +294,8 @@ def _write(
     try:
         with workspace_beside(target) as workspace:
             written = _write_messages(workspace / target.name, bag_format, topic, kind, messages)
-            _keep_on_disk(written)
             (replace_path if overwrite else take_free_name)(written, target)
-            _sync(target.parent)
     except FileExistsError:
         raise exists_already(target) from None
     except OSError as error:
         raise RecordingError(f"'{target}' can't be written: {error.strerror or error}") from None
-
-
-def _keep_on_disk(path: Path) -> None:
-    """Flush a complete bag to disk, so that it survives a loss of power."""
-    for file in (*path.glob("*"), path):
-        _sync(file)
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
