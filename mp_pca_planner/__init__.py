@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from .planning.plan import Plan as Plan
     from .planning.plan import PlannerOptions as PlannerOptions
     from .planning.planner import Planner as Planner
-    from .primitives.build_library import build_library as build_library
     from .primitives.primitive import MovementPrimitive as MovementPrimitive
     from .recordings.demonstration import Demonstration as Demonstration
     from .recordings.load import load_demonstrations as load_demonstrations
@@ -75,7 +74,6 @@ _NAMES = {
     "planning.path_constraints": ("Upright",),
     "planning.plan": ("Plan", "PlannerOptions"),
     "planning.planner": ("Planner",),
-    "primitives.build_library": ("build_library",),
     "primitives.primitive": ("MovementPrimitive",),
     "recordings.demonstration": ("Demonstration",),
     "recordings.load": ("load_demonstrations",),

@@ -11,7 +11,7 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -246,15 +246,6 @@ def write_whole(path: str | Path, content: Content, *, overwrite: bool = False) 
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
         raise PlannerError(f"'{target}' can't be written: {reason}") from None
-
-
-def write_together(contents: Mapping[Path, Content | None], *, overwrite: bool = False) -> None:
-    """Write several files, and remove those whose content is None."""
-    for target, content in contents.items():
-        if content is None:
-            target.unlink(missing_ok=True)
-        else:
-            write_whole(target, content, overwrite=overwrite)
 
 
 @contextmanager

@@ -5,45 +5,35 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
-from heapq import nlargest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..control.law import with_gains_only
-from ..exceptions import PrimitiveError, RecordingError, listed, quote_names
+from ..exceptions import RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import N_SAMPLES, report_page
-from ..plotting.text import (
-    components_words,
-    kinds_words,
-    prediction_words,
-    prismatic_joints,
-    unit_of,
-    variance_report,
-)
 from ..primitives.build import PrimitiveOptions, build_from_statistics, options_to_update
-from ..primitives.build_library import origin
-from ..primitives.file import load_primitive, save_primitive
+from ..primitives.file import save_primitive
 from ..primitives.foreign import foreign_recordings
-from ..primitives.kinds import KindErrors, KindOptions, choose_kinds
 from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import COUPLINGS, MovementPrimitive
 from ..primitives.timing import ALIGNMENTS
+from ..recordings.bags import find_recordings
 from ..recordings.cutting import segments_table
 from ..recordings.load import load_recordings, position_limits
 from ..recordings.recording_set import RecordingSet
 from ..recordings.segmentation import SegmentationOptions
 from ..robot.model import Robot
-from .common import check_output, print_json, progress_bar
+from .common import check_output, make_folder, print_json, progress_bar, show
 from .options import add_bag_topic, add_report, name_list, seconds, whole
-from .terminal import DONE, complain, say
+from .terminal import DONE, complain
+
+_HIDDEN = ("repairs", "notes", "thresholds", "durations", "foreign", "refused")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,14 +42,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "bags",
         metavar="BAG",
-        nargs="*",
+        nargs="+",
         help="ROS 1 .bag, rosbag2 folder, .db3, .mcap; .csv; LeRobot dataset; globs and folders "
         "of these",
     )
     _add_input(parser)
     _add_primitive(parser)
     parser.add_argument(
-        "--output", metavar="FILE", type=Path, help="file to write (default: that of --update)"
+        "--output",
+        metavar="FILE.npz",
+        type=Path,
+        required=True,
+        help="file to write; a folder with --by",
+    )
+    parser.add_argument(
+        "--by",
+        choices=["label", "folder"],
+        help="write a primitive for each label of the table of --segments, or for each folder of "
+        "recordings",
     )
     parser.add_argument(
         "--report",
@@ -73,8 +73,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="table of the motions to write; edit it for --segments",
     )
-    parser.add_argument("--update", metavar="FILE", type=Path, help="primitive file to add to")
-    parser.add_argument("--remove", type=name_list, default=[], help="recordings to remove")
     add_report(parser)
 
 
@@ -181,39 +179,73 @@ def _add_primitive(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    old = _primitive_to_update(arguments)
-    output, force = arguments.output or arguments.update, arguments.force
-    check_output(output, ".npz", force=force or output == arguments.update)
+    output, force = arguments.output, arguments.force
+    if arguments.by is None:
+        check_output(output, ".npz", force=force)
+    elif arguments.report is not None or arguments.write_segments is not None or arguments.name:
+        raise RecordingError("--by excludes --name, --report and --write-segments")
     check_output(arguments.report, ".html", force=force)
     check_output(arguments.write_segments, ".csv", force=force)
     options = primitive_options(arguments)
-    if old is not None:
-        options = options_like(old, options)
     robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
-    recordings = RecordingSet()
-    if arguments.bags:
-        like = old or robot
-        joints = arguments.joints if like is None else like.joint_names
-        known = [old.statistics] if old and old.statistics else []
-        samples = N_SAMPLES if arguments.report else 0
-        recordings = load(arguments, options, joints, samples, known, robot, same_joints=True)
+    samples = N_SAMPLES if arguments.report else 0
+    built: list[tuple[RecordingSet, MovementPrimitive, Path]] = []
+    for folder, bags in _bags_by_folder(arguments).items():
+        recordings = load(arguments, bags, options, samples, robot)
         recordings.require_motion()
-    statistics = _statistics(recordings, old, arguments.remove)
-    robot = robot and robot.with_joints(statistics.joint_names)
-    name = arguments.name or (old.name if old else output.stem)
-    metadata = _origin(recordings, statistics, robot, old)
-    primitive = build_from_statistics(statistics, name, options, metadata)
-    page = report_page(recordings, primitive, options) if arguments.report else ""
-    save_primitive(primitive, output, overwrite=force or output == arguments.update)
+        everything = MotionStatistics.merged(recordings.summaries)
+        for label, statistics in _by_label(arguments, everything).items():
+            name = arguments.name or output.stem
+            if arguments.by is not None:
+                name = label or folder
+            file = output if arguments.by is None else _file_of(output, name)
+            check_output(file, ".npz", force=force)
+            metadata = _origin(recordings, statistics, robot)
+            primitive = build_from_statistics(statistics, name, options, metadata)
+            built.append((recordings, primitive, file))
+    if arguments.by is not None:
+        make_folder(output)
+    for _, primitive, file in built:
+        save_primitive(primitive, file, overwrite=force)
     if arguments.report is not None:
+        page = report_page(recordings, primitive, options)
         write_whole(arguments.report, page.encode(), overwrite=force)
     if arguments.write_segments is not None:
         table = segments_table(
-            (one.recording, one.start_time, one.end_time, one.label) for one in statistics.motions
+            (one.recording, one.start_time, one.end_time, one.label) for one in everything.motions
         )
         write_whole(arguments.write_segments, table, overwrite=force)
-    _print(arguments, recordings, primitive, output)
+    _print(arguments, built)
     return DONE
+
+
+def _bags_by_folder(arguments: argparse.Namespace) -> dict[str, list[str]]:
+    """The recordings of each primitive: all of them, or those of each folder."""
+    if arguments.by != "folder":
+        return {"": arguments.bags}
+    found: dict[str, list[str]] = {}
+    for path in find_recordings(arguments.bags):
+        found.setdefault(path.absolute().parent.name, []).append(str(path))
+    return found
+
+
+def _by_label(
+    arguments: argparse.Namespace, statistics: MotionStatistics
+) -> dict[str, MotionStatistics]:
+    """The motions of each primitive: all of them, or those of each label."""
+    if arguments.by != "label":
+        return {"": statistics}
+    labels = statistics.labels()
+    if not all(labels):
+        raise RecordingError("--by label needs a label for each motion in the table of --segments")
+    chosen = {name: [i for i, x in enumerate(labels) if x == name] for name in sorted({*labels})}
+    return {name: statistics.chosen(which) for name, which in chosen.items()}
+
+
+def _file_of(folder: Path, name: str) -> Path:
+    if Path(name).name != name:
+        raise RecordingError(f"'{name}' can't be the name of a file: choose a label without '/'")
+    return folder / f"{name}.npz"
 
 
 def primitive_options(arguments: argparse.Namespace) -> PrimitiveOptions:
@@ -228,91 +260,36 @@ def primitive_options(arguments: argparse.Namespace) -> PrimitiveOptions:
     )
 
 
-def _primitive_to_update(arguments: argparse.Namespace) -> MovementPrimitive | None:
-    """The primitive of --update, once the options fit together."""
-    if arguments.update is None:
-        if arguments.remove:
-            raise RecordingError("--remove removes recordings from a primitive: also pass --update")
-        missing = {"at least one recording": arguments.bags, "--output FILE.npz": arguments.output}
-        if lacking := [name for name, value in missing.items() if not value]:
-            raise RecordingError(f"give {' and '.join(lacking)}, or --update FILE.npz")
-        return None
-    if arguments.report is not None:
-        raise RecordingError(
-            "--report needs the samples of all motions: remove --report or --update"
-        )
-    old = load_primitive(arguments.update)
-    if arguments.joints and tuple(arguments.joints) != old.joint_names:
-        raise RecordingError(f"'{old.name}' moves {quote_names(old.joint_names)}: remove --joints")
-    return old
-
-
-def options_like(old: MovementPrimitive, given: PrimitiveOptions) -> PrimitiveOptions:
-    """The options of a primitive, changed where others than the defaults are given."""
-    default, kept = asdict(PrimitiveOptions()), options_to_update(old)
-    changed = {key: x for key, x in asdict(given).items() if x != default[key]}
-    for key in ("n_phases", "degree", "align"):
-        if key in changed and changed[key] != getattr(kept, key):
-            raise PrimitiveError(
-                f"'{old.name}' was built with {key.removeprefix('n_')} {getattr(kept, key)}: "
-                "build it again from the recordings to change that"
-            )
-    return replace(kept, **changed)
-
-
-def _statistics(
-    recordings: RecordingSet, old: MovementPrimitive | None, removed: Sequence[str]
-) -> MotionStatistics:
-    """Statistics of the old motions and of the new ones."""
-    new = recordings.summaries
-    if old is None or old.statistics is None:
-        return MotionStatistics.merged(new)
-    statistics = old.statistics.added(MotionStatistics.merged(new)) if new else old.statistics
-    return statistics.without(removed) if removed else statistics
-
-
 def _origin(
-    recordings: RecordingSet,
-    statistics: MotionStatistics,
-    robot: Robot | None,
-    old: MovementPrimitive | None,
+    recordings: RecordingSet, statistics: MotionStatistics, robot: Robot | None
 ) -> dict[str, Any]:
-    """Metadata on the recordings, and what is kept of an earlier version."""
-    kept: dict[str, Any] = {}
-    if old is not None:
-        built = ("options", "angle_variance_ratio", "demonstrations")
-        gains = with_gains_only(old.metadata)
-        kept = {key: value for key, value in gains.items() if key not in built}
-    repairs = kept.get("repairs", {}) | repairs_of(recordings)
-    return kept | origin(statistics, repairs, robot, kept.get("prismatic_joints", []))
-
-
-def repairs_of(recordings: RecordingSet) -> dict[str, Any]:
-    """Repairs of each recording, by name; equal ones take memory once."""
-    known: dict[str, Any] = {}
-    return {r.name: known.setdefault(str(r.repairs), r.repairs) for r in recordings.reports}
+    """Metadata: the repairs of the recordings that are in, and the prismatic joints."""
+    used = {motion.recording for motion in statistics.motions}
+    prismatic = robot.prismatic_joints if robot else ()
+    repairs = {report.name: report.repairs for report in recordings.reports}
+    return {
+        "repairs": {name: counts for name, counts in repairs.items() if name in used},
+        "prismatic_joints": [x for x in statistics.joint_names if x in prismatic],
+    }
 
 
 def load(
     arguments: argparse.Namespace,
+    bags: Sequence[str],
     options: PrimitiveOptions,
-    joints: Sequence[str] | None,
     samples: int,
-    known: Sequence[MotionStatistics] = (),
-    robot: Robot | None = None,
-    *,
-    same_joints: bool = False,
+    robot: Robot | None,
 ) -> RecordingSet:
-    """Read the recordings of a set that known motions belong to, too."""
+    """Read the recordings of a primitive, with samples of at most so many motions."""
     segmentation, markers = _segmentation(arguments), _marker_source(arguments)
+    joints = arguments.joints if robot is None else robot.joint_names
     with progress_bar("reading", "B") as progress:
         return load_recordings(
-            arguments.bags,
+            bags,
             topic=arguments.topic,
             joints=joints,
             degrees=arguments.degrees,
-            moving_only=robot is not None and joints == robot.joint_names and not arguments.joints,
-            known_extents=[extent for part in known for extent in part.extents.tolist()],
+            moving_only=robot is not None and not arguments.joints,
             segment=arguments.segment,
             segments_csv=arguments.segments,
             segmentation=segmentation,
@@ -322,7 +299,7 @@ def load(
             most_samples=samples,
             jobs=arguments.jobs,
             dask=arguments.dask,
-            same_joints=same_joints,
+            same_joints=True,
             markers=markers,
             state_field=arguments.field,
             max_gap=arguments.max_gap,
@@ -333,26 +310,26 @@ def load(
 
 
 def _print(
-    arguments: argparse.Namespace,
-    recordings: RecordingSet,
-    primitive: MovementPrimitive,
-    output: Path,
+    arguments: argparse.Namespace, built: Sequence[tuple[RecordingSet, MovementPrimitive, Path]]
 ) -> None:
-    foreign, kinds = _foreign(primitive), _kinds(primitive)
-    if arguments.json:
-        further = {
-            "foreign": [{"recording": name, "reason": why} for name, why in foreign],
-            "kinds_left_out": None if kinds is None else asdict(kinds),
-        }
-        print_json({**_facts(recordings, primitive, output), **further})
+    facts = [_facts(*one) for one in built]
+    if arguments.json and arguments.by is not None:
+        print_json({"primitives": facts})
     else:
-        say(*_text(recordings, primitive, kinds, output))
-    for refusal in recordings.refused:
-        complain(f"rejected {refusal.recording}: {refusal.reason}")
-    for recording, reason in foreign:
-        complain(f"warning: {recording}: {reason}; look at it, and leave it out if it is wrong")
-    if not primitive.n_components:
-        complain(_without_components(primitive))
+        for each in facts:
+            show(arguments, each, hidden=_HIDDEN)
+    refused = {one.recording: one.reason for recordings, *_ in built for one in recordings.refused}
+    for recording, reason in refused.items():
+        complain(f"rejected {recording}: {reason}")
+    for each in facts:
+        for one in each["foreign"]:
+            complain(
+                f"warning: {one['recording']}: {one['reason']}; look at it, and leave it out if it "
+                "is wrong"
+            )
+    for _, primitive, _ in built:
+        if not primitive.n_components:
+            complain(_without_components(primitive))
 
 
 def _without_components(primitive: MovementPrimitive) -> str:
@@ -391,7 +368,7 @@ def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:
 def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) -> dict[str, Any]:
     ratio = primitive.explained_variance_ratio
     return {
-        "output": str(output),
+        "output": output,
         "name": primitive.name,
         "n_recordings": len(recordings.reports),
         "n_motions": len(primitive.durations),
@@ -412,68 +389,11 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
             for report in recordings.reports
             if report.marker_residuals
         },
+        "foreign": [{"recording": name, "reason": why} for name, why in _foreign(primitive)],
     }
-
-
-def _text(
-    recordings: RecordingSet,
-    primitive: MovementPrimitive,
-    kinds: KindErrors | None,
-    output: Path,
-) -> list[str]:
-    repaired = [f"{count} {kind}" for kind, count in recordings.repairs.items()]
-    durations = primitive.durations
-    unit = unit_of(primitive.joint_names, prismatic_joints(primitive))
-    fit_residual = unit.number(np.sqrt(np.mean(primitive.fit_residual**2)))
-    return [
-        *_slowest_line(recordings),
-        f"recordings  {len(recordings.reports)} used, {len(recordings.refused)} rejected",
-        f"repairs     {', '.join(repaired) or 'none'}",
-        *_note_lines(recordings),
-        f"motions     {len(durations)} of {primitive.n_joints} joints, "
-        f"{durations.min():.2f} to {durations.max():.2f} s",
-        f"components  {components_words(primitive)}, which reproduce the motions to "
-        f"{fit_residual} {unit.name} RMS",
-        f"prediction  {prediction_words(primitive)}",
-        *([] if kinds is None else [f"kinds       {kinds_words(kinds, unit)}"]),
-        "",
-        *variance_report(primitive),
-        "",
-        f"written to  {output}",
-    ]
 
 
 def _foreign(primitive: MovementPrimitive) -> list[tuple[str, str]]:
     """Recordings whose motions are far from those of the others, and why."""
     assert primitive.statistics is not None
     return foreign_recordings(primitive.statistics, options_to_update(primitive).n_phases)
-
-
-def _kinds(primitive: MovementPrimitive) -> KindErrors | None:
-    """Errors with primitives of several kinds, from at most 200 motions."""
-    assert primitive.statistics is not None
-    n_phases = options_to_update(primitive).n_phases
-    return choose_kinds(primitive.statistics.thinned(), n_phases, KindOptions())[1]
-
-
-def _slowest_line(recordings: RecordingSet, many: int = 10) -> list[str]:
-    """The recordings that took most time, if there are many."""
-    if len(recordings.reports) < many:
-        return []
-    order = nlargest(3, recordings.reports, key=lambda report: report.seconds)
-    return ["slowest     " + ", ".join(f"{one.name} {one.seconds:.2g} s" for one in order)]
-
-
-def _note_lines(recordings: RecordingSet, most: int = 5) -> list[str]:
-    """Notes; those that differ in numbers only are one line, with at most so many names."""
-    alike: dict[str, list[str]] = {}
-    first: dict[str, str] = {}
-    for report in recordings.reports:
-        for note in report.notes:
-            kind = re.sub(r"\d+", "", note)
-            first.setdefault(kind, f"note        {report.name}: {note}")
-            alike.setdefault(kind, []).append(report.name)
-    return [
-        line + (f"; so {listed(names[1:], most)}" if names[1:] else "")
-        for line, names in zip(first.values(), alike.values(), strict=True)
-    ]

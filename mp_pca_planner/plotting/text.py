@@ -5,15 +5,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import text_table
 from ..primitives.primitive import MovementPrimitive
-
-if TYPE_CHECKING:
-    from ..primitives.kinds import KindErrors  # imports slow parts of SciPy
 
 
 class Unit(NamedTuple):
@@ -117,35 +113,6 @@ def percents(values: Sequence[float], n: int) -> list[str]:
     return [percent(values[k]) if k < len(values) else "" for k in range(n)]
 
 
-def variance_report(primitive: MovementPrimitive) -> list[str]:
-    """Shares of the variance of the shapes; with components of single joints, of the angles."""
-    shares = primitive.explained_variance_ratio
-    header, rows = variance_table(shares)
-    lines = ["Variance of the shapes (motions minus minimum-jerk motions) [%], which is learned"]
-    lines += text_table(rows, header=header).splitlines()
-    for name, values in shares.items():
-        if values and sum(values) < 0.99:
-            lines.append(
-                f"'{name}': {len(values)} components explain {percent(sum(values))} %, "
-                f"{percent(0.99 - sum(values))} less than 99 %"
-            )
-    if primitive.coupling == "arm":
-        return lines
-    angles = primitive.metadata["angle_variance_ratio"]
-    header, rows = variance_table(angles, 4)
-    lines += [
-        "",
-        "Variance of the joint angles themselves [%]",
-    ]
-    return [*lines, *text_table(rows, header=header).splitlines()]
-
-
-def components_words(primitive: MovementPrimitive) -> str:
-    """How many components there are, and what each moves."""
-    moved = "all joints" if primitive.coupling == "arm" else "one joint"
-    return f"{primitive.n_components}, each moves {moved} (coupling '{primitive.coupling}')"
-
-
 def prediction_words(primitive: MovementPrimitive, few: int = 10) -> str:
     """How well motions that are left out are predicted, and whether more are needed."""
     n, facts, unit = len(primitive.durations), primitive.summary(), primitive_unit(primitive)
@@ -158,17 +125,4 @@ def prediction_words(primitive: MovementPrimitive, few: int = 10) -> str:
     return (
         f"left-out motions are predicted to {unit.number(left_out)} {unit.name} RMS "
         f"(by minimum jerk to {unit.number(straight)}){advice}"
-    )
-
-
-def kinds_words(errors: KindErrors, unit: Unit) -> str:
-    """Errors of left-out motions with kinds and with one primitive, and which is better."""
-    kinds = f"{errors.n_kinds} {'kind' if errors.n_kinds == 1 else 'kinds'}"
-    if errors.n_outliers:
-        kinds += f" and {errors.n_outliers} {'outlier' if errors.n_outliers == 1 else 'outliers'}"
-    verdict = "one primitive is better" if errors.one_is_best else "kinds are better"
-    return (
-        f"{unit.number(errors.chosen)} {unit.name} RMS as a planner chooses among {kinds} "
-        f"({unit.number(errors.known)} if the kind is known), {unit.number(errors.pooled)} with "
-        f"one primitive: {verdict}"
     )

@@ -63,33 +63,6 @@ def in_span_score(given: FloatArray, mean: FloatArray, precision: FloatArray) ->
     return float(np.sqrt(squared / given.size))
 
 
-def left_out_scores(requests: FloatArray, used: Indices) -> FloatArray:
-    """In-span scores of requests for the primitive of some of their demonstrations.
-
-    A demonstration that is used is left out of the primitive for its own score.
-
-    Parameters
-    ----------
-    requests : array, shape (n_demonstrations, n_entries)
-        Starts, goals [rad or m] and logarithms of durations.
-    used : array of int
-        Indices of the demonstrations of the primitive.
-
-    Returns
-    -------
-    scores : array, shape (n_demonstrations,)
-        Infinite for the only demonstration of a primitive.
-    """
-    deviations = requests - requests[used].mean(axis=0)
-    precision = request_precision(requests[used])
-    squares = np.einsum("ni,ij,nj->n", deviations, precision, deviations)
-    for i in used:
-        others = requests[used[used != i]]
-        left = requests[i] - others.mean(axis=0) if len(others) else np.full(len(precision), np.inf)
-        squares[i] = left @ request_precision(others) @ left if len(others) else np.inf
-    return np.asarray(np.sqrt(squares / requests.shape[1]))
-
-
 def _marginal(precision: FloatArray, size: int) -> FloatArray:
     """Inverse covariance of the first entries of requests.
 

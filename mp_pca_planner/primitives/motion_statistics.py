@@ -10,7 +10,7 @@ the primitive.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from operator import itemgetter
@@ -21,7 +21,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray, empty_rows, release, row_blocks
-from ..exceptions import PrimitiveError, quote_names, unknown_name
+from ..exceptions import PrimitiveError, quote_names
 from ..motion.interpolation import boundary_values, hermite_functions
 from .basis import end_vanishing_coefficients, legendre_values
 from .timing import align, aligned_positions, fit_paces
@@ -289,38 +289,6 @@ class MotionStatistics:
         states = self.boundary_states[:, :, order]
         return replace(self, joint_names=joint_names, boundary_states=states, **arrays)
 
-    def added(self, new: MotionStatistics) -> MotionStatistics:
-        """These and the new ones; a motion that is in already is counted once.
-
-        Raises
-        ------
-        PrimitiveError
-            See :meth:`merged`.
-        """
-        known = {motion.identity for motion in self.motions}
-        fresh = [i for i, motion in enumerate(new.motions) if motion.identity not in known]
-        return MotionStatistics.merged([self, new.chosen(fresh)] if fresh else [self])
-
-    def without(self, names: Collection[str]) -> MotionStatistics:
-        """These without the demonstrations of some recordings, see :func:`.indices_of`.
-
-        Raises
-        ------
-        PrimitiveError
-            If there is no such recording, or none would be left.
-        """
-        gone: set[int] = set()
-        for name in names:
-            found = indices_of(name, self.motions)
-            if not found:
-                known = sorted({motion.recording for motion in self.motions})
-                raise PrimitiveError(unknown_name("recording", name, known))
-            gone.update(found)
-        kept = [i for i in range(len(self.motions)) if i not in gone]
-        if not kept:
-            raise PrimitiveError("nothing would be left: at least one recording must stay")
-        return self.chosen(kept)
-
 
 def thinned(requests: FloatArray) -> NDArray[np.intp]:
     """Indices of at most 200 motions, the same motions whatever their order."""
@@ -430,32 +398,3 @@ def source_rows(sources: Iterable[MotionSource]) -> NDArray[np.bytes_]:
         facts = dict(zip(_FACTS, source, strict=True))
         rows.append(json.dumps(facts, sort_keys=True))
     return np.array(rows, dtype=np.bytes_)
-
-
-def indices_of(name: str, motions: Iterable[MotionSource]) -> list[int]:
-    """Indices of the demonstrations of a recording; none if there is no such recording.
-
-    Parameters
-    ----------
-    name :
-        Its name, or its checksum, or the first 8 or more digits of that.
-    motions :
-        The demonstrations.
-
-    Raises
-    ------
-    PrimitiveError
-        If several recordings have this name.
-    """
-    found = {
-        i: motion.checksum
-        for i, motion in enumerate(motions)
-        if motion.recording == name or (len(name) >= 8 and motion.checksum.startswith(name))
-    }
-    checksums = sorted(set(found.values()))
-    if len(checksums) > 1:
-        raise PrimitiveError(
-            f"several recordings are called '{name}': name one by its checksum, "
-            + " or ".join(checksum[:12] for checksum in checksums)
-        )
-    return list(found)

@@ -485,35 +485,6 @@ class Robot:
         """
         return self._positions(q, self._frame_ids(frames))
 
-    def chain_positions(self, q: FloatArray, frame: str) -> FloatArray:
-        """Positions of the joints from the base to a frame, and of the frame, along a motion.
-
-        Parameters
-        ----------
-        q : array, shape (n_steps, n_joints)
-            Joint positions [rad or m].
-        frame : str
-            Name of the frame (link).
-
-        Returns
-        -------
-        points : array, shape (n_steps, n_points, 3)
-            Origin of the base, of each moving joint up to the frame, and of the frame [m].
-
-        Raises
-        ------
-        RobotError
-            If there is no such frame.
-        """
-        (end,) = self._frame_ids([frame])
-        frames, kind = list(self._model.frames), pin.FrameType.JOINT
-        of_joints = {one.parentJoint: i for i, one in enumerate(frames) if one.type == kind}
-        chain, joint = [end], frames[end].parentJoint
-        while joint > 0:
-            chain.insert(0, of_joints[joint])
-            joint = int(self._model.parents[joint])
-        return self._positions(q, [0, *chain])
-
     def _positions(self, q: FloatArray, ids: Sequence[int]) -> FloatArray:
         (q,) = self._order.checked(q, n_dims=2)
         points = np.empty((len(q), len(ids), 3))

@@ -16,9 +16,9 @@ from support import command_line
 from support.bags import reaching, stamped, write_bag
 from support.embedded_bags import FIELD, TOPIC, write_embedded_bag
 
-from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive
+from mp_pca_planner.primitives.library import load_primitives
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.repair import REPAIRS
 
@@ -121,18 +121,38 @@ def test_recordings_of_a_standing_arm_are_refused_by_name(bags: Path, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("arguments", "lacking"),
-    [
-        (["bag.mcap"], "give --output FILE.npz, or --update FILE.npz"),
-        (["--output", "x.npz"], "give at least one recording, or --update FILE.npz"),
-        ([], "give at least one recording and --output FILE.npz, or --update FILE.npz"),
-    ],
+    ("arguments", "lacking"), [(["bag.mcap"], "--output"), (["--output", "x.npz"], "BAG")]
 )
-def test_what_a_command_lacks_is_named(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], lacking: str
-) -> None:
-    assert main(["build_primitives", *arguments]) == 2
-    assert capsys.readouterr().err == f"mp-pca build_primitives: {lacking}\n"
+def test_what_a_command_lacks_is_named(arguments: list[str], lacking: str) -> None:
+    assert f"are required: {lacking}" in refusal_of_parser(*arguments)
+
+
+def refusal_of_parser(*arguments: str) -> str:
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, "")
+    return err
+
+
+def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
+    for name in ("near", "far"):
+        (tmp_path / name).mkdir()
+        write_bag(tmp_path / name / f"{name}_bag", "mcap", stamped(reaching(GOALS[0])))
+    table = tmp_path / "segments.csv"
+    rows = [f"{name}_bag,0.0,60.0,{name}" for name in ("near", "far")]
+    table.write_text("\n".join(["recording,start_time_s,end_time_s,label", *rows]))
+    output = tmp_path / "by_folder"
+    status, out, err = run(tmp_path / "*", "--by", "folder", "--output", output, "--json")
+    assert status == 0, err
+    assert {one["name"] for one in json.loads(out)["primitives"]} == {"near", "far"}
+    assert {file.name for file in output.iterdir()} == {"near.npz", "far.npz"}
+    assert load_primitives([output]).names == {"far", "near"}
+    status, _, err = run(tmp_path / "*", "--by", "folder", "--output", output)
+    assert status == 2 and "exists already" in err
+    bags = [tmp_path / name for name in ("near", "far")]
+    labelled = (*bags, "--segments", table, "--output", tmp_path / "by_label")
+    status, _, err = run(*labelled, "--by", "label")
+    assert status == 0, err
+    assert {file.name for file in (tmp_path / "by_label").iterdir()} == {"near.npz", "far.npz"}
 
 
 def test_a_primitive_without_components_is_warned_of(tmp_path: Path) -> None:

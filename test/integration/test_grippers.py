@@ -10,7 +10,6 @@ import pytest
 from support import command_line
 
 import mp_pca_planner as mp
-from mp_pca_planner.primitives.library import VersionedLibrary
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
 
@@ -94,14 +93,6 @@ def test_motions_are_those_of_the_arm_alone(urdf: Path, tmp_path: Path) -> None:
     alone = mp.load_demonstrations(record(tmp_path / "absent.mcap", "absent"))
     for one, other in zip(found, alone, strict=True):
         np.testing.assert_array_equal(one.positions, other.positions)
-
-
-def test_a_library_of_the_robot_leaves_the_finger_out(urdf: Path, tmp_path: Path) -> None:
-    bag = record(tmp_path / "bag.mcap", "still", n_motions=12)
-    options = ("--robot", urdf, "--output", tmp_path / "library")
-    (found,) = command_line.result("build_library", bag, *options)["libraries"]
-    assert found["joint_names"] == list(JOINT_NAMES)
-    assert VersionedLibrary(tmp_path / "library").in_use()
 
 
 def test_a_session_with_the_robot_leaves_the_finger_out(

@@ -56,15 +56,6 @@ def test_elbow_and_wrist_are_where_the_closed_form_says(q: np.ndarray) -> None:
     np.testing.assert_allclose(points, [elbow, wrist], rtol=0, atol=1e-12)
 
 
-@given(configurations)
-def test_chain_leads_from_the_base_over_shoulder_and_elbow_to_the_wrist(q: np.ndarray) -> None:
-    (chain,) = ROBOT.chain_positions(q[None], "wrist")
-    elbow, wrist = closed_form(q)
-    (shoulder,) = ROBOT.frame_positions(q[None], ["upper_arm"])[0]
-    expected = [np.zeros(3), shoulder, shoulder, shoulder, elbow, wrist]
-    np.testing.assert_allclose(chain, expected, rtol=0, atol=1e-12)
-
-
 def test_arm_hangs_straight_down_at_zero() -> None:
     points = ROBOT.frame_positions(np.zeros((1, 4)), ["upper_arm", "wrist"])[0]
     np.testing.assert_allclose(points[1] - points[0], [0, 0, -UPPER_ARM - FOREARM], atol=1e-15)
