@@ -33,7 +33,7 @@ from .common import check_output, make_folder, print_json, progress_bar, show
 from .options import add_bag_topic, add_report, name_list, seconds, whole
 from .terminal import DONE, complain
 
-_HIDDEN = ("repairs", "notes", "thresholds", "durations", "foreign", "refused")
+_HIDDEN = ("repairs", "thresholds", "durations", "foreign", "refused")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -184,6 +184,8 @@ def run(arguments: argparse.Namespace) -> int:
         check_output(output, ".npz", force=force)
     elif arguments.report is not None or arguments.write_segments is not None or arguments.name:
         raise RecordingError("--by excludes --name, --report and --write-segments")
+    else:
+        make_folder(output)
     check_output(arguments.report, ".html", force=force)
     check_output(arguments.write_segments, ".csv", force=force)
     options = primitive_options(arguments)
@@ -203,8 +205,6 @@ def run(arguments: argparse.Namespace) -> int:
             metadata = _origin(recordings, statistics, robot)
             primitive = build_from_statistics(statistics, name, options, metadata)
             built.append((recordings, primitive, file))
-    if arguments.by is not None:
-        make_folder(output)
     for _, primitive, file in built:
         save_primitive(primitive, file, overwrite=force)
     if arguments.report is not None:

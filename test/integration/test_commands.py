@@ -93,26 +93,6 @@ def test_build_primitives_learns_the_motions_of_a_bag(recording, tmp_path):
     assert load_primitive(output).metadata["demonstrations"][0]["recording"] == "session"
 
 
-def test_build_primitives_prints_shares_without_the_paper_and_the_solver(recording, tmp_path):
-    options = ["--output", tmp_path / "a.npz", "--coupling", "joint"]
-    text = run("build_primitives", recording[0], *options, ok=True).stdout
-    assert "Variance of the joint angles themselves [%]" in text
-    assert "paper" not in text and "kkt" not in text
-
-
-def test_build_primitives_says_by_how_much_components_miss_99_percent(recording, tmp_path):
-    done = run(
-        "build_primitives",
-        recording[0],
-        "--output",
-        tmp_path / "a.npz",
-        "--components",
-        "1",
-        ok=True,
-    )
-    assert "1 components explain" in done.stdout and "less than 99 %" in done.stdout
-
-
 def test_build_primitives_cuts_where_a_table_says(recording, tmp_path):
     path, made = recording
     table = tmp_path / "cuts.csv"

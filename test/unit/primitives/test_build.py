@@ -169,7 +169,7 @@ def test_nothing_to_learn_from_is_refused():
         build_primitive([demonstration], "x")
 
 
-@pytest.mark.parametrize("name", [None, 10**5000, ["reach"]], ids=["None", "huge", "list"])
+@pytest.mark.parametrize("name", [None, ["reach"]], ids=["None", "list"])
 def test_name_that_is_no_text_is_refused(name):
     with pytest.raises(PrimitiveError, match="the name of a primitive must be a str"):
         build_primitive(arm_demonstrations(), name)
