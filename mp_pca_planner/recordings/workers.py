@@ -77,13 +77,13 @@ def dask_cluster(address: str) -> Iterator[Executor]:
             f"no Dask scheduler answers at '{address}', expected one such as tcp://192.0.2.1:8786: "
             f"{error}"
         ) from None
-    lost = (distributed.CancelledError, distributed.KilledWorker, ImportError, TimeoutError)
+    lost = (distributed.CancelledError, distributed.KilledWorker, TimeoutError)
     try:
         with client:
             client.wait_for_workers(1, timeout=_PATIENCE)
             yield client.get_executor(pure=False)
-    except lost as error:
+    except (*lost, ImportError, RuntimeError) as error:
         raise RecordingError(
-            f"the Dask cluster at '{address}' can't be used: it needs workers with mp_pca_planner "
-            f"and enough memory ({type(error).__name__}: {error})"
+            f"the Dask cluster at '{address}' can't be used: it needs a scheduler and workers "
+            f"with mp_pca_planner and enough memory ({type(error).__name__}: {error})"
         ) from None
