@@ -86,13 +86,17 @@ def run(arguments: argparse.Namespace) -> int:
     session, urdf, *others = map(str, files)
     primitive = folder / "reach.npz"
     _, _, joints = robot_file(arguments.robot)
-    _learn(Path(session), primitive, Robot.from_file(urdf, joints))
+    robot = Robot.from_file(urdf, joints)
+    _learn(Path(session), primitive, robot)
     if not arguments.node:
         limits = ["--limits", others[0]] if others else []
         return run_command("view", [str(primitive), "--robot", urdf, *limits])
-    limits = ["-p", f"limits_file:={others[0]}"] if others else []
-    node = ["planner_node", "--ros-args", "-p", f"primitives:=['{primitive}']", *limits]
-    with _children(node, ["simulate", "--robot", urdf]), suppress(KeyboardInterrupt):
+    node = ["planner_node", "--ros-args", "-p", f"primitives:=['{primitive}']"]
+    node += ["-p", f"limits_file:={others[0]}"] if others else []
+    still = [f"{name}=0" for name in robot.movable_joints if name not in robot.joint_names]
+    node += ["-p", f"locked_joints:={','.join(still)}"] if still else []
+    simulation = ["simulate", "--robot", urdf, "--joints", ",".join(robot.joint_names)]
+    with _children(node, simulation), suppress(KeyboardInterrupt):
         say("The node and a simulated robot run until Ctrl-C. Goals: mp-pca send_goal")
         flush()
         threading.Event().wait()
