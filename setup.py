@@ -110,8 +110,6 @@ setup(
             "furo",
             "matplotlib>=3.6",
         ],
-        # Libraries that several processes may change at once.
-        "library": ["filelock>=3.12"],
         # Learning by trials: CMA-ES.
         "learn": ["cmaes>=0.10"],
         # Recordings read by the workers of a Dask cluster.
@@ -121,7 +119,6 @@ setup(
         "test": [
             "cmaes>=0.10",
             "distributed>=2024.1",
-            "filelock>=3.12",
             "hypothesis>=6.100",
             "mypy==2.4.*",
             "playwright>=1.45",

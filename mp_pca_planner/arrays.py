@@ -1,22 +1,14 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks and conversions of arrays and names, for all value types, and arrays in files.
-
-An array of many rows may be in a temporary file, so that their number takes no memory. Such an
-array is a memory map: the system reads its pages when they are used. They count as memory of the
-process until they are released, so many rows are processed in blocks.
-"""
+"""Checks and conversions of arrays and names, for all value types."""
 
 from __future__ import annotations
 
-import mmap
-import os
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from math import inf, prod
+from math import inf
 from numbers import Integral, Real
 from typing import Any
 
@@ -33,16 +25,11 @@ MAX_SIZE = 1 << 28
 BLOCK = 512
 """Rows that are processed at a time."""
 
-# Arrays that take less memory together are no files [bytes].
-_LEAST_IN_FILE = 1 << 17
-
 
 def frozen_array(
     values: ArrayLike, shape: tuple[int | None, ...], what: str, error: type[PlannerError]
 ) -> FloatArray:
     """Copy values into a read-only, finite float array of a given shape.
-
-    An array in a file is not copied, see :func:`empty_rows`.
 
     Parameters
     ----------
@@ -60,13 +47,8 @@ def frozen_array(
     PlannerError
         (as `error`) If the values are not numbers, have another shape or are not finite.
     """
-    is_mapped = file_of(values) is not None
-    array = float_array(values, what, error, shape, is_copied=not is_mapped)
-    if is_mapped:
-        is_finite = all(np.isfinite(block).all() for (block,) in row_blocks(array))
-    else:
-        is_finite = bool(np.isfinite(array).all())
-    if not is_finite:
+    array = float_array(values, what, error, shape)
+    if not np.isfinite(array).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         where = f"[{', '.join(map(str, index))}]" if index else ""
         raise error(f"{what}{where} is {array[index]}, but only finite numbers are accepted")
@@ -225,50 +207,14 @@ def repeated_names(names: Iterable[str]) -> list[str]:
 def empty_rows(
     n_rows: int, kinds: Mapping[str, tuple[DTypeLike, tuple[int, ...]]]
 ) -> dict[str, NDArray[Any]]:
-    """Arrays to be filled.
-
-    Parameters
-    ----------
-    n_rows : int
-        Rows of each array.
-    kinds : mapping of str to pair
-        Data type and shape of a row of each.
-
-    Raises
-    ------
-    PlannerError
-        If there is no space for them.
-    """
-    n_bytes = 0
-    for x, shape in kinds.values():
-        n_bytes += n_rows * np.dtype(x).itemsize * prod(shape)
-    content: bytearray | mmap.mmap
-    if n_bytes < _LEAST_IN_FILE:
-        content = bytearray(n_bytes)
-    else:
-        with tempfile.TemporaryFile(prefix="mp_pca_planner-") as file:
-            try:
-                os.posix_fallocate(file.fileno(), 0, n_bytes)
-            except OSError as error:
-                raise PlannerError(
-                    f"{n_bytes >> 20} MiB don't fit into '{tempfile.gettempdir()}' "
-                    f"({error.strerror}): set TMPDIR to a folder with more space"
-                ) from None
-            content = mmap.mmap(file.fileno(), n_bytes)
-    arrays, offset = {}, 0
-    for name, (x, shape) in kinds.items():
-        arrays[name] = np.ndarray((n_rows, *shape), x, content, offset)
-        offset += arrays[name].nbytes
-    return arrays
+    """Arrays to be filled, of the data type and the shape of a row of each."""
+    return {name: np.zeros((n_rows, *shape), x) for name, (x, shape) in kinds.items()}
 
 
 def row_blocks(*arrays: NDArray[Any]) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Some rows of all arrays at a time; those in files take memory for these rows only."""
-    files = set(filter(None, map(file_of, arrays)))
+    """Some rows of all arrays at a time."""
     for first in range(0, len(arrays[0]), BLOCK):
         yield tuple(array[first : first + BLOCK] for array in arrays)
-        for file in files:
-            file.madvise(mmap.MADV_DONTNEED)
 
 
 def row_mean(array: FloatArray) -> FloatArray:
@@ -277,22 +223,6 @@ def row_mean(array: FloatArray) -> FloatArray:
     for (block,) in row_blocks(array):
         total += block.sum(axis=0)
     return total / len(array)
-
-
-def release(array: NDArray[Any]) -> None:
-    """Take no more memory for an array in a file, until it is used again."""
-    mapped = file_of(array)
-    if mapped is not None:
-        mapped.madvise(mmap.MADV_DONTNEED)
-
-
-def file_of(array: object) -> mmap.mmap | None:
-    """The file that an array is in, if it is in one."""
-    while isinstance(array, np.ndarray):
-        array = array.base
-    if isinstance(array, memoryview):
-        array = array.obj
-    return array if isinstance(array, mmap.mmap) else None
 
 
 def set_frozen(value: object, **attributes: object) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, empty_rows, release, row_blocks
+from ..arrays import FloatArray, empty_rows, row_blocks
 from ..exceptions import PrimitiveError, quote_names
 from ..motion.interpolation import boundary_values, hermite_functions
 from .basis import end_vanishing_coefficients, legendre_values
@@ -235,7 +235,6 @@ class MotionStatistics:
             n_before, n_done = n_done, n_done + len(part.sources)
             for name, array in arrays.items():
                 array[n_before:n_done] = getattr(part, name)
-            release(arrays["angles"])
         return cls(first.joint_names, **arrays)
 
     def requests(self) -> FloatArray:
@@ -275,7 +274,6 @@ class MotionStatistics:
             here = np.flatnonzero((numbers[0] <= indices) & (indices <= numbers[-1]))
             for array, part in zip(arrays.values(), parts, strict=True):
                 array[here] = part[indices[here] - numbers[0]]
-            release(arrays["angles"])
         return MotionStatistics(self.joint_names, **arrays)
 
     def _arrays(self) -> list[NDArray[Any]]:

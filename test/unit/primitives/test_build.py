@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.arm import JOINTS, arm_demonstrations, arm_primitive
 
-from mp_pca_planner.exceptions import PrimitiveError, RecordingError
+from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.motion_statistics import shape_functions, shape_smoother
@@ -173,8 +173,6 @@ def test_nothing_to_learn_from_is_refused():
 def test_name_that_is_no_text_is_refused(name):
     with pytest.raises(PrimitiveError, match="the name of a primitive must be a str"):
         build_primitive(arm_demonstrations(), name)
-    with pytest.raises(RecordingError, match="the recording of a motion must be a str"):
-        Demonstration.of_samples(["a"], np.arange(9.0), np.zeros((9, 1)), name)
 
 
 def test_demonstrations_of_other_joints_are_refused_by_name():

@@ -3,7 +3,6 @@
 """Statistics of demonstrations: what is kept of them is enough, and can be merged."""
 
 import pickle
-from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,11 +12,9 @@ from hypothesis import strategies as st
 from numpy.polynomial import legendre
 from support.arm import JOINTS, arm_demonstrations
 
-from mp_pca_planner.arrays import BLOCK, file_of
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics, build_primitive
-from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.motion_statistics import (
     MotionSource,
     MotionSources,
@@ -81,28 +78,6 @@ def test_primitive_of_merged_parts_is_that_of_all_demonstrations_in_memory(cuts,
             merged.arrays()[name], array, rtol=0.0, atol=1e-10 * scale, err_msg=name
         )
     assert [*merged.metadata["demonstrations"]] == [*whole.metadata["demonstrations"]]
-
-
-def test_statistics_in_a_file_give_what_those_in_memory_give():
-    options = PrimitiveOptions(n_components=4)
-    part = MotionStatistics.of(arm_demonstrations(), options)
-    in_file = MotionStatistics.merged([part] * 60)
-    assert file_of(in_file.angles) and len(in_file.motions) > 2 * BLOCK
-    arrays = {x: np.concatenate([getattr(part, x)] * 60) for x in ("shapes", "angles", "warps")}
-    for name, array in arrays.items():
-        np.testing.assert_array_equal(getattr(in_file, name), array)
-    in_memory = replace(
-        in_file, **{f.name: np.array(getattr(in_file, f.name)) for f in fields(in_file)[1:]}
-    )
-    contents = {
-        primitive_bytes(build_from_statistics(x, "x", options)) for x in (in_file, in_memory)
-    }
-    assert len(contents) == 1
-    chosen = in_file.chosen(range(0, len(in_file.motions), 2))
-    assert file_of(chosen.angles)
-    np.testing.assert_array_equal(chosen.angles, arrays["angles"][::2])
-    assert [*in_file.motions] == [*part.motions] * 60
-    assert [*chosen.motions] == [*in_file.motions][::2]
 
 
 @pytest.mark.parametrize("method", ["linear", "arc_length"])
