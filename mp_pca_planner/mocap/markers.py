@@ -160,6 +160,9 @@ def _one_of(value: Any, kind: str, valid: tuple[Any, ...], where: str) -> Any:
     return value
 
 
+# Largest time between samples, in usual periods, within which a marker counts as present.
+_MAX_STEP = 2.5
+
 POINT = "geometry_msgs/msg/PointStamped"
 POSE = "geometry_msgs/msg/PoseStamped"
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
@@ -206,7 +209,6 @@ def read_markers(
     markers: Sequence[MarkerPlacement],
     *,
     salvage: bool = False,
-    max_step: float = 2.5,
 ) -> MarkerTrajectories:
     """Read the trajectories of some markers.
 
@@ -224,8 +226,6 @@ def read_markers(
         The markers, and their names in the recording.
     salvage :
         Reads the messages before the damage of a damaged recording.
-    max_step :
-        Largest time between samples, in usual periods, within which a marker counts as present.
 
     Raises
     ------
@@ -237,7 +237,7 @@ def read_markers(
         notes = bag.notes
     bodies = {m.body: _chosen(samples, m, path) for m in markers}
     _refuse_mixed_frames(bodies)
-    header, receive, poses = _assemble(bodies, max_step)
+    header, receive, poses = _assemble(bodies)
     return MarkerTrajectories(
         topic,
         tuple(m.name for m in markers),
@@ -383,7 +383,7 @@ def _refuse_mixed_frames(bodies: Mapping[str, BodySamples]) -> None:
 
 
 def _assemble(
-    bodies: Mapping[str, BodySamples], max_step: float
+    bodies: Mapping[str, BodySamples],
 ) -> tuple[IntArray, IntArray, dict[str, FloatArray]]:
     """Interpolate all bodies at the stamps of the one with most samples."""
     base = max((stamps for stamps, _, _ in bodies.values()), key=len)
@@ -392,7 +392,7 @@ def _assemble(
     poses = {
         body: own
         if np.array_equal(stamps, base)
-        else _resampled(stamps[:, column], own, base[:, column], max_step)
+        else _resampled(stamps[:, column], own, base[:, column])
         for body, (stamps, own, _) in bodies.items()
     }
     return base[:, 0].copy(), base[:, 1].copy(), poses
@@ -405,9 +405,7 @@ def _usual_period(times: IntArray) -> float:
     return float(np.median(steps)) if steps.size else float(NS_PER_S)
 
 
-def _resampled(
-    times: IntArray, poses: FloatArray, new_times: IntArray, max_step: float
-) -> FloatArray:
+def _resampled(times: IntArray, poses: FloatArray, new_times: IntArray) -> FloatArray:
     """Interpolated poses between samples that are near each other, NaN at other times.
 
     Quaternions are interpolated number by number. Between near samples the result is that of a
@@ -424,7 +422,7 @@ def _resampled(
     before = np.searchsorted(times, new_times, side="right") - 1
     inside = (after < times.size) & (before >= 0)
     step = times[np.minimum(after, times.size - 1)] - times[np.maximum(before, 0)]
-    result[~inside | (step > max_step * _usual_period(times))] = np.nan
+    result[~inside | (step > _MAX_STEP * _usual_period(times))] = np.nan
     return result
 
 

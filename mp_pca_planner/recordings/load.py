@@ -44,7 +44,7 @@ MIN_SHARE = 0.7
 
 
 _OPTIONS = [one.name for one in fields(LoadOptions)]
-_OPTIONS += ["jobs", "dask", "executor", "progress", "known_extents"]
+_OPTIONS += ["jobs", "dask", "executor", "progress"]
 
 
 def load_demonstrations(
@@ -151,7 +151,6 @@ def load_recordings(
     dask: str | None = None,
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
-    known_extents: Sequence[float] = (),
     same_joints: bool = False,
     **options: Any,
 ) -> RecordingSet:
@@ -169,8 +168,6 @@ def load_recordings(
         Reads them instead: any executor, whose workers see the recordings at the same paths.
     progress :
         Called with the bytes of recordings done and in all.
-    known_extents :
-        Extents of further motions of the set, which are not loaded again [rad or m].
     same_joints :
         Takes the joints that more than half of the recordings have from all, and rejects
         recordings that lack some of them. Without such a majority all are taken as they are.
@@ -201,7 +198,7 @@ def load_recordings(
         again = with_joints_of_set(tasks, loaded, same_joints, moving_only=settings.moving_only)
         _load_all(again, loaded, pool, None)
         tasks = [again.get(index, task) for index, task in enumerate(tasks)]
-        _load_all(with_extent_of_set(tasks, loaded, known_extents), loaded, pool, None)
+        _load_all(with_extent_of_set(tasks, loaded), loaded, pool, None)
     return RecordingSet.joined(loaded)
 
 
@@ -383,21 +380,21 @@ def _with_joints(
 
 
 def with_extent_of_set(
-    tasks: Sequence[LoadTask], loaded: list[RecordingSet], known_extents: Sequence[float]
+    tasks: Sequence[LoadTask], loaded: list[RecordingSet]
 ) -> dict[int, LoadTask]:
     """Recordings to load again by the extents of all motions, by index.
 
     Movements of some count as rest relative to the motions of the set. Those of absurdly large
     motions are rejected.
     """
-    extents, smallest, largest = list(known_extents), list[float](), list[float]()
+    extents, smallest, largest = list[float](), list[float](), list[float]()
     for index, task in enumerate(tasks):
         reports = loaded[index].reports
         own = [m.extent for x in reports for m in x.motions if task.segments is None]
         extents.extend(own)
         smallest.append(min(own, default=np.inf))
         largest.append(max(own, default=0.0))
-    absurd = absurd_extent([*known_extents, *filter(None, largest)])
+    absurd = absurd_extent([*filter(None, largest)])
     for index in np.flatnonzero(np.asarray(largest) > absurd).tolist():
         what = cutting.far_moving("its joints move", largest[index], absurd)
         reason = (
