@@ -17,14 +17,16 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 import numpy as np
+from scipy.integrate import trapezoid
 from tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.files import config_file
-from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_around
-from mp_pca_planner.learning.refinement import RefinementOptions, refine
-from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.learning.refined_motion import primitive_around
+from mp_pca_planner.learning.refinement import refine
+from mp_pca_planner.learning.trials import improve_by_trials
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
@@ -33,7 +35,6 @@ from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.robot.model import Robot
 
 MODEL_ERROR = 0.3
-NOISE = 0.1
 N_NEIGHBOURS = 5
 NEIGHBOURHOOD = 0.1
 
@@ -44,7 +45,6 @@ def main() -> None:
     parser.add_argument("--problems", type=int, default=100)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--trials", type=int, default=60)
-    parser.add_argument("--noisy-seeds", type=int, default=50)
     arguments = parser.parse_args()
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
     motions = generate_motions(40, 1)
@@ -58,7 +58,6 @@ def main() -> None:
     found = {
         "effort saved by refining [%]": refine_all(planner, plans),
         **learn_by_trials(planner, plans[0], arguments.seeds, arguments.trials),
-        **learn_with_noise(planner, plans[0], arguments.noisy_seeds, arguments.trials),
         "effort of a new primitive's plan over the old one's": plan_around(
             planner, plans[: max(arguments.problems // 5, 1)]
         ),
@@ -92,62 +91,27 @@ def learn_by_trials(
     planner: Planner, plan: Plan, n_seeds: int, n_trials: int
 ) -> dict[str, list[float]]:
     """Effort above the optimum before and after trials on robots unlike the model [%]."""
-    start = refine([plan.motion], planner.robot, planner.limits).motion.parameters
     found: dict[str, list[float]] = {}
     for seed in range(n_seeds):
         robot = perturbed_robot(seed)
         optimum = refine([plan.motion], robot, planner.limits).effort
-        for label, parameters in (("one shot", None), ("off-line refinement", start)):
-            learner = TrialLearner(
-                [plan.motion],
-                planner.robot,
-                planner.limits,
-                RefinementOptions(seed=seed),
-                start=parameters,
-            )
-            for _ in range(n_trials):
-                proposal = learner.propose()
-                if check_limits(proposal.trajectory, planner.robot, planner.limits).violations:
-                    raise SystemExit("a trial breaks limits")
-                learner.record(proposal.motion.effort(robot))
-            best = min(trial.cost for trial in learner.trials)
-            first = learner.trials[0].cost
-            for when, effort in (("first trial", first), (f"best of {n_trials} trials", best)):
-                name = f"from the {label}: {when} above the optimum [%]"
-                found.setdefault(name, []).append(100.0 * (effort / optimum - 1.0))
-    return found
+        costs: list[float] = []
 
+        def run(trajectory: Trajectory, robot: Robot = robot, costs: list[float] = costs) -> float:
+            if check_limits(trajectory, planner.robot, planner.limits).violations:
+                raise SystemExit("a trial breaks limits")
+            states = trajectory.positions, trajectory.velocities, trajectory.accelerations
+            squares = np.sum(robot.inverse_dynamics(*states) ** 2, axis=1)
+            costs.append(0.5 * float(trapezoid(squares, trajectory.times)))
+            return costs[-1]
 
-def learn_with_noise(
-    planner: Planner, plan: Plan, n_seeds: int, n_trials: int
-) -> dict[str, list[float]]:
-    """True gains of kept motions, and of those of the least single cost [%]."""
-    start = refine([plan.motion], planner.robot, planner.limits).motion.parameters
-    found: dict[str, list[float]] = {}
-    for label, parameters in (("one shot", None), ("off-line refinement", start)):
-        names = [
-            f"from the {label}, with noise: true gain {of} [%]"
-            for of in ("of what is kept", "of the least single cost")
-        ]
-        found |= {name: [] for name in names}
-        for seed in range(n_seeds):
-            robot = perturbed_robot(seed)
-            rng, options = np.random.default_rng(seed), RefinementOptions(seed=seed)
-            problem = [plan.motion], planner.robot, planner.limits, options
-            learner = TrialLearner(*problem, start=parameters)
-            for _ in range(n_trials):
-                effort = learner.propose().motion.effort(robot)
-                learner.record(effort * (1.0 + NOISE * rng.normal()))
-            gain, least = learner.gain(), min(learner.trials, key=lambda trial: trial.cost)
-            kept = [gain] if gain is not None and gain.is_certain else []
-            for name, several in zip(names, (kept, [least]), strict=True):
-                for one in several:
-                    efforts = (
-                        RefinedMotion([plan.motion], np.array(x)).effort(robot)
-                        for x in (one.parameters, 0 * start)
-                    )
-                    ratio = np.divide(*efforts)
-                    found[name].append(100.0 * (1.0 - ratio))
+        improve_by_trials(plan, run, n_trials, seed)
+        for when, effort in (
+            ("first trial", costs[0]),
+            (f"best of {n_trials} trials", min(costs)),
+        ):
+            name = f"from the one shot: {when} above the optimum [%]"
+            found.setdefault(name, []).append(100.0 * (effort / optimum - 1.0))
     return found
 
 

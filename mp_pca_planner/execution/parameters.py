@@ -18,7 +18,6 @@ from typing import Any
 
 from ..arrays import read_values
 from ..exceptions import (
-    MissingDependencyError,
     PlannerError,
     quote_names,
     shown,
@@ -150,7 +149,7 @@ class Settings:
     Raises
     ------
     PlannerError
-        If a text is none of the choices, or trials can't be stored.
+        If a text is none of the choices.
     """
 
     # The default is a list with an empty text, because an empty list has no type in ROS.
@@ -318,12 +317,6 @@ class Settings:
         "",
         """Folder for the primitive files of ~/save_motion; empty: motions can't be saved.""",
     )
-    learn_trials: bool = _declared(
-        False,
-        """Learns goals of ~/goal that repeat from rest near the same start: the motion is varied
-        each time, and ~/trial_cost reports its cost. Needs save_folder, which holds the trials, and
-        cmaes (extra 'learn').""",
-    )
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -340,16 +333,6 @@ class Settings:
         for folder in filter(None, self.package_dirs):
             if not os.path.isdir(folder):
                 raise PlannerError(f"parameter 'package_dirs': there is no folder '{folder:.200}'")
-        if self.learn_trials and not self.save_folder:
-            raise PlannerError(
-                "parameter 'learn_trials' is true, but trials can't be kept: set the parameter "
-                "'save_folder' to a folder first"
-            )
-        if self.learn_trials and self.constraints:
-            raise PlannerError(
-                "parameters 'learn_trials' and 'constraints' can't be combined: trials would not "
-                "keep the constraints"
-            )
         for name in ("controller_state_topic", "controller_action"):
             given = getattr(self, name)
             if given and not re.fullmatch(_ROS_NAME, given, re.ASCII):
@@ -362,8 +345,6 @@ class Settings:
                     f"parameter '{name}' is set, but the package control_msgs is not installed: "
                     "install ros-jazzy-control-msgs, or leave the parameter empty"
                 )
-        if self.learn_trials and find_spec("cmaes") is None:
-            raise MissingDependencyError("cmaes", "learn", "the parameter 'learn_trials'")
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Settings:

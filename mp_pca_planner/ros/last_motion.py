@@ -1,10 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The motion that was published last: its preview, its cost, and its storage as a primitive."""
+"""The motion that was published last: its preview, and its storage as a primitive."""
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from contextlib import suppress
@@ -25,21 +24,15 @@ from ..robot.urdf import StatedShape, stated_shape
 
 
 class LastMotion:
-    """The motion that was published last, its preview and its measured cost.
+    """The motion that was published last, and its preview.
 
     Parameters
     ----------
     show : callable
         Publishes the markers of a preview.
-
-    Attributes
-    ----------
-    cost : float or None
-        The measured cost; None if none was reported.
     """
 
     def __init__(self, show: Callable[[MarkerArray], None]) -> None:
-        self.cost: float | None = None
         self._show = show
         self._served: Served | None = None
         self._previewed: Served | None = None
@@ -48,7 +41,7 @@ class LastMotion:
 
     def replace(self, served: Served) -> None:
         """Record a published motion."""
-        self._served, self.cost, self._is_over, self._must_erase = served, None, False, False
+        self._served, self._is_over, self._must_erase = served, False, False
 
     def end(self, outcome: MotionOutcome) -> None:
         """Record that a motion is over; :meth:`tidy` erases its preview if it was begun.
@@ -63,24 +56,6 @@ class LastMotion:
         if self._must_erase:
             self._must_erase = False
             self.erase_preview()
-
-    def report_cost(self, cost: float) -> None:
-        """Record the measured cost, and learn from it if the motion is a trial.
-
-        Raises
-        ------
-        GoalError
-            If the cost is not finite, or no motion was published.
-        """
-        served = self._served
-        if served is None or not math.isfinite(cost):
-            raise GoalError(
-                f"the cost {cost} of a trial is ignored: it must be a finite number that follows "
-                "a motion"
-            )
-        if served.trial is not None:
-            served.trial.record(cost)
-        self.cost = cost
 
     def show_preview(self) -> None:
         """Show the motion, if it was not shown before."""
@@ -115,12 +90,11 @@ class LastMotion:
                 "motions can't be saved: set the parameter 'save_folder' to a folder"
             )
         # Imported late, because SciPy's optimisers are slow to import.
-        from ..execution.serving.trial_store import keep_motion
+        from ..execution.serving.kept_motion import keep_motion
 
         if self._served is None:
             raise GoalError("there is no motion to save: none was published")
-        cost = {} if self.cost is None else {"trial_cost": self.cost}
-        return keep_motion(self._served, Path(folder), {"kept_by": kept_by, **cost})
+        return keep_motion(self._served, Path(folder), {"kept_by": kept_by})
 
 
 def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: str) -> MarkerArray:

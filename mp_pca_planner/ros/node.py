@@ -13,7 +13,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -32,7 +32,7 @@ from .controller import ControllerAction
 from .goal_messages import GoalTopics
 from .last_motion import LastMotion
 from .messages import to_execution_report, to_status, to_text
-from .nodes import EVERY, LATCHED, LOG_PERIOD, NEWEST, GuardedNode
+from .nodes import EVERY, LATCHED, LOG_PERIOD, GuardedNode
 from .obstacle_topic import ForeignFrames, ObstacleTopic
 from .planning_setup import NodeParameters, PlanningSetup
 from .safety_thread import RobotStates, SafetyThread
@@ -140,17 +140,9 @@ class PlannerNode(GuardedNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVERY)
         previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
         self._last_motion = LastMotion(previews.publish)
-        self.create_subscription(Float64, "~/trial_cost", self._on_trial_cost, NEWEST)
         self.create_subscription(String, "robot_description", self._on_description, LATCHED)
         self.create_service(Trigger, "~/reload_primitives", self._on_reload)
         self.create_service(Trigger, "~/save_motion", self._on_save)
-
-    def _on_trial_cost(self, message: Float64) -> None:
-        try:
-            self._last_motion.report_cost(message.data)
-        except Exception as error:
-            text = f"nothing was learned from a trial: {self.explain(error)}"
-            self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
 
     def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         file = self._last_motion.keep(self._setup.settings.save_folder, NODE_NAME)
@@ -249,9 +241,7 @@ class PlannerNode(GuardedNode):
 
     def _publish_diagnostics(self) -> None:
         name = f"{self.get_fully_qualified_name()}: planner"
-        cost = self._last_motion.cost
         values = {
-            "trial_cost": "none" if cost is None else cost,
             "internal_errors": self.n_internal_errors,
             "safety_longest_gap_s": round(self._safety.longest_gap(), 4),
             "locked_joints": self._setup.locked_joints,

@@ -44,7 +44,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from support.node_setup import URDF, RobotClient, primitive_file, silent_node, start_node
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -68,7 +68,6 @@ TOPICS: dict[str, Any] = {
     "mp_pca_planner/goal": JointState(name=JOINT_NAMES, position=_END.tolist()),
     "mp_pca_planner/goal_pose": PoseStamped(),
     "mp_pca_planner/goal_sequence": JointTrajectory(joint_names=JOINT_NAMES, points=[_POINT] * 3),
-    "mp_pca_planner/trial_cost": Float64(data=1.0),
     "mp_pca_planner/obstacles": MarkerArray(markers=[_MARKER] * 2),
 }
 """Every subscription by name, with a valid message."""

@@ -32,8 +32,7 @@ from mp_pca_planner.control.closed_loop import ControlLoop, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw, pair_law, paired_law
 from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refined_motion import primitive_around
-from mp_pca_planner.learning.refinement import refine
-from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.learning.trials import improve_by_trials
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.planner import Planner
@@ -57,7 +56,6 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = arguments.output
     (folder / "primitives").mkdir(parents=True, exist_ok=True)
-    from std_msgs.msg import Float64
     from support.node_setup import RobotClient, start_node
 
     from mp_pca_planner.ros.client import this_machine_only
@@ -90,15 +88,13 @@ def main() -> None:
             client.wait_for_model()
             planned = plan_by_node(client, robot, start, goal)
             costs = [robot.execute(planned, "planned")]
-            refined = refine([plan.motion], model, planner.limits).motion.parameters
-            learner = TrialLearner([plan.motion], model, planner.limits, start=refined)
-            for i in range(arguments.trials):
-                cost = robot.execute(learner.propose().trajectory, f"trial_{i + 1}")
-                client.publish("trial_cost", Float64(data=cost))
-                learner.record(cost)
-                costs.append(cost)
-            best = learner.best_motion().motion
-            family = primitive_around(primitive, best, "learned", {"trials": len(learner.trials)})
+
+            def run(trajectory: Trajectory) -> float:
+                costs.append(robot.execute(trajectory, f"trial_{len(costs)}"))
+                return costs[-1]
+
+            best = improve_by_trials(plan, run, arguments.trials).motion
+            family = primitive_around(primitive, best, "learned", {"trials": arguments.trials})
             save_primitive(family, folder / "primitives" / "learned.npz", overwrite=True)
             (folder / "primitives" / "shown.npz").rename(folder / "shown.npz")
             answer = client.call("reload_primitives")

@@ -168,13 +168,11 @@ SETTINGS = st.tuples(ANY_NAME, ANY_VALUE) | st.sampled_from(sorted(DECLARED)).fl
 @given(
     goals=st.lists(GOALS, min_size=1, max_size=2),
     state=st.builds(JointState, name=st.just(JOINTS), position=st.just(START)) | STATES,
-    cost=NUMBERS,
 )
 def test_every_goal_gets_one_report_whatever_it_is(
-    client: NodeClient, goals: list[Any], state: JointState, cost: float
+    client: NodeClient, goals: list[Any], state: JointState
 ) -> None:
     client.publish_state_message(state)
-    client.publish_trial_cost(cost)
     client.reports.clear()
     for k, goal in enumerate(goals):
         goal.header.stamp.sec = k + 1

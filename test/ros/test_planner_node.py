@@ -552,16 +552,12 @@ def test_motion_is_kept_as_a_primitive_in_the_configured_folder_only(
     with parameters(client, save_folder=str(tmp_path / "nowhere")):
         assert "can't be written" in client.call("save_motion").message
     with parameters(client, save_folder=str(tmp_path)):
-        client.publish_trial_cost(float("nan"))
-        client.publish_trial_cost(12.5)
-        client.wait_for_diagnostics(lambda values: values["trial_cost"] == "12.5")
         for number in (1, 2):
             answer = client.call("save_motion")
             assert answer.success, answer.message
             kept = load_primitive(tmp_path / f"arm_arm_4_{number}.npz")
             assert kept.name == f"arm_arm_4_{number}"
     assert kept.metadata["refined_from"]["name"] == "arm_arm_4"
-    assert kept.metadata["refined_from"]["trial_cost"] == 12.5
 
 
 def test_preview_shows_the_path_and_the_arm_on_it_and_late_comers_see_it(
@@ -863,72 +859,6 @@ def test_first_stamps_that_are_late_are_no_reason_to_warn_of_clocks(tmp_path: Pa
         while "s behind" not in log.read_text():  # nothing else would say that the node listens
             publish_late_states(5)
             assert time.monotonic() < deadline
-
-
-def trials_in(folder: Path) -> list[dict[str, Any]]:
-    """The trials whose costs are in the only file of trials; none if there is none."""
-    files = list(folder.glob("trials_*.json"))
-    return json.loads(files[0].read_text())["trials"] if files else []
-
-
-@pytest.mark.usefixtures("own_domain")
-def test_goal_that_comes_again_is_learned_by_trials_also_across_a_kill(
-    tmp_path: Path, primitives: Path
-) -> None:
-    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
-    robot = tmp_path / "planner.yaml"
-    robot.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"robot_description": URDF}}}))
-    folder = tmp_path / "kept"
-    folder.mkdir()
-    arguments = ["--params-file", str(robot), "-p", f"primitives:=['{primitives}']"]
-    arguments += ["-p", "state_timeout:=0.0", "-p", f"save_folder:={folder}"]
-    arguments += ["-p", "learn_trials:=true"]
-
-    def try_once(client: NodeClient, cost: float) -> tuple[Answer, np.ndarray]:
-        n = len(trials_in(folder))
-        rest_at(client, primitives)
-        answer = client.send(in_frame(goal_message(), "arm_arm_4"))
-        assert answer.trajectory is not None, answer.report.message
-        client.publish_trial_cost(cost)
-        for _ in range(200):
-            if len(trials_in(folder)) > n:
-                break
-            client.spin_once()
-        assert trials_in(folder)[-1]["cost"] == cost
-        return answer, column(answer.trajectory, "positions")
-
-    with (tmp_path / "first.txt").open("w") as log, NodeClient() as client:
-        process = start_node(*arguments, output=log)
-        try:
-            client.wait_for_node()
-            client.wait_for_model()
-            client.publish_state(JOINTS, START)
-            planned, first = try_once(client, 10.0)
-            varied, second = try_once(client, 4.0)
-        finally:
-            process.kill()
-            process.wait(timeout=HANG)
-    assert planned.values["message"].startswith("trial 1,")
-    assert varied.values["message"].startswith("trial 2,")
-    assert np.abs(first[len(first) // 2] - second[len(second) // 2]).max() > 1e-3
-    assert second[0].tolist() == START
-    assert second[-1].tolist() == GOAL
-    with running_node(tmp_path / "second.txt", *arguments), NodeClient() as client:
-        client.wait_for_node()
-        client.wait_for_model()
-        client.publish_state(JOINTS, START)
-        # The planned motion and the best one are repeated.
-        third, _ = try_once(client, 10.0)
-        assert third.values["message"].startswith("trial 3,")
-        _, fourth = try_once(client, 4.0)
-        np.testing.assert_allclose(fourth, second, atol=1e-6)
-        no_folder = Parameter("save_folder", value="").to_parameter_msg()
-        assert "'save_folder' to a folder" in client.set_parameters(no_folder)[0].reason
-        kept = client.call("save_motion")
-        assert kept.success, kept.message
-    facts = load_primitive(folder / "arm_arm_4_1.npz").metadata["refined_from"]
-    assert (facts["trial_cost"], facts["planned_cost"], facts["n_trials"]) == (4.0, 10.0, 4)
-    assert not trials_in(folder)
 
 
 @pytest.mark.usefixtures("own_domain")

@@ -70,6 +70,6 @@ def test_a_client_does_not_appear_as_the_robot() -> None:
     from mp_pca_planner.ros.client import GoalClient
 
     with GoalClient(namespace="alone") as client:
-        for topic in ("joint_states", "robot_description", "mp_pca_planner/trial_cost"):
+        for topic in ("joint_states", "robot_description"):
             assert client.node.count_publishers(f"/alone/{topic}") == 0
         assert client.node.count_publishers("/alone/mp_pca_planner/goal") == 1

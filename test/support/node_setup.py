@@ -23,7 +23,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.build import build_primitive
@@ -44,13 +44,12 @@ class RobotClient(GoalClient):
         super().__init__(*arguments, **names)
         node = self.node
         self._publishers |= {
-            "trial_cost": node.create_publisher(Float64, f"{self.planner}/trial_cost", 1),
             "joint_states": node.create_publisher(JointState, joint_states, 1),
             "robot_description": node.create_publisher(String, "robot_description", LATCHED),
         }
 
     def publish(self, topic: str, message: Any) -> None:
-        """Publish on a goal topic, ``joint_states``, ``robot_description`` or ``trial_cost``."""
+        """Publish on a goal topic, ``joint_states`` or ``robot_description``."""
         self._publishers[topic].publish(message)
 
     def wait_for_model(self) -> None:

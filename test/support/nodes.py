@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from support.arm import JOINTS, arm_primitive
 from support.node_setup import RobotClient, start_node
@@ -69,9 +69,6 @@ class NodeClient(RobotClient):
 
     def publish_description(self, urdf: str) -> None:
         self.publish("robot_description", String(data=urdf))
-
-    def publish_trial_cost(self, cost: float) -> None:
-        self.publish("trial_cost", Float64(data=cost))
 
     def set_parameters(self, *parameters: Parameter) -> list[SetParametersResult]:
         """Set parameters one by one."""

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from ...robot.world import World
     from .motion_server import AnyPlan
     from .surroundings import Threat
-    from .trial_store import ServedTrial
 
 
 class GoalOutcome(StrEnum):
@@ -393,8 +392,6 @@ class Served:
         The published motion.
     name : object
         Identifies the goal in the report of its execution.
-    trial : ServedTrial or None
-        The trial of the motion, if the goal is learned by trials.
     primitives : tuple of MovementPrimitive
         Those of the plan. Its names may be missing in the library of a newer model.
     under_way : str
@@ -406,7 +403,6 @@ class Served:
     model: Model
     motion: PublishedMotion
     name: Any = None
-    trial: ServedTrial | None = None
     primitives: tuple[MovementPrimitive, ...] = ()
     under_way: str = ""
 

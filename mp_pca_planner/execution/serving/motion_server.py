@@ -14,9 +14,8 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import nan
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,9 +34,6 @@ from ..tracking.start_state import MotionStart, TooLateError, choose_start, join
 from .assembly import Model, unknown_positions
 from .execution import Execution, GoalOutcome, Served
 from .motion_monitor import MotionMonitor
-
-if TYPE_CHECKING:
-    from .trial_store import TrialStore
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,10 +335,7 @@ class MotionServer:
         world = self._surroundings.prepare(model)
         if unknown := unknown_positions(model, world):
             raise GoalError(unknown)
-        plan, trial = self._plan(goal, start, model, last), None
-        may_learn = model.settings.learn_trials and not start.is_in_motion
-        if may_learn and isinstance(goal, JointGoal) and isinstance(plan, Plan):
-            plan, trial = self._trials.vary(goal, plan, model)
+        plan = self._plan(goal, start, model, last)
         self._surroundings.settle(is_cancelled)
         world = self._surroundings.check_again(plan.trajectory, world, model)
         # A displaced motion has the primitives of the motion before.
@@ -353,7 +346,7 @@ class MotionServer:
         check = self._check_joined(plan, start, model)
         with self._follower.lock:  # the only place where the motions of goals are published
             motion = self._joined(plan, start, model, check)
-            served = Served(goal, plan, model, motion, request.name, trial, primitives)
+            served = Served(goal, plan, model, motion, request.name, primitives)
             self.monitor.publish(Execution(request.name, motion, served), world)
         self._statistics.served(type(request.goal), plan.solve_time, self._clock() - began)
         return served
@@ -497,13 +490,6 @@ class MotionServer:
         may_end_moving = model.settings.allow_nonzero_end_velocity
         check_executable(motion.sent, check, first, allow_nonzero_end_velocity=may_end_moving)
         return motion
-
-    @cached_property
-    def _trials(self) -> TrialStore:
-        # The import is slow, and few nodes learn.
-        from .trial_store import TrialStore
-
-        return TrialStore()
 
 
 def _executable_plan(goal: Goal, start: MotionStart, model: Model) -> Plan:

@@ -17,7 +17,6 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refinement import refine
-from mp_pca_planner.learning.trials import TrialLearner
 from mp_pca_planner.motion.collision import Collision, CollisionModel, package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.interpolation import interpolate
@@ -467,21 +466,6 @@ def test_refinement_does_not_lead_through_the_body(model, around_base):
     found = refine([around_base], robot, robot.limits(), collision=model)
     assert not model.collisions(found.trajectory)
     assert blind.cost < found.cost <= found.original_cost
-
-
-def test_no_trial_leads_through_the_body(model, around_base):
-    pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
-    robot = chain()
-
-    def n_through(collision: CollisionModel | None) -> int:
-        learner = TrialLearner([around_base], robot, robot.limits(), collision=collision)
-        n = 0
-        for _ in range(15):
-            n += bool(model.collisions(learner.propose().trajectory))
-            learner.record(0.0)
-        return n
-
-    assert n_through(model) == 0 < n_through(None)
 
 
 # The command

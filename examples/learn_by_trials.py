@@ -10,7 +10,7 @@ import mp_pca_planner as mp
 from mp_pca_planner.control.closed_loop import ControlLoop, simulate
 from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw
 from mp_pca_planner.learning.refined_motion import primitive_around
-from mp_pca_planner.learning.trials import TrialLearner
+from mp_pca_planner.learning.trials import improve_by_trials
 
 demonstrations = mp.load_demonstrations(mp.write_example_recording(f"{mkdtemp()}/motions.mcap"))
 reach = mp.MovementPrimitive.fit(demonstrations)
@@ -30,8 +30,7 @@ def execute(trajectory):
     return 0.5e-3 * np.sum(simulate(loop, robot, np.zeros(4))[1] ** 2)
 
 
-learner = TrialLearner(list(plan.motions), model, planner.limits)
-for _ in range(30):
-    learner.record(execute(learner.propose().trajectory))
-print(f"planned motion: {execute(plan.trajectory):.2f}, best of 30: {learner.best.cost:.2f} N²m²s")
-primitive_around(reach, learner.best_motion().motion, "learned", {}).save("learned.npz")
+best = improve_by_trials(plan, execute, 30)
+cost = execute(best.trajectory)
+print(f"planned motion: {execute(plan.trajectory):.2f}, best of 30: {cost:.2f} N²m²s")
+primitive_around(reach, best.motion, "learned", {}).save("learned.npz")
