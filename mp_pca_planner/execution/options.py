@@ -212,9 +212,6 @@ class Serving:
     avoidance_reserve : float
         Time before a collision with a new obstacle at which the search for another motion ends, and
         the robot is stopped [s].
-    resumption_period, resumption_timeout : float
-        Time between two attempts to go on to the goal after such a stop, a quarter of it if the
-        obstacles have changed, and time after which the goal is dropped [s].
     max_hold : float
         Time at rest on the path before the end, or without states after the end, after which a
         motion counts as not followed [s].
@@ -242,6 +239,4 @@ class Serving:
     slowest_rate = 0.1
     avoidance_lookahead = 0.15
     avoidance_reserve = 0.6
-    resumption_period = 2.0
-    resumption_timeout = 60.0
     max_hold = 10.0

@@ -473,7 +473,7 @@ class GoalTopics:
         self._executor = GroupExecutor(node, group)
 
     def react(self) -> None:
-        """Replace the running motion, stop the robot, or go on; after the goal being served."""
+        """Replace the running motion or give it up; after the goal being served."""
         self._worker.submit_if_idle("react")
 
     def cancel(self) -> None:
@@ -525,12 +525,11 @@ class GoalTopics:
         if isinstance(request, ReceivedGoal):
             self._serve_goal(request, is_cancelled)
         has_threat = self._server.monitor.surroundings.threat is not None
-        if not has_threat and isinstance(request, ReceivedGoal):
+        if not has_threat:
             return
-        react = self._server.avoid_obstacle if has_threat else self._server.go_on
         logger = self._node.get_logger()
         try:
-            text, served = react(self._setup.ready(), is_cancelled)
+            text, served = self._server.avoid_obstacle(self._setup.ready(), is_cancelled)
         except CancelledError:
             raise
         except Exception as error:

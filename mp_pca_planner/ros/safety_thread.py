@@ -229,6 +229,6 @@ class SafetyThread:
                 monitor.watch(context)
             except BusyError:  # another thread publishes a motion just now
                 return
-        if monitor.surroundings.threat is not None or monitor.resumption is not None:
+        if monitor.surroundings.threat is not None:
             self._goals.react()
         self._watched = self._cycled

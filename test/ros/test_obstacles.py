@@ -4,9 +4,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import Path
@@ -25,7 +22,7 @@ from support.arm import JOINTS, arm_primitive, arm_robot
 from support.domains import set_domain
 from support.nodes import GOAL, START, URDF, NodeClient, column, running_node, times
 from support.patience import HANG
-from test_node_with_robot import SLOW, Bench, benched
+from test_node_with_robot import Bench, benched
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -181,33 +178,6 @@ def test_robot_stops_where_no_motion_leads_around(bench: Bench, user: MarkerUser
     assert report["outcome"] == "stopped"
     assert "'lower_arm' would hit 'test/1'" in bench.client.executions[-1].message
     assert np.abs(bench.position - GOAL).max() > 0.1
-
-
-def test_send_goal_waits_while_the_robot_stops_before_an_obstacle_and_goes_on(
-    bench: Bench, user: MarkerUser
-) -> None:
-    before, client = bench.position, bench.client
-    goal = ",".join(f"{name}={x}" for name, x in zip(JOINTS, GOAL, strict=True))
-    command = [sys.executable, "-m", "mp_pca_planner", "send_goal", goal, "--json"]
-    command += ["--wait", f"{HANG}", "--timeout", f"{HANG}"]
-    bench.set(duration=SLOW)
-    n = len(client.executions)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            bench.wait(lambda: bool(np.abs(bench.position - before).max() > 0.05))
-            user.send(marker(1, hand([GOAL])[0]))
-            bench.wait(lambda: len(client.executions) > n)
-            user.send(deletion(1))
-            output, _ = process.communicate(timeout=HANG)
-        finally:
-            process.kill()
-            bench.set(duration=0.0)
-    facts = json.loads(output)
-    assert process.returncode == 0, output
-    *earlier, last = [*facts["earlier_executions"], facts["execution"]]
-    assert [one["outcome"] for one in earlier] == ["stopped"] * len(earlier)
-    assert {one["continues"] for one in earlier} == {"true"}
-    assert (last["outcome"], last["continues"]) == ("arrived", "false")
 
 
 def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerUser) -> None:

@@ -82,8 +82,8 @@ class ExecutionReport:
     controller : str
         What the controller answered to its goal; empty if motions are sent on a topic.
     continues : bool
-        Whether the robot goes on to the same goal by itself: on another motion, or once there is a
-        path. Another report follows then.
+        Whether the robot goes on to the same goal by itself: on another motion.
+        Another report follows then.
     """
 
     goal: Any
@@ -95,43 +95,6 @@ class ExecutionReport:
     deviation_time: float
     controller: str = ""
     continues: bool = False
-
-
-@dataclass(eq=False)
-class Resumption:
-    """A goal to which the robot goes on after a stop before an obstacle.
-
-    Attributes
-    ----------
-    goal : Goal
-        The goal, without what was passed.
-    name : object
-        Identifies the goal in the report of its execution.
-    since : float
-        When the robot was stopped [s].
-    tried : float
-        When a motion was planned last [s].
-    world : World or None
-        The obstacles among which it was planned; None before the first time.
-    """
-
-    goal: Goal
-    name: Any
-    since: float
-    tried: float = -math.inf
-    world: World | None = None
-
-    def is_over(self, now: float) -> bool:
-        """Whether the goal is dropped."""
-        return now - self.since >= Serving.resumption_timeout
-
-    def is_due(self, now: float, world: World) -> bool:
-        """Whether to plan a motion now: the obstacles have changed, or that was long ago."""
-        since = now - self.tried
-        wait = Serving.resumption_period
-        return not self.is_over(now) and (
-            since >= wait or (world is not self.world and since >= 0.25 * wait)
-        )
 
 
 @dataclass(eq=False)
@@ -150,8 +113,6 @@ class Execution:
         Whether the motion stops the one before, which then gets no report of its own.
     reason : str
         Why the robot is stopped.
-    resumption : Resumption or None
-        The goal to which the robot goes on after the stop, once there is a path.
     threat : Threat or None
         The next collision of the rest of the motion with an obstacle that was not there when it was
         planned.
@@ -159,8 +120,6 @@ class Execution:
         The motion that was checked for such a collision last, and the obstacles.
     is_reported : bool
         Whether the outcome was reported.
-    is_to_continue : bool
-        Whether it was reported that the robot goes on to the goal after the stop.
     published : float
         When the motion was published [s]; for a stop that is repeated, the first one.
     last : Following or None
@@ -180,11 +139,9 @@ class Execution:
     served: Served | None = None
     is_stop: bool = False
     reason: str = ""
-    resumption: Resumption | None = None
     threat: Threat | None = None
     checked: tuple[PublishedMotion, World] | None = None
     is_reported: bool = False
-    is_to_continue: bool = False
     published: float = math.nan
     last: Following | None = None
     largest_deviation: float = 0.0
@@ -203,21 +160,13 @@ class Execution:
         stopped: Execution | None,
         motion: PublishedMotion,
         reason: str = "",
-        resumption: Resumption | None = None,
     ) -> Execution:
         """The execution of a stop; it is reported unless that of the stopped motion was."""
         stop = cls(None, motion, is_stop=True, reason=reason, is_reported=True)
         if stopped is not None:
             stop.name, stop.is_reported = stopped.name, stopped.is_reported
-            stop.last, stop.is_to_continue = stopped.last, stopped.is_to_continue
-        stop.resumption = resumption
+            stop.last = stopped.last
         return stop
-
-    @property
-    def rests(self) -> bool:
-        """Whether the robot was seen to rest on this motion."""
-        last = self.last
-        return last is not None and last.motion is self.motion and last.at_rest
 
     def replaced(self, by: Execution) -> ExecutionReport | None:
         """The report on the motion when another one replaces it; None if it had one.
@@ -229,17 +178,8 @@ class Execution:
         if continues:
             reason = self.threat.reason if self.threat else "its goal is the same"
             why = f"another motion, for {reason}"
-        self.resumption = None
         outcome = MotionOutcome.STOPPED if self.is_stop else MotionOutcome.REPLACED
         return self._end(outcome, f"replaced by {why}", continues=continues)
-
-    def dropped(self, reason: str) -> ExecutionReport | None:
-        """The report that the robot doesn't go on to its goal, if it was said to; else None."""
-        is_to_continue, self.resumption, self.is_to_continue = self.is_to_continue, None, False
-        if not is_to_continue:
-            return None
-        self.is_reported = False
-        return self._end(MotionOutcome.STOPPED, f"stopped: the goal is dropped, because {reason}")
 
     def given_up(self, reason: str) -> ExecutionReport | None:
         """The report on a motion that can't be followed any more; None if it had one."""
@@ -303,11 +243,8 @@ class Execution:
             if not self.is_stop:
                 return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
             since = f"{now - self.motion.time:.2f} s after the stop"
-            more = "it continues to the goal once there is a path" if self.resumption else ""
             text = f"stopped: the robot was seen at rest {since}"
-            return self._end(
-                MotionOutcome.STOPPED, "; ".join(filter(None, [text, self.reason, more]))
-            )
+            return self._end(MotionOutcome.STOPPED, "; ".join(filter(None, [text, self.reason])))
         if self._never_started(following, now):
             return self._end(
                 MotionOutcome.NEVER_STARTED,
@@ -357,8 +294,7 @@ class Execution:
     ) -> ExecutionReport | None:
         if self.is_reported:
             return None
-        continues |= self.resumption is not None
-        self.is_reported, self.is_to_continue = True, continues
+        self.is_reported = True
         return ExecutionReport(
             self.name,
             outcome,

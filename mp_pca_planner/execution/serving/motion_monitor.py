@@ -16,9 +16,9 @@ from ..tracking.following import MotionFollower
 from ..tracking.measured import Clock
 from ..tracking.published_motion import PublishedMotion
 from .assembly import Model
-from .execution import Execution, ExecutionReport, MotionOutcome, Resumption, Served
+from .execution import Execution, ExecutionReport, MotionOutcome, Served
 from .stopping import StopPlanner
-from .surroundings import Surroundings, Threat
+from .surroundings import Surroundings
 
 
 class MotionMonitor:
@@ -73,7 +73,6 @@ class MotionMonitor:
             execution, now = self.follower.execution, self.follower.motion_time
             if execution is not None and self.follower.commanded is None:
                 self._end(execution.given_up("time was set back"))
-                self._end(execution.dropped("time was set back"))
             elif execution is not None:
                 report = execution.update(following, now)
                 self._end(report)
@@ -81,14 +80,10 @@ class MotionMonitor:
                 if following is not None and following.motion is not execution.motion:
                     is_lost |= now <= execution.published + Serving.start_delay
                 if execution.is_stop and is_lost and following and not following.at_rest:
-                    self.stop(model, execution.reason, execution.resumption, execution.published)
-                resumption = execution.resumption
-                if resumption is not None and resumption.is_over(now):
-                    longest = Serving.resumption_timeout
-                    self._end(execution.dropped(f"no path was found for {longest:g} s"))
+                    self.stop(model, execution.reason, execution.published)
             threat = self.surroundings.threat
             if threat is not None and now > threat.last_time:
-                self._stop_before(threat, model)
+                self.stop(model, threat.reason)
 
     def expect(self, joint_names: tuple[str, ...], model: Model | None = None) -> bool:
         """Use the states of these joints; returns whether they are others.
@@ -106,7 +101,6 @@ class MotionMonitor:
             self.follower.expect(joint_names)
             if execution is not None:
                 self._end(execution.given_up(reason))
-                self._end(execution.dropped(reason))
         return True
 
     def release(self, model: Model, reason: str) -> None:
@@ -115,20 +109,8 @@ class MotionMonitor:
             execution = self.follower.execution
             if execution is None:
                 return
-            self._end(execution.dropped(reason))
             if not (execution.is_stop or execution.is_reported):
                 self.stop(model, reason)
-
-    def _stop_before(self, threat: Threat, model: Model) -> None:
-        """Stop the robot before an obstacle; it continues to its goal once there is a path."""
-        execution, now, resumption = self.follower.execution, self.follower.motion_time, None
-        if execution is not None and execution.is_stop:
-            resumption = execution.resumption
-        elif execution is not None and execution.served is not None:
-            with suppress(Exception):  # in any case, the stop must come
-                rest = execution.served.rest_of_goal(now - execution.motion.began)
-                resumption = Resumption(rest, execution.name, now)
-        self.stop(model, threat.reason, resumption)
 
     @property
     def served(self) -> Served | None:
@@ -136,21 +118,10 @@ class MotionMonitor:
         execution = self.follower.execution
         return None if execution is None else execution.served
 
-    @property
-    def resumption(self) -> Resumption | None:
-        """The goal to which a motion should be planned now, after a stop before an obstacle."""
-        execution = self.follower.execution
-        found = execution.resumption if execution is not None and execution.rests else None
-        if found is None:
-            return None
-        is_due = found.is_due(self.follower.motion_time, self.surroundings.world)
-        return found if is_due else None
-
     def stop(
         self,
         model: Model,
         reason: str = "",
-        resumption: Resumption | None = None,
         began: float | None = None,
     ) -> str:
         """Publish a trajectory that brings the robot to rest.
@@ -161,8 +132,6 @@ class MotionMonitor:
             The planner and its settings.
         reason :
             Why, for the report of the execution.
-        resumption :
-            The goal to which the robot goes on afterwards.
         began :
             For a stop that is repeated, when the first one was published [s].
 
@@ -178,16 +147,12 @@ class MotionMonitor:
         """
         with self.follower.lock:
             stopped = self.follower.execution
-            if stopped is not None:
-                stopped.resumption = None
             late = 0.0 if began is None else self.follower.motion_time - began
             said, motion, collision = self._stops.find(model, late)
             why = "; ".join(filter(None, [reason, collision]))
-            stop = Execution.of_stop(stopped, motion, why, resumption)
+            stop = Execution.of_stop(stopped, motion, why)
             stop.published = stop.published if began is None else began
             self.publish(stop)
-            if resumption is None:
-                self._end(stop.dropped(reason or "the robot was stopped"))
         return "; ".join(filter(None, [said, collision]))
 
     def publish(self, execution: Execution, world: World | None = None) -> None:
@@ -201,8 +166,6 @@ class MotionMonitor:
         self.follower.command(motion, execution)
         if old is not None and not execution.is_stop:
             self._end(old.replaced(execution))
-            if execution.name is not old.name:
-                self._end(old.dropped("a newer goal came"))
 
     def hear(self, sent: Trajectory, text: str, failure: MotionOutcome | None) -> bool:
         """Record what the controller answered to a trajectory that was sent as a goal.

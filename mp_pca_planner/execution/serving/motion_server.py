@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...exceptions import GoalError, PlannerError, TrajectoryError
+from ...exceptions import GoalError, TrajectoryError
 from ...motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
@@ -306,21 +306,6 @@ class MotionServer:
             why = str(error) or "there was no time to plan one"
             return f"{reason}, and no other motion was found: {why}", None
         return f"{reason}: another motion leads to the goal", found
-
-    def go_on(self, model: Model, is_cancelled: IsCancelled) -> tuple[str, Served | None]:
-        """Go on to the goal of a motion that was stopped before an obstacle, if it is due.
-
-        See :meth:`avoid_obstacle`; it stops nothing.
-        """
-        resumption = self.monitor.resumption
-        if resumption is None:
-            return "", None
-        resumption.tried, resumption.world = self._follower.motion_time, self._surroundings.world
-        try:
-            request = GoalRequest(resumption.goal, model, resumption.name)
-            return "the robot continues to its goal", self.serve(request, is_cancelled)
-        except PlannerError as error:
-            return f"the robot waits before an obstacle: {error}", None
 
     def _serve_once(
         self, request: GoalRequest, is_cancelled: IsCancelled, latency: float

@@ -119,29 +119,6 @@ def test_obstacle_that_is_gone_before_the_robot_is_stopped_changes_nothing(node)
     assert node.outcomes == ["arrived"]
 
 
-def test_robot_goes_on_to_its_goal_once_the_obstacle_that_stopped_it_is_gone(node):
-    node.ask(GOAL, duration=4.0)
-    node.run(0.8)
-    assert use(node, ball_at(GOAL))
-    assert node.monitor.resumption is None
-    node.server.avoid_obstacle(node._model, not_cancelled)
-    node.run(3.0)
-    text, served = node.server.go_on(node._model, not_cancelled)
-    assert served is None and text.startswith("the robot waits before an obstacle: ")
-    assert "the goal is in collision" in text
-    assert node.server.go_on(node._model, not_cancelled) == ("", None)  # not at once again
-    assert not use(node, World())
-    node.run(0.5)
-    text, served = node.server.go_on(node._model, not_cancelled)
-    assert served is not None and text == "the robot continues to its goal"
-    node.run(8.0)
-    node.assert_smooth()
-    node.assert_rests_at(GOAL)
-    assert node.outcomes == ["stopped", "arrived"]
-    assert {report.goal for _, report in node.execution_reports} == {1}
-    assert [report.continues for _, report in node.execution_reports] == [True, False]
-
-
 @pytest.mark.parametrize("delay", [0.18, 0.2])
 def test_a_stop_whose_message_is_late_on_a_busy_machine_is_a_stop(delay):
     node = Node(model(collision=True, obstacle_margin=MARGIN, limits=SLOW))
@@ -155,10 +132,9 @@ def test_a_stop_whose_message_is_late_on_a_busy_machine_is_a_stop(delay):
     assert len(node.robot.taken) > 1 and not node.robot.record.v[-1].any()
     node.robot.faults.delay = 0.0
     use(node, World())
-    node.server.go_on(node._model, not_cancelled)
     node.run(9.0)
-    node.assert_rests_at(GOAL)
-    assert node.outcomes == ["stopped", "arrived"]
+    assert not node.robot.record.v[-1].any()
+    assert node.outcomes == ["stopped"]
 
 
 @pytest.mark.parametrize("delay", [0.25, 0.5, 0.7])
@@ -191,15 +167,17 @@ def test_a_detour_whose_message_is_late_on_a_busy_machine_is_followed(delay):
     assert node.outcomes == ["replaced", "arrived"]
 
 
-def test_robot_goes_on_after_a_stop_of_the_thread_that_watches_it(node):
+def test_nothing_moves_after_a_stop_before_an_obstacle_until_a_new_goal(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.5)
     assert use(node, ball_at(place_on_motion(node, 0.6)))
     node.run(3.0)
     assert node.outcomes == ["stopped"]
     use(node, World())
-    node.run(1.0)
-    assert node.server.go_on(node._model, not_cancelled)[1] is not None
+    n, rest = len(node.sent), node.commanded
+    node.run(5.0)
+    assert len(node.sent) == n and (node.commanded == rest).all()
+    node.ask(GOAL)
     node.run(8.0)
     node.assert_rests_at(GOAL)
 
@@ -220,36 +198,6 @@ def test_search_that_ends_after_the_robot_was_stopped_changes_nothing(node, monk
     assert "there was no time to plan one" in message
     node.run(1.0)
     assert len(node.sent) == 2 and node.outcomes == ["stopped"]
-    use(node, World())
-    node.run(1.0)
-    assert node.server.go_on(node._model, not_cancelled)[1] is not None
-    node.run(8.0)
-    node.assert_smooth()
-    node.assert_rests_at(GOAL)
-
-
-@pytest.mark.parametrize("end", ["a stop", "a newer goal", "a release", "time"])
-def test_robot_does_not_go_on_after(node, end):
-    node.ask(GOAL, duration=4.0)
-    node.run(0.8)
-    use(node, ball_at(GOAL))
-    node.server.avoid_obstacle(node._model, not_cancelled)
-    node.run(2.0)
-    if end == "a stop":
-        node.stop()
-    elif end == "a newer goal":
-        node.ask(START)
-    elif end == "a release":
-        node.monitor.release(node._model, "the node is not active")
-    else:
-        node.run(61.0)
-    use(node, World())
-    node.run(4.0)
-    assert node.server.go_on(node._model, not_cancelled) == ("", None)
-    assert [report.continues for _, report in node.execution_reports[:2]] == [True, False]
-    dropped = node.execution_reports[1][1]
-    assert (dropped.goal, dropped.outcome) == (1, "stopped")
-    assert "the goal is dropped, because " in dropped.message
 
 
 def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):
