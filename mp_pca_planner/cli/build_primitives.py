@@ -1,30 +1,28 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`build_primitives`: bags → one primitive file."""
+"""`build_primitives`: recordings → one primitive file, or one for each label or folder."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..exceptions import RecordingError
+from ..exceptions import PrimitiveError, RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
-from ..plotting.report import N_SAMPLES, report_page
-from ..primitives.build import PrimitiveOptions, build_from_statistics, options_to_update
+from ..plotting.report import report_page
+from ..primitives.build import PrimitiveOptions, build_primitive
 from ..primitives.file import save_primitive
 from ..primitives.foreign import foreign_recordings
-from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import COUPLINGS, MovementPrimitive
 from ..primitives.timing import ALIGNMENTS
-from ..recordings.bags import find_recordings
 from ..recordings.cutting import segments_table
+from ..recordings.demonstration import Demonstration
 from ..recordings.load import load_recordings, position_limits
 from ..recordings.recording_set import RecordingSet
 from ..recordings.segmentation import SegmentationOptions
@@ -50,16 +48,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_primitive(parser)
     parser.add_argument(
         "--output",
-        metavar="FILE.npz",
+        metavar="FILE|FOLDER",
         type=Path,
         required=True,
-        help="file to write; a folder with --by",
+        help="file to write; with --by the folder",
     )
     parser.add_argument(
         "--by",
         choices=["label", "folder"],
-        help="write a primitive for each label of the table of --segments, or for each folder of "
-        "recordings",
+        help="write one primitive for each label of --segments, or for each folder of recordings",
     )
     parser.add_argument(
         "--report",
@@ -167,6 +164,8 @@ def _add_primitive(parser: argparse.ArgumentParser) -> None:
         default=0.99,
         help="share of the variance that the components explain (default: %(default)g)",
     )
+    primitive.add_argument("--phases", type=int, default=101, help="number of samples per motion")
+    primitive.add_argument("--degree", type=int, default=15, help="degree of the polynomials")
     primitive.add_argument(
         "--align",
         choices=ALIGNMENTS,
@@ -177,126 +176,80 @@ def _add_primitive(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    output, force = arguments.output, arguments.force
-    if arguments.by is None:
-        check_output(output, ".npz", force=force)
-    elif arguments.report is not None or arguments.write_segments is not None or arguments.name:
-        raise RecordingError("--by excludes --name, --report and --write-segments")
-    else:
-        make_folder(output)
-    check_output(arguments.report, ".html", force=force)
-    check_output(arguments.write_segments, ".csv", force=force)
-    options = primitive_options(arguments)
-    robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
-    samples = N_SAMPLES if arguments.report else 0
-    built: list[tuple[RecordingSet, MovementPrimitive, Path]] = []
-    for folder, bags in _bags_by_folder(arguments).items():
-        recordings = load(arguments, bags, options, samples, robot)
-        recordings.require_motion()
-        everything = MotionStatistics.merged(recordings.summaries)
-        for label, statistics in _by_label(arguments, everything).items():
-            name = arguments.name or output.stem
-            if arguments.by is not None:
-                name = label or folder
-            file = output if arguments.by is None else _file_of(output, name)
-            check_output(file, ".npz", force=force)
-            metadata = _origin(recordings, statistics, robot)
-            primitive = build_from_statistics(statistics, name, options, metadata)
-            built.append((recordings, primitive, file))
-    for _, primitive, file in built:
-        save_primitive(primitive, file, overwrite=force)
-    if arguments.report is not None:
-        page = report_page(recordings, primitive, options)
-        write_whole(arguments.report, page.encode(), overwrite=force)
-    if arguments.write_segments is not None:
-        table = segments_table(
-            (one.recording, one.start_time, one.end_time, one.label) for one in everything.motions
-        )
-        write_whole(arguments.write_segments, table, overwrite=force)
-    _print(arguments, built)
-    return DONE
-
-
-def _bags_by_folder(arguments: argparse.Namespace) -> dict[str, list[str]]:
-    """The recordings of each primitive: all of them, or those of each folder."""
-    if arguments.by != "folder":
-        return {"": arguments.bags}
-    found: dict[str, list[str]] = {}
-    for path in find_recordings(arguments.bags):
-        found.setdefault(path.absolute().parent.name, []).append(str(path))
-    return found
-
-
-def _by_label(
-    arguments: argparse.Namespace, statistics: MotionStatistics
-) -> dict[str, MotionStatistics]:
-    """The motions of each primitive: all of them, or those of each label."""
-    if arguments.by != "label":
-        return {"": statistics}
-    labels = statistics.labels()
-    if not all(labels):
-        raise RecordingError("--by label needs a label for each motion in the table of --segments")
-    chosen = {name: [i for i, x in enumerate(labels) if x == name] for name in sorted({*labels})}
-    return {name: statistics.chosen(which) for name, which in chosen.items()}
-
-
-def _file_of(folder: Path, name: str) -> Path:
-    if Path(name).name != name:
-        raise RecordingError(f"'{name}' can't be the name of a file: choose a label without '/'")
-    return folder / f"{name}.npz"
-
-
-def primitive_options(arguments: argparse.Namespace) -> PrimitiveOptions:
-    """The options of primitives that were given."""
-    return PrimitiveOptions(
+    _check_outputs(arguments)
+    options = PrimitiveOptions(
         coupling=arguments.coupling,
         n_components=arguments.components,
         variance=arguments.variance,
         align=arguments.align,
     )
+    robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
+    recordings = _load(arguments, robot)
+    recordings.require_motion()
+    if arguments.by is None:
+        name = arguments.name or arguments.output.stem
+        groups = {name: list(recordings.demonstrations)}
+        outputs = {name: arguments.output}
+    else:
+        groups = _groups(recordings, arguments.by)
+        outputs = {name: arguments.output / f"{name}.npz" for name in groups}
+        for output in outputs.values():
+            check_output(output, ".npz", force=arguments.force)
+    built: dict[str, MovementPrimitive] = {}
+    failed: dict[str, str] = {}
+    for name, motions in groups.items():
+        try:
+            origin = _origin(recordings, motions, robot)
+            built[name] = build_primitive(motions, name, options, origin)
+        except PrimitiveError as error:
+            if arguments.by is None:
+                raise
+            failed[name] = str(error)
+    if not built:
+        raise PrimitiveError("; ".join(failed.values()))
+    pages = [report_page(recordings, x, options) for x in built.values() if arguments.report]
+    for name, primitive in built.items():
+        save_primitive(primitive, outputs[name], overwrite=arguments.force)
+    for page in pages:
+        write_whole(arguments.report, page.encode(), overwrite=arguments.force)
+    if arguments.write_segments is not None:
+        table = segments_table(
+            (x.recording, x.start_time, x.end_time, x.label) for x in recordings.demonstrations
+        )
+        write_whole(arguments.write_segments, table, overwrite=arguments.force)
+    _print(arguments, recordings, built, outputs, failed, options)
+    return DONE
 
 
-def _origin(
-    recordings: RecordingSet, statistics: MotionStatistics, robot: Robot | None
-) -> dict[str, Any]:
-    """Metadata: the repairs of the recordings that are in, and the prismatic joints."""
-    used = {motion.recording for motion in statistics.motions}
-    prismatic = robot.prismatic_joints if robot else ()
-    repairs = {report.name: report.repairs for report in recordings.reports}
-    return {
-        "repairs": {name: counts for name, counts in repairs.items() if name in used},
-        "prismatic_joints": [x for x in statistics.joint_names if x in prismatic],
-    }
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """Reject outputs that can't be written, before any computation."""
+    if arguments.by is None:
+        check_output(arguments.output, ".npz", force=arguments.force)
+    else:
+        if arguments.report is not None or arguments.name is not None:
+            raise RecordingError("--report and --name are for one primitive: remove them or --by")
+        make_folder(arguments.output)
+    check_output(arguments.report, ".html", force=arguments.force)
+    check_output(arguments.write_segments, ".csv", force=arguments.force)
 
 
-def load(
-    arguments: argparse.Namespace,
-    bags: Sequence[str],
-    options: PrimitiveOptions,
-    samples: int,
-    robot: Robot | None,
-) -> RecordingSet:
-    """Read the recordings of a primitive, with samples of at most so many motions."""
-    segmentation, markers = _segmentation(arguments), _marker_source(arguments)
-    joints = arguments.joints if robot is None else robot.joint_names
+def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
     with progress_bar("reading", "B") as progress:
         return load_recordings(
-            bags,
+            arguments.bags,
             topic=arguments.topic,
-            joints=joints,
+            joints=arguments.joints if robot is None else robot.joint_names,
             degrees=arguments.degrees,
             moving_only=robot is not None and not arguments.joints,
             segment=arguments.segment,
             segments_csv=arguments.segments,
-            segmentation=segmentation,
+            segmentation=_segmentation(arguments),
             labels=arguments.label,
-            overviews=samples > 0,
-            summarise=partial(MotionStatistics.of, options=options),
-            most_samples=samples,
+            overviews=arguments.report is not None,
             jobs=arguments.jobs,
             dask=arguments.dask,
             same_joints=True,
-            markers=markers,
+            markers=_marker_source(arguments),
             state_field=arguments.field,
             max_gap=arguments.max_gap,
             position_limits=position_limits(robot),
@@ -305,25 +258,89 @@ def load(
         )
 
 
+def _groups(recordings: RecordingSet, by: str) -> dict[str, list[Demonstration]]:
+    """The motions of each label, or of each folder.
+
+    Raises
+    ------
+    RecordingError
+        If a motion has no label, or a label can't be the name of a file.
+    """
+    folders = {report.name: Path(report.path).absolute().parent for report in recordings.reports}
+    groups: dict[str, list[Demonstration]] = {}
+    places: dict[str, Path] = {}
+    for motion in recordings.demonstrations:
+        name = motion.label
+        if by == "folder":
+            folder = folders[motion.recording]
+            name = folder.name
+            if places.setdefault(name, folder) != folder:
+                raise RecordingError(
+                    f"two folders are called '{name}', '{places[name]}' and '{folder}': rename one"
+                )
+        elif not name:
+            raise RecordingError(
+                f"a motion of '{motion.recording}' has no label: --by label needs a table of "
+                "segments (--segments) in which all motions have one"
+            )
+        if name.startswith(".") or "/" in name or "\0" in name:
+            raise RecordingError(f"the label '{name}' can't be the name of a file: change it")
+        groups.setdefault(name, []).append(motion)
+    return groups
+
+
+def _origin(
+    recordings: RecordingSet, motions: Sequence[Demonstration], robot: Robot | None
+) -> dict[str, Any]:
+    """Metadata: the repairs of the recordings that are in, and the prismatic joints."""
+    used = {motion.recording for motion in motions}
+    prismatic = robot.prismatic_joints if robot else ()
+    return {
+        "repairs": {one.name: one.repairs for one in recordings.reports if one.name in used},
+        "prismatic_joints": [x for x in motions[0].joint_names if x in prismatic],
+    }
+
+
 def _print(
-    arguments: argparse.Namespace, built: Sequence[tuple[RecordingSet, MovementPrimitive, Path]]
+    arguments: argparse.Namespace,
+    recordings: RecordingSet,
+    built: Mapping[str, MovementPrimitive],
+    outputs: Mapping[str, Path],
+    failed: Mapping[str, str],
+    options: PrimitiveOptions,
 ) -> None:
-    facts = [_facts(*one) for one in built]
-    if arguments.json and arguments.by is not None:
-        print_json({"primitives": facts})
+    foreign: list[tuple[str, str]] = []
+    for primitive in built.values():
+        assert primitive.statistics is not None
+        foreign += foreign_recordings(primitive.statistics, options.n_phases)
+    facts = [_facts(primitive, outputs[name]) for name, primitive in built.items()]
+    of_recordings = {
+        "n_recordings": len(recordings.reports),
+        "refused": [asdict(refusal) for refusal in recordings.refused],
+        "repairs": {report.name: report.repairs for report in recordings.reports},
+        "notes": {report.name: list(report.notes) for report in recordings.reports},
+        "thresholds": {one.name: asdict(one.thresholds) for one in recordings.reports},
+        "foreign": [{"recording": name, "reason": why} for name, why in foreign],
+        "marker_residuals": {
+            report.name: {name: asdict(r) for name, r in report.marker_residuals.items()}
+            for report in recordings.reports
+            if report.marker_residuals
+        },
+    }
+    if arguments.by is None:
+        show(arguments, {**facts[0], **of_recordings}, hidden=_HIDDEN)
+    elif arguments.json:
+        print_json({"primitives": facts, "failed": dict(failed), **of_recordings})
     else:
         for each in facts:
             show(arguments, each, hidden=_HIDDEN)
-    refused = {one.recording: one.reason for recordings, *_ in built for one in recordings.refused}
-    for recording, reason in refused.items():
-        complain(f"rejected {recording}: {reason}")
-    for each in facts:
-        for one in each["foreign"]:
-            complain(
-                f"warning: {one['recording']}: {one['reason']}; look at it, and leave it out if it "
-                "is wrong"
-            )
-    for _, primitive, _ in built:
+    for refusal in recordings.refused:
+        complain(f"rejected {refusal.recording}: {refusal.reason}")
+    for name, reason in failed.items():
+        complain(f"no primitive of '{name}': {reason}")
+    for recording, reason in foreign:
+        complain(f"warning: {recording}: {reason}; look at it, and leave it out if it is wrong")
+    for primitive in built.values():
         if not primitive.n_components:
             complain(_without_components(primitive))
 
@@ -361,17 +378,12 @@ def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:
     return marker_source(arguments.markers, *files, arguments.joints)
 
 
-def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path) -> dict[str, Any]:
+def _facts(primitive: MovementPrimitive, output: Path) -> dict[str, Any]:
     ratio = primitive.explained_variance_ratio
     return {
-        "output": output,
+        "output": str(output),
         "name": primitive.name,
-        "n_recordings": len(recordings.reports),
         "n_motions": len(primitive.durations),
-        "refused": [asdict(refusal) for refusal in recordings.refused],
-        "repairs": {report.name: report.repairs for report in recordings.reports},
-        "notes": {report.name: list(report.notes) for report in recordings.reports},
-        "thresholds": {report.name: asdict(report.thresholds) for report in recordings.reports},
         "joint_names": list(primitive.joint_names),
         "coupling": primitive.coupling,
         "n_components": primitive.n_components,
@@ -380,16 +392,4 @@ def _facts(recordings: RecordingSet, primitive: MovementPrimitive, output: Path)
         "fit_residual_rms": float(np.sqrt(np.mean(primitive.fit_residual**2))),
         "left_out_error": primitive.summary()["left_out_error"],
         "durations": primitive.durations,
-        "marker_residuals": {
-            report.name: {name: asdict(r) for name, r in report.marker_residuals.items()}
-            for report in recordings.reports
-            if report.marker_residuals
-        },
-        "foreign": [{"recording": name, "reason": why} for name, why in _foreign(primitive)],
     }
-
-
-def _foreign(primitive: MovementPrimitive) -> list[tuple[str, str]]:
-    """Recordings whose motions are far from those of the others, and why."""
-    assert primitive.statistics is not None
-    return foreign_recordings(primitive.statistics, options_to_update(primitive).n_phases)

@@ -3,7 +3,7 @@
 """Building of movement primitives from demonstrations.
 
 Five steps, each finished before the next begins. The first two are :meth:`.MotionStatistics.of`,
-which recordings can take one by one, the others :func:`build_from_statistics`:
+the others :func:`build_from_statistics`:
 
 1. :func:`.align` gives all motions the same timing;
 2. :class:`.MotionStatistics` has their shapes, time scalings and ends, in a few numbers each;
@@ -27,11 +27,10 @@ from ..recordings.demonstration import TIME_COLUMNS, Demonstration, milliseconds
 from ..recordings.segmentation import ABSURD_EXTENT
 from .basis import N_END_CONDITIONS
 from .in_span import request_precision
-from .motion_statistics import MotionSources, MotionStatistics, shape_functions, shape_smoother
+from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 from .pca import angle_shares, fit_shapes
 from .prediction import ConditionalModel, left_out_squares
-from .primitive import MovementPrimitive
-from .primitive_values import COUPLINGS
+from .primitive import COUPLINGS, MovementPrimitive
 from .timing import ALIGNMENTS, reversed_paces
 
 
@@ -254,29 +253,6 @@ def _moving_ends(motions: Sequence[Demonstration]) -> list[str]:
     ]
 
 
-def options_to_update(primitive: MovementPrimitive) -> PrimitiveOptions:
-    """The options that a primitive was built with, if its demonstrations can change.
-
-    Raises
-    ------
-    PrimitiveError
-        If its demonstrations can't change, with the reason.
-    """
-    why = f"primitive '{primitive.name}' can't be updated: "
-    if primitive.statistics is None:
-        raise PrimitiveError(
-            f"{why}it holds no statistics of its demonstrations, because it was refined or built "
-            "by an older release; build it again from the recordings"
-        )
-    stored = dict(primitive.metadata.get("options", {}))
-    try:
-        for key in _NUMBERS:
-            stored[f"n_{key}"] = stored.pop(key)
-        return PrimitiveOptions(**stored)
-    except (KeyError, TypeError):
-        raise PrimitiveError(f"{why}its metadata lacks the options it was built with") from None
-
-
 def build_from_statistics(
     statistics: MotionStatistics,
     name: str,
@@ -306,7 +282,7 @@ def build_from_statistics(
     facts: dict[str, Any] = {
         "options": stored,
         "angle_variance_ratio": angle_shares(statistics),
-        "demonstrations": MotionSources(statistics.sources, as_facts=True),
+        "demonstrations": [source.facts for source in statistics.sources],
     }
     # The prediction is fitted to some of the motions, and knows the spread of all requests.
     some, rows = statistics.thinned(), directions.reshape(-1, mean.size)

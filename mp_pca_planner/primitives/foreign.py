@@ -65,13 +65,13 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> list[tupl
         chosen = np.linspace(0, n_motions - 1, _MAX_MOTIONS).round().astype(np.intp)
         statistics = statistics.chosen(chosen)
     rows: dict[str, list[int]] = {}
-    for row, motion in enumerate(statistics.motions):
+    for row, motion in enumerate(statistics.sources):
         rows.setdefault(motion.recording, []).append(row)
     ends = statistics.boundary_states[:, [0, 3]]
     curves = np.concatenate(
         [ends.transpose(0, 2, 1) / np.sqrt(2.0), statistics.shapes / np.sqrt(n_phases)], axis=2
     )
-    copies = _copies(curves, [motion.recording for motion in statistics.motions])
+    copies = _copies(curves, [motion.recording for motion in statistics.sources])
     for name in copies:
         del rows[name]
     if len(rows) < _MIN_RECORDINGS:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import KeysView, Sequence
+from collections.abc import KeysView, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import overload
@@ -12,16 +12,9 @@ from typing import overload
 import numpy as np
 
 from ..arrays import FloatArray, check_type, repeated_names
-from ..exceptions import (
-    GoalError,
-    PrimitiveError,
-    quote_names,
-    shown,
-    unknown_name,
-)
+from ..exceptions import GoalError, PrimitiveError, quote_names, shown, unknown_name
 from .file import load_primitive
 from .primitive import MovementPrimitive
-from .primitive_values import require_same_joints
 
 # Largest number of ends of demonstrations from which poses are searched.
 _MAX_ENDS = 5000
@@ -59,7 +52,7 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
                 raise PrimitiveError(
                     f"{shown(one)} is not a movement primitive; MovementPrimitive.load reads a file"
                 )
-        require_same_joints((f"primitive '{p.name}'", p.joint_names) for p in primitives)
+        _require_same_joints({f"primitive '{p.name}'": p for p in primitives})
         self._index_of = {p.name: i for i, p in enumerate(primitives)}
         if len(self._index_of) < len(primitives):
             twice = repeated_names(p.name for p in primitives)
@@ -147,5 +140,18 @@ def load_primitives(paths: Sequence[str | Path]) -> PrimitiveLibrary:
                 "one of them again under another name"
             )
         file_of[name] = file
-    require_same_joints((f"'{file_of[p.name]}'", p.joint_names) for p in primitives)
+    _require_same_joints({f"'{file_of[p.name]}'": p for p in primitives})
     return PrimitiveLibrary(primitives)
+
+
+def _require_same_joints(primitives: Mapping[str, MovementPrimitive]) -> None:
+    """Reject primitives, given by names for the message, that differ in their joints."""
+    first, joints = "", None
+    for name, primitive in primitives.items():
+        own = primitive.joint_names
+        if joints is not None and own != joints:
+            raise PrimitiveError(
+                f"{name} moves {quote_names(own)}, but {first} moves {quote_names(joints)}: they "
+                "can't be used together"
+            )
+        first, joints = name, own

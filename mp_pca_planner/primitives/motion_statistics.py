@@ -2,25 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics of demonstrations: a few hundred numbers for each, enough to build a primitive.
 
-A recording is mapped to the :class:`MotionStatistics` of its demonstrations, and those of all
-recordings are merged. Samples are not kept: a shape becomes its coefficients in the polynomials of
-the primitive.
+Samples are not kept: a shape becomes its coefficients in the polynomials of the primitive.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import lru_cache
-from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, empty_rows, row_blocks
+from ..arrays import FloatArray
 from ..exceptions import PrimitiveError, quote_names
 from ..motion.interpolation import boundary_values, hermite_functions
 from .basis import end_vanishing_coefficients, legendre_values
@@ -58,44 +54,13 @@ class MotionSource(NamedTuple):
 
     @classmethod
     def of_facts(cls, facts: Mapping[str, Any]) -> MotionSource:
-        """The source with these facts (see :func:`source_rows`); the checksum may be missing."""
+        """The source with these facts; the checksum may be missing."""
         return cls(*(facts.get(name, "") for name in _FACTS))
 
     @property
-    def identity(self) -> tuple[str, float, float]:
-        """Equal for the same part of the same recording, whatever its name and label."""
-        return self.checksum, round(self.start_time, 6), round(self.end_time, 6)
-
-
-class MotionSources(Sequence[Any]):
-    """The sources in the rows of :func:`source_rows`, each made when it is used.
-
-    Parameters
-    ----------
-    rows : array of bytes, shape (n_demonstrations,)
-        The rows.
-    as_facts : bool
-        Whether the items are the facts.
-    """
-
-    def __init__(self, rows: NDArray[np.bytes_], *, as_facts: bool = False) -> None:
-        self._rows = rows
-        self._item: Callable[[Any], Any] = dict if as_facts else MotionSource.of_facts
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self._item(json.loads(self._rows[index]))
-
-    def __iter__(self) -> Iterator[Any]:
-        for text in self.texts():
-            yield from map(self._item, json.loads(f"[{text}]"))
-
-    def texts(self) -> Iterator[str]:
-        """The JSON of all facts without the brackets around them, in blocks."""
-        for (block,) in row_blocks(self._rows):
-            yield b", ".join(block.tolist()).decode()
+    def facts(self) -> dict[str, Any]:
+        """Its values by their names in the metadata of a primitive."""
+        return dict(zip(_FACTS, self, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +89,8 @@ class MotionStatistics:
         Coefficients of the joint angles over time.
     angle_remainders : array, shape (n_demonstrations, n_joints)
         The same for the joint angles over time.
-    sources : array of bytes, shape (n_demonstrations,)
-        Where each comes from, see :func:`source_rows`.
+    sources : tuple of MotionSource
+        Where each comes from.
     """
 
     joint_names: tuple[str, ...]
@@ -138,12 +103,7 @@ class MotionStatistics:
     shape_remainders: FloatArray
     angles: FloatArray
     angle_remainders: FloatArray
-    sources: NDArray[np.bytes_]
-
-    @property
-    def motions(self) -> MotionSources:
-        """Source of each demonstration."""
-        return MotionSources(self.sources)
+    sources: tuple[MotionSource, ...]
 
     @classmethod
     def of(
@@ -206,48 +166,17 @@ class MotionStatistics:
             shape_remainders=shape_remainders,
             angles=angles,
             angle_remainders=angle_remainders,
-            sources=source_rows(sources),
+            sources=tuple(sources),
         )
-
-    @classmethod
-    def merged(cls, parts: Iterable[MotionStatistics]) -> MotionStatistics:
-        """Merge the statistics of parts of the demonstrations, at least one part.
-
-        The parts are iterated over twice. The arrays are in a temporary file if they are large.
-
-        Raises
-        ------
-        PrimitiveError
-            If they have different joints, or were made with other options.
-        """
-        first, n, widest = next(iter(parts)), 0, 0
-        row_shapes = first.shapes.shape[1:] + first.angles.shape[1:]
-        for part in parts:
-            found = part.joint_names, part.motions[0].recording
-            _check_joints((first.joint_names, first.motions[0].recording), found)
-            if part.shapes.shape[1:] + part.angles.shape[1:] != row_shapes:
-                raise PrimitiveError(
-                    "statistics of different degrees or numbers of phases can't be merged"
-                )
-            n, widest = n + len(part.sources), max(widest, part.sources.itemsize)
-        arrays, n_done = _empty(n, first, widest), 0
-        for part in parts:
-            n_before, n_done = n_done, n_done + len(part.sources)
-            for name, array in arrays.items():
-                array[n_before:n_done] = getattr(part, name)
-        return cls(first.joint_names, **arrays)
 
     def requests(self) -> FloatArray:
         """Requests (q0, qT, log T), as rows."""
-        requests = np.empty((len(self.durations), 2 * len(self.joint_names) + 1))
-        blocks = row_blocks(requests, self.boundary_states, self.durations)
-        for rows, states, durations in blocks:
-            rows[:] = np.column_stack([states[:, 0], states[:, 3], np.log(durations)])
-        return requests
+        states = self.boundary_states
+        return np.column_stack([states[:, 0], states[:, 3], np.log(self.durations)])
 
     def labels(self) -> list[str]:
         """Label of each demonstration."""
-        return list(map(itemgetter("label"), map(json.loads, self.sources)))
+        return [source.label for source in self.sources]
 
     def both_shapes(self) -> FloatArray:
         """Shapes, and shapes of the reversed motions, as rows: (2, n_demonstrations, n_values)."""
@@ -260,32 +189,12 @@ class MotionStatistics:
         used = thinned(self.requests())
         return self if len(used) == len(self.durations) else self.chosen(used)
 
-    def blocks(self) -> Iterator[MotionStatistics]:
-        """Some motions at a time, in order; arrays in a file take memory for these only."""
-        for arrays in row_blocks(*self._arrays()):
-            yield MotionStatistics(self.joint_names, *arrays)
-
     def chosen(self, which: Sequence[int] | NDArray[np.intp]) -> MotionStatistics:
         """The statistics of some of the demonstrations, by index."""
         indices = np.asarray(which, dtype=np.intp)
-        arrays = _empty(len(indices), self, self.sources.itemsize)
-        blocks = row_blocks(np.arange(len(self.durations)), *self._arrays())
-        for numbers, *parts in blocks:
-            here = np.flatnonzero((numbers[0] <= indices) & (indices <= numbers[-1]))
-            for array, part in zip(arrays.values(), parts, strict=True):
-                array[here] = part[indices[here] - numbers[0]]
-        return MotionStatistics(self.joint_names, **arrays)
-
-    def _arrays(self) -> list[NDArray[Any]]:
-        return [getattr(self, name) for name in _ARRAYS]
-
-    def ordered(self, joint_names: tuple[str, ...]) -> MotionStatistics:
-        """The same motions with the same joints in another order."""
-        order = [self.joint_names.index(name) for name in joint_names]
-        of_joints = ("shapes", "shape_remainders", "angles", "angle_remainders")
-        arrays = {name: getattr(self, name)[:, order] for name in of_joints}
-        states = self.boundary_states[:, :, order]
-        return replace(self, joint_names=joint_names, boundary_states=states, **arrays)
+        arrays = {name: getattr(self, name)[indices] for name in _ARRAYS}
+        sources = tuple(self.sources[i] for i in indices)
+        return MotionStatistics(self.joint_names, **arrays, sources=sources)
 
 
 def thinned(requests: FloatArray) -> NDArray[np.intp]:
@@ -294,13 +203,7 @@ def thinned(requests: FloatArray) -> NDArray[np.intp]:
     return np.lexsort(requests.T[::-1])[::step] if step > 1 else np.arange(len(requests))
 
 
-_ARRAYS = tuple(x.name for x in fields(MotionStatistics)[1:])
-
-
-def _empty(n_rows: int, like: MotionStatistics, source_bytes: int) -> dict[str, NDArray[Any]]:
-    """All arrays by name, to be filled."""
-    kinds = {name: (np.float64, getattr(like, name).shape[1:]) for name in _ARRAYS}
-    return empty_rows(n_rows, kinds | {"sources": (f"S{source_bytes}", ())})
+_ARRAYS = tuple(x.name for x in fields(MotionStatistics)[1:-1])
 
 
 @lru_cache(maxsize=8)
@@ -384,15 +287,3 @@ def _check_joints(first: tuple[tuple[str, ...], str], other: tuple[tuple[str, ..
             f"the joints of '{other[1]}', {quote_names(other[0])}, are not those of '{first[1]}', "
             f"{quote_names(first[0])}: choose joints that all have, or leave recordings out"
         )
-
-
-def source_rows(sources: Iterable[MotionSource]) -> NDArray[np.bytes_]:
-    """Sources as rows of JSON: objects of Python take several times the memory.
-
-    Each row has the facts of a source, by their names in the metadata of a primitive.
-    """
-    rows = []
-    for source in sources:
-        facts = dict(zip(_FACTS, source, strict=True))
-        rows.append(json.dumps(facts, sort_keys=True))
-    return np.array(rows, dtype=np.bytes_)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import FloatArray, empty_rows, row_blocks, row_mean
+from ..arrays import FloatArray
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 
 if TYPE_CHECKING:
@@ -42,15 +42,6 @@ class PrincipalComponents:
         """Weights of samples, [P] eq. (2) after centring, shape (n_samples, n_components)."""
         return np.asarray((samples - self.mean) @ self.components.T)
 
-    def truncated(self, n_components: int) -> PrincipalComponents:
-        """The first components only."""
-        return PrincipalComponents(
-            self.mean,
-            self.components[:n_components],
-            self.explained_variance[:n_components],
-            self.total_variance,
-        )
-
 
 def fit_components(
     samples: FloatArray, rank_tolerance: float = 1e-12, constant: float = 1e-9
@@ -66,12 +57,9 @@ def fit_components(
     constant :
         Vectors whose entries deviate from their mean by less than this are constant [rad or m].
     """
-    mean, n = row_mean(samples), len(samples)
+    mean, n = samples.mean(axis=0), len(samples)
     # With the same singular values and right singular vectors as the deviations from the mean.
-    triangle = np.zeros((0, mean.size))
-    for (block,) in row_blocks(samples):
-        rows = np.concatenate([triangle, block - mean])
-        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+    triangle = np.asarray(np.linalg.qr(samples - mean, mode="r"))
     if n < 2 or np.sqrt(np.sum(triangle**2, axis=0).max() / (n - 1)) < constant:
         return PrincipalComponents(mean, np.zeros((0, mean.size)), np.zeros(0), 0.0)
     _, singular, rows = np.linalg.svd(triangle, full_matrices=False)
@@ -120,7 +108,7 @@ def fit_shapes(
     """
     shapes, remainders = statistics.shapes, statistics.shape_remainders
     n, n_joints, n_functions = shapes.shape
-    mean = row_mean(shapes)
+    mean = shapes.mean(axis=0)
     values, _ = shape_functions(options.degree, options.n_phases)
     together = n_joints if options.coupling == "arm" else 1
     parts, variances = [], []
@@ -135,14 +123,10 @@ def fit_shapes(
         variances.append(components.explained_variance[:kept])
     directions, total = np.concatenate(parts), total_variance(shapes, remainders)
     smoother = shape_smoother(options.degree, options.n_phases)
-    sizes = {"weights": (np.float64, (len(directions),)), "residual": (np.float64, (n_joints,))}
-    arrays = empty_rows(n, sizes)
-    for some, left, weights, residual in row_blocks(shapes, remainders, *arrays.values()):
-        weights[:] = np.tensordot(some - mean, directions, axes=((-2, -1), (1, 2)))
-        rest = some - (mean + np.tensordot(weights, directions, axes=1)) @ smoother
-        residual[:] = np.sqrt((np.sum(rest**2, axis=2) + left) / options.n_phases)
-    explained = np.concatenate(variances)
-    return mean, directions, explained, total, arrays["weights"], arrays["residual"]
+    weights = np.tensordot(shapes - mean, directions, axes=((-2, -1), (1, 2)))
+    rest = shapes - (mean + np.tensordot(weights, directions, axes=1)) @ smoother
+    residual = np.sqrt((np.sum(rest**2, axis=2) + remainders) / options.n_phases)
+    return mean, directions, np.concatenate(variances), total, weights, residual
 
 
 def angle_shares(statistics: MotionStatistics) -> dict[str, list[float]]:
@@ -165,8 +149,5 @@ def total_variance(coefficients: FloatArray, remainders: FloatArray) -> FloatArr
     remainders : array, shape (n_demonstrations, n_joints)
         Sums of squares of the residuals of the coefficients.
     """
-    mean = row_mean(coefficients)
-    squares = np.zeros(len(mean))
-    for some, left in row_blocks(coefficients, remainders):
-        squares += np.sum((some - mean) ** 2, axis=(0, 2)) + left.sum(axis=0)
-    return squares / max(len(coefficients) - 1, 1)
+    squares = np.sum((coefficients - coefficients.mean(axis=0)) ** 2, axis=(0, 2))
+    return np.asarray((squares + remainders.sum(axis=0)) / max(len(coefficients) - 1, 1))

@@ -29,10 +29,6 @@ OFFSET = 10.0
 """Variance of the common offset of all outputs, in units of the variance of outputs that depends
 on the request."""
 
-INVERSE_LENGTHS = (1.0, 0.25)
-"""Inverse lengths of the similarities in units of the spread of the requests. Fits use the first;
-the coefficients of the second are zero but in files of earlier releases."""
-
 FREEDOM = 6.0
 """Degrees of freedom of the errors. They follow Student's t distribution, because some motions are
 harder to predict than others. With 6, intervals hold the predicted shares of left-out motions."""
@@ -53,8 +49,6 @@ _FAR = 4.0
 # Growth of the standard deviation of motions from a demonstrated request to one far from all.
 _GROWTH = 5.0
 _TINY = 1e-300
-# Requests that are predicted at once.
-_BLOCK = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +100,14 @@ class ConditionalModel:
     ----------
     requests : array, shape (n_demonstrations, 2 n_joints + 1)
         q0, qT [rad or m] and log T of the demonstrations that the model is fitted to.
-    shape_coefficients : array, shape (n_fits, n_lengths, 2, n_demonstrations, n_weights)
+    shape_coefficients : array, shape (n_fits, 2, n_demonstrations, n_weights)
         Of weights minus the straight ones: a prediction is the sum of their products with the
         similarities of the request to the demonstrations and to the reversed ones.
     straight_weights : array, shape (n_weights,)
         Weights of a minimum-jerk motion, which is the prior mean.
-    pace_coefficients : array, shape (n_fits, n_lengths, 2, n_demonstrations, n_pace)
+    pace_coefficients : array, shape (n_fits, 2, n_demonstrations, n_pace)
         Of time scalings.
-    duration_coefficients : array, shape (1, n_lengths, 2, n_demonstrations, 1)
+    duration_coefficients : array, shape (1, 2, n_demonstrations, 1)
         Of log T minus its mean, by the end points alone.
     weight_covariance, weight_precision : array, shape (n_weights, n_weights)
         Covariance of the errors of the weights of left-out demonstrations, and its inverse.
@@ -289,8 +283,8 @@ class RequestFeatures:
 
         Returns
         -------
-        similarities : array, shape (n_lengths, 2, ..., n_demonstrations)
-            By inverse length, with motions and with reversed ones.
+        similarities : array, shape (2, ..., n_demonstrations)
+            With motions and with reversed ones.
         distances : array, shape (...)
             Bounded from below, in units of the geometric mean of all.
         """
@@ -298,52 +292,34 @@ class RequestFeatures:
         squares = np.einsum("...i,...i->...", change, change)
         several = np.expand_dims(self._both_directions, tuple(range(1, requests.ndim)))
         deviations = several - requests[..., None, :]
-        apart = np.sqrt(5.0 * np.einsum("...i,...i->...", deviations, deviations)) / self._spread
-        ratios = np.multiply.outer(INVERSE_LENGTHS, apart)
+        ratios = np.sqrt(5.0 * np.einsum("...i,...i->...", deviations, deviations)) / self._spread
         similar = (1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + OFFSET
         return similar, np.sqrt((squares + self._floor) / self._unit)
 
 
 def left_out_squares(
-    requests: FloatArray,
-    shapes: FloatArray,
-    used: NDArray[np.intp] | None = None,
-    labels: Sequence[str] = (),
+    requests: FloatArray, shapes: FloatArray, labels: Sequence[str] = ()
 ) -> FloatArray:
-    """Squared errors of shapes that are predicted from other demonstrations.
+    """Squared errors of shapes, each predicted from the other demonstrations.
 
     Parameters
     ----------
     requests : array, shape (n_demonstrations, 2 n_joints + 1)
-        q0, qT [rad or m] and log T.
+        q0, qT [rad or m] and log T. The time grows with the cube of their number.
     shapes : array, shape (2, n_demonstrations, n_functions)
         Coefficients of the shapes, and of the same motions in reversed time.
-    used : array of int, optional
-        Indices of the demonstrations that predictions are made from; all by default. Each of them
-        is predicted from the others. The time grows with the cube of their number.
     labels : sequence of str, optional
-        Activity of each demonstration that is used; the same by default.
+        Activity of each demonstration; the same by default.
 
     Returns
     -------
     squares : array, shape (n_demonstrations,)
         Sums of squares over the coefficients.
     """
-    used = np.arange(len(requests)) if used is None else used
-    features = RequestFeatures(requests[used])
-    similar, distances = features(requests[used])
+    similar, distances = RequestFeatures(requests)(requests)
     roots = np.sqrt(distances)[:, None]
-    coefficients, residuals = _fit(similar, shapes[:, used] / roots, labels)
-    errors = np.empty(shapes.shape[1:])
-    errors[used] = residuals * roots
-    others = np.setdiff1d(np.arange(len(requests)), used)
-    for first in range(0, len(others), _BLOCK):
-        some = others[first : first + _BLOCK]
-        similar, distances = features(requests[some])
-        fits = np.tensordot(coefficients, similar, axes=((1, 2, 3), (0, 1, 3))).swapaxes(1, 2)
-        predicted = np.sqrt(distances)[:, None] * _mixed(fits, _novelty(similar))
-        errors[some] = shapes[0, some] - predicted
-    return np.asarray(np.sum(errors**2, axis=1))
+    _, residuals = _fit(similar, shapes / roots, labels)
+    return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
 
 
 def _novelty(similarities: FloatArray, *, is_left_out: bool = False) -> FloatArray:
@@ -351,12 +327,12 @@ def _novelty(similarities: FloatArray, *, is_left_out: bool = False) -> FloatArr
 
     Parameters
     ----------
-    similarities : array, shape (n_lengths, 2, ..., n_demonstrations)
+    similarities : array, shape (2, ..., n_demonstrations)
         See :class:`RequestFeatures`.
     is_left_out : bool
         Whether these are the demonstrations, each of which is compared with the others.
     """
-    nearest = similarities[0, 0]
+    nearest = similarities[0]
     if is_left_out and len(nearest) > 1:
         nearest = np.where(np.eye(len(nearest), dtype=bool), -np.inf, nearest)
     return np.asarray(1.0 + OFFSET - nearest.max(axis=-1)).clip(0.0, 1.0)
@@ -391,7 +367,7 @@ def _fit(
 
     Parameters
     ----------
-    similarities : array, shape (n_lengths, 2, n_demonstrations, n_demonstrations)
+    similarities : array, shape (2, n_demonstrations, n_demonstrations)
         Of the demonstrations with each other, and with the reversed ones.
     outputs : array, shape (2, n_demonstrations, n_outputs)
         Outputs of the demonstrations, and of the same motions in reversed time.
@@ -400,7 +376,7 @@ def _fit(
 
     Returns
     -------
-    coefficients : array, shape (n_fits, n_lengths, 2, n_demonstrations, n_outputs)
+    coefficients : array, shape (n_fits, 2, n_demonstrations, n_outputs)
         A prediction is the sum of their products with the similarities of a request.
     residuals : array, shape (n_demonstrations, n_outputs)
         Outputs minus their predictions from the other demonstrations.
@@ -408,7 +384,7 @@ def _fit(
     # Parts that are even in reversed time, then those that are odd.
     parts = np.array([outputs[0] + outputs[1], outputs[0] - outputs[1]]) / 2.0
     reversals, noises = np.array(KERNELS).T[:, :, None, None]
-    there, back = similarities[0]
+    there, back = similarities
     signs = reversals[..., None] * np.array([1.0, -1.0])[:, None, None]
     inverse = np.linalg.inv(there + signs * back + noises[..., None] * np.eye(len(there)))
     solved = inverse @ parts
@@ -436,7 +412,6 @@ def _fit(
     if len(squares) < _MIN_RANKED:
         probabilities[:, 1:] = 0.0
     probabilities /= probabilities.sum(axis=1, keepdims=True)
-    coefficients = np.zeros((len(partitions), len(similarities), *outputs.shape))
-    coefficients[:, 0] = np.einsum("pk,dkno->pdno", probabilities, shares)
+    coefficients = np.einsum("pk,dkno->pdno", probabilities, shares)
     fits = np.tensordot(probabilities, np.sum(left[0], axis=1), axes=1)
     return coefficients, _mixed(fits, _novelty(similarities, is_left_out=True))

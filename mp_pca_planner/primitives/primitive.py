@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import FloatArray, check_number, frozen_array
+from ..arrays import FloatArray, check_number
 from ..exceptions import GoalError, PrimitiveError
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import StateLike, joint_positions
@@ -23,8 +23,6 @@ from ..motion.trajectory import Trajectory
 from .basis import Basis, PacedBasis, PolynomialBasis
 from .in_span import UNUSUAL_IN_SPAN_SCORE
 from .prediction import FREEDOM, ConditionalDistribution, ConditionalModel
-from .primitive_values import ARRAY_SHAPES, freeze_values
-from .primitive_values import COUPLINGS as COUPLINGS
 from .timing import aligned_phases, time_scaling
 
 if TYPE_CHECKING:
@@ -32,6 +30,8 @@ if TYPE_CHECKING:
     from ..recordings.recording_set import RecordingSet
     from .motion_statistics import MotionStatistics
 
+
+COUPLINGS = ("joint", "arm")
 
 _MAX_DRAWS = 10_000
 # Joints hardly turn further [rad]: more looks like degrees, as in demonstrations.
@@ -78,12 +78,7 @@ class MovementPrimitive:
     model : ConditionalModel
         Predicts the weights for a request.
     statistics : MotionStatistics or None
-        What an update needs of the demonstrations, if it is known.
-
-    Raises
-    ------
-    PrimitiveError
-        If arrays are not finite, or their shapes disagree.
+        Of the demonstrations; None for a refined primitive.
 
     Examples
     --------
@@ -112,7 +107,11 @@ class MovementPrimitive:
     statistics: MotionStatistics | None = None
 
     def __post_init__(self) -> None:
-        freeze_values(self)
+        for owner in (self, self.model):
+            for field in fields(owner):
+                array = getattr(owner, field.name)
+                if isinstance(array, np.ndarray):
+                    array.flags.writeable = False
 
     def __repr__(self) -> str:
         return (
@@ -157,11 +156,11 @@ class MovementPrimitive:
             highest demonstrated position by joint. `durations`: the shortest and the longest [s].
             `n_demonstrations`, `n_components`.
         """
-        from .build import left_out_errors, options_to_update
+        from .build import left_out_errors
 
         errors = float("nan"), float("nan")
         if self.statistics is not None:
-            errors = left_out_errors(self.statistics, options_to_update(self).n_phases)
+            errors = left_out_errors(self.statistics, self.metadata["options"]["phases"])
         ends = self.boundary_states[:, [0, 3]]
         ranges = np.stack([ends.min(axis=0), ends.max(axis=0)], axis=-1).tolist()
         starts, goals = (dict(zip(self.joint_names, map(tuple, x), strict=True)) for x in ranges)
@@ -542,13 +541,7 @@ class MovementPrimitive:
         ----------
         ends : array, shape (2, n_joints)
             Start and goal [rad or m]; distances are in units of the demonstrations' spread.
-
-        Raises
-        ------
-        GoalError
-            If the ends are not numbers of that shape.
         """
-        ends = frozen_array(ends, (2, self.n_joints), "start and goal", GoalError)
         own = self.boundary_states[:, [0, 3]]
         spread = own.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
         return np.argsort(np.sum(((own - ends) / spread) ** 2, axis=(1, 2)))
@@ -563,9 +556,6 @@ class MovementPrimitive:
         times : array, shape (n_steps,)
             Times from 0 to its duration [s].
         """
-        n, times = len(self.durations), frozen_array(times, (None,), "times [s]", PrimitiveError)
-        what = "the index of a demonstration"
-        check_number(demonstration, what, PrimitiveError, 0, n - 1, is_whole=True)
         duration = float(self.durations[demonstration])
         phases = aligned_phases(self.warps[demonstration], times / duration)
         state = self.boundary_states[demonstration]
@@ -574,10 +564,6 @@ class MovementPrimitive:
             hermite_functions(phases) @ boundary
             + self.basis.shape(self.weights[demonstration], phases)
         )
-
-    def arrays(self) -> dict[str, FloatArray]:
-        """The arrays that make up the primitive, by name."""
-        return {k: getattr(self if hasattr(self, k) else self.model, k) for k in ARRAY_SHAPES}
 
 
 def _warn_if_unusual(name: str, score: float, ends: FloatArray) -> None:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -78,12 +78,6 @@ class LoadOptions:
         Takes the messages before the damage of a damaged recording.
     overviews : bool
         Adds overviews of the recordings to the reports.
-    summarise : callable or None
-        Called with the demonstrations of each recording, in the process that reads it: a function
-        of a module, or a :func:`functools.partial` of one. Its results are in `summaries`.
-    most_samples : int or None
-        Largest number of samples kept of each demonstration, after `summarise` was called;
-        0 keeps no demonstrations. By default all samples are kept.
 
     Raises
     ------
@@ -106,8 +100,6 @@ class LoadOptions:
     position_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     salvage: bool = False
     overviews: bool = False
-    summarise: Callable[[Sequence[Demonstration]], Any] | None = None
-    most_samples: int | None = None
 
     def __post_init__(self) -> None:
         if self.segment not in SEGMENTATIONS:
@@ -180,10 +172,7 @@ def _loaded(task: LoadTask) -> RecordingSet:
         still_joints=clean.still_joints,
         fingerprint=clean.fingerprint,
     )
-    summaries = () if options.summarise is None else (options.summarise(motions),)
-    n = options.most_samples
-    kept = motions if n is None else [motion.thinned(n) for motion in motions if n > 0]
-    return RecordingSet(tuple(kept), (report,), summaries=summaries)
+    return RecordingSet(tuple(motions), (report,))
 
 
 def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:

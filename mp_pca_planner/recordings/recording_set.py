@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -158,14 +158,11 @@ class RecordingSet:
         One for each recording that is used.
     refused : sequence of Refusal
         One for each that is not.
-    summaries : sequence
-        Results of `summarise` for the recordings that are used, if it was given.
     """
 
     demonstrations: Sequence[Demonstration] = ()
     reports: Sequence[RecordingReport] = ()
     refused: Sequence[Refusal] = ()
-    summaries: Sequence[Any] = ()
 
     @classmethod
     def rejected(cls, refusal: Refusal) -> RecordingSet:
@@ -266,7 +263,7 @@ class RecordingSet:
 
     def require_motion(self) -> None:
         """Raise a RecordingError, with the first reason, if no recording holds a motion."""
-        if self.demonstrations or self.summaries:
+        if self.demonstrations:
             return
         if not self.refused:
             n = len(self.reports)

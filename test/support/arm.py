@@ -5,6 +5,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
@@ -61,3 +64,11 @@ def sequence_planner(
     """A planner without a time limit unless given."""
     chosen = PlannerOptions(max_solve_time=max_solve_time, **options)
     return Planner(robot, primitives, limits, chosen, collision)
+
+
+def file_bytes(primitive: MovementPrimitive) -> bytes:
+    """The content of its file."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "x.npz")
+        save_primitive(primitive, path)
+        return path.read_bytes()

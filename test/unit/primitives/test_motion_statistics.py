@@ -3,34 +3,23 @@
 """Statistics of demonstrations: what is kept of them is enough, and can be merged."""
 
 import pickle
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.polynomial import legendre
 from support.arm import JOINTS, arm_demonstrations
 
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
-from mp_pca_planner.primitives.build import PrimitiveOptions, build_from_statistics, build_primitive
+from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.motion_statistics import (
-    MotionSource,
-    MotionSources,
     MotionStatistics,
     shape_functions,
-    source_rows,
 )
 from mp_pca_planner.primitives.timing import align, aligned_positions
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 PHASES = np.linspace(0.0, 1.0, 101)
-
-
-def parts_of(demonstrations, cuts, options):
-    bounds = [0, *cuts, len(demonstrations)]
-    return [MotionStatistics.of(demonstrations[a:b], options) for a, b in pairwise(bounds)]
 
 
 def sampled_shapes(demonstrations, primitive, method):
@@ -53,40 +42,11 @@ def polynomial_part(shapes):
     return np.moveaxis((powers @ fitted).reshape(101, len(shapes), -1), 0, 1)
 
 
-TEXTS = st.text(st.characters(codec=None), max_size=8)  # surrogates and NUL, too
-TIMES = st.floats(allow_nan=False)
-
-
-@given(st.lists(st.builds(MotionSource, TEXTS, TEXTS, TEXTS, TIMES, TIMES), min_size=1))
-def test_sources_are_kept_in_rows_whatever_their_names(sources):
-    rows = source_rows(sources)
-    assert [*MotionSources(rows)] == sources
-    facts = MotionSources(rows, as_facts=True)
-    assert [MotionSource.of_facts(one) for one in facts] == sources
-
-
-@settings(max_examples=15)
-@given(st.sets(st.integers(1, 19)), st.sampled_from(["arm", "joint"]))
-def test_primitive_of_merged_parts_is_that_of_all_demonstrations_in_memory(cuts, coupling):
-    options = PrimitiveOptions(coupling=coupling, n_components=4)
-    whole = build_primitive(arm_demonstrations(), "x", options)
-    parts = parts_of(arm_demonstrations(), sorted(cuts), options)
-    merged = build_from_statistics(MotionStatistics.merged(parts), "x", options)
-    for name, array in whole.arrays().items():
-        scale = np.abs(array[np.isfinite(array)]).max()
-        np.testing.assert_allclose(
-            merged.arrays()[name], array, rtol=0.0, atol=1e-10 * scale, err_msg=name
-        )
-    assert [*merged.metadata["demonstrations"]] == [*whole.metadata["demonstrations"]]
-
-
 @pytest.mark.parametrize("method", ["linear", "arc_length"])
 def test_primitive_has_the_covariances_of_the_samples(method):
     demonstrations = arm_demonstrations(40, 2)
     options = PrimitiveOptions(n_components=5, align=method)
-    primitive = build_from_statistics(
-        MotionStatistics.merged(parts_of(demonstrations, [1, 7, 20], options)), "x", options
-    )
+    primitive = build_primitive(demonstrations, "x", options)
     shapes = sampled_shapes(demonstrations, primitive, method)
     fitted = polynomial_part(shapes)
     vectors = fitted.reshape(40, -1)
@@ -155,6 +115,5 @@ def test_statistics_of_other_joints_are_refused_by_name():
         ["a"], [0.0, 1.0], [[0.0], [1.0]], [[0.0], [0.0]], [[0.0], [0.0]],
         recording="stranger", start_time=0.0, end_time=1.0,
     )  # fmt: skip
-    parts = [MotionStatistics.of([d], options) for d in (arm_demonstrations()[0], stranger)]
     with pytest.raises(PrimitiveError, match="joints of 'stranger'.*are not those of 'motion_0'"):
-        MotionStatistics.merged(parts)
+        MotionStatistics.of([arm_demonstrations()[0], stranger], options)

@@ -57,13 +57,6 @@ def test_equation_5_shares_are_variances_over_their_sum(samples):
     np.testing.assert_allclose(shares.sum(), 1.0)
 
 
-def test_truncation_keeps_the_total_variance(samples):
-    whole = fit_components(samples)
-    few = whole.truncated(3)
-    np.testing.assert_allclose(few.explained_variance, whole.explained_variance[:3])
-    assert few.total_variance == whole.total_variance
-
-
 def test_all_components_give_the_samples_back(samples):
     found = fit_components(samples)
     restored = found.mean + found.transform(samples) @ found.components

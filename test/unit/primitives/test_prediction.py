@@ -6,12 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.arm import JOINTS, arm_demonstrations, arm_primitive
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, file_bytes
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.file import primitive_bytes
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 
 
@@ -28,7 +27,7 @@ def test_fit_gives_what_the_builder_gives(wrapped):
     fitted = MovementPrimitive.fit(
         given, name="reach", coupling="joint", components=2, align="linear"
     )
-    assert primitive_bytes(fitted) == primitive_bytes(built)
+    assert file_bytes(fitted) == file_bytes(built)
 
 
 def test_predicted_motion_goes_from_rest_to_rest_in_the_expected_time():
@@ -88,7 +87,7 @@ def test_the_same_seed_gives_the_same_draws():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([0.0], [0.0] * 4), "start must be one position"),
+        (([0.0], [0.0] * 4), "start needs one position for each"),
         (([0.0] * 4, [np.nan] * 4), "goal.* is nan"),
         (([0.0] * 4, [0.1] * 4, -1.0), "from 0.001 to 600, got -1.0"),
     ],
@@ -101,7 +100,7 @@ def test_a_wrong_request_is_refused(arguments, message):
 def test_a_saved_primitive_is_loaded(tmp_path):
     arm_primitive().save(tmp_path / "reach.npz")
     loaded = MovementPrimitive.load(str(tmp_path / "reach.npz"))
-    assert primitive_bytes(loaded) == primitive_bytes(arm_primitive())
+    assert file_bytes(loaded) == file_bytes(arm_primitive())
 
 
 def test_a_primitive_is_described_in_one_line():

@@ -32,6 +32,14 @@ def forge(path, change):
     rewrite(path, change_and_sign)
 
 
+def assert_same(one, other):
+    """All arrays of two primitives are equal."""
+    for own, others in ((one, other), (one.model, other.model)):
+        for field in dataclasses.fields(own):
+            if isinstance(getattr(own, field.name), np.ndarray):
+                np.testing.assert_array_equal(getattr(own, field.name), getattr(others, field.name))
+
+
 @pytest.fixture
 def path(tmp_path):
     file = tmp_path / "primitive.npz"
@@ -58,32 +66,8 @@ def test_what_was_saved_is_loaded(path):
     saved, loaded = arm_primitive(), load_primitive(path)
     assert (loaded.name, loaded.joint_names) == (saved.name, saved.joint_names)
     assert loaded.coupling == saved.coupling
-    for name, array in saved.arrays().items():
-        np.testing.assert_array_equal(loaded.arrays()[name], array)
-    assert loaded.metadata["demonstrations"] == [*saved.metadata["demonstrations"]]
-
-
-def test_a_file_of_version_1_is_fitted_anew(path, tmp_path):
-    saved = arm_primitive()
-
-    def as_version_1(arrays, metadata):
-        metadata["format_version"] = 1
-        del arrays["error_variance"]
-        for name in ("shape", "pace", "duration"):  # one more length, another time scaling
-            old = arrays[f"{name}_coefficients"]
-            arrays[f"{name}_coefficients"] = np.concatenate([old, old], axis=1).swapaxes(0, 1)
-        arrays["paces"] = 0.5 * np.ones_like(arrays["paces"])
-
-    forge(path, as_version_1)
-    loaded = load_primitive(path)
-    start, goal = saved.boundary_states[0, [0, 3]]
-    found, expected = (p.model.predict(start, goal, 0.7) for p in (loaded, saved))
-    # Only the reversed motions are known less precisely, by their components.
-    np.testing.assert_allclose(found.weights, expected.weights, atol=0.02)
-    assert found.in_span_score == pytest.approx(expected.in_span_score)
-    save_primitive(loaded, tmp_path / "new.npz")
-    again = load_primitive(tmp_path / "new.npz")
-    np.testing.assert_array_equal(again.model.predict(start, goal, 0.7).weights, found.weights)
+    assert_same(loaded, saved)
+    assert loaded.metadata["demonstrations"] == saved.metadata["demonstrations"]
 
 
 def test_building_again_gives_the_same_bytes(tmp_path):
@@ -131,8 +115,10 @@ def test_primitives_are_frozen(path):
     loaded = load_primitive(path)
     with pytest.raises(dataclasses.FrozenInstanceError):
         loaded.name = "other"
-    for array in loaded.arrays().values():
-        assert not array.flags.writeable
+    for owner in (loaded, loaded.model):
+        for field in dataclasses.fields(owner):
+            value = getattr(owner, field.name)
+            assert not (isinstance(value, np.ndarray) and value.flags.writeable)
 
 
 def test_an_existing_file_is_not_overwritten(path):
@@ -147,14 +133,17 @@ def test_an_existing_file_is_not_overwritten(path):
     [
         (lambda a, m: m.update(format="else"), "not made by this package"),
         (
-            lambda a, m: m.update(format_version=3),
-            "version is 3, .* versions 1 and 2",
+            lambda a, m: m.update(format_version=2),
+            "version is 2, this release reads version 3: build it again",
         ),
         (lambda a, m: a.pop("weights"), "lacks the arrays weights"),
         (lambda a, m: a.update(weights=a["weights"] + 1e-12), "checksum"),
         (lambda a, m: m.update(name="other"), "checksum"),
-        (lambda a, m: a.update(weights=a["weights"].astype(np.float32)), "float32, not float64"),
-        (lambda a, m: a.update(weights=np.array(["x"])), "not float64"),
+        (
+            lambda a, m: a.update(weights=a["weights"].astype(np.float32)),
+            "of float32, expected .* of float64",
+        ),
+        (lambda a, m: a.update(weights=np.array(["x"])), "of <U1, expected"),
     ],
 )
 def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, message):
@@ -166,18 +155,14 @@ def test_a_changed_file_is_refused_with_its_name_and_the_reason(path, change, me
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("weights", lambda x: x[:, :2], "must have the shape"),
+        ("weights", lambda x: x[:, :2], "has shape .*, expected"),
         ("durations", lambda x: -x, "last > 0 s"),
-        ("durations", lambda x: x * np.nan, r"durations.*\[0\] is nan"),
-        ("warps", lambda x: x[:, ::-1], "warps must increase from 0 to 1"),
-        ("warps", lambda x: np.round(x, 1), "warps must increase from 0 to 1"),
-        ("warps", lambda x: x[:, :1], "warps must increase from 0 to 1"),
-        ("explained_variance", lambda x: 0.0 * x, "a variance is not positive"),
-        ("shape_coefficients", lambda x: x[:, :, :, 1:], "must have the shape"),
-        ("pace_coefficients", lambda x: x * np.inf, "only finite"),
-        ("requests", lambda x: x[:, 1:], "must have the shape"),
-        ("shape_coefficients", lambda x: x[:, :0], "must have the shape"),
-        ("mean_coefficients", lambda x: x[0], "must have the shape"),
+        ("durations", lambda x: x * np.nan, "'durations' holds a number that is not finite"),
+        ("shape_coefficients", lambda x: x[:, :, 1:], "has shape .*, expected"),
+        ("pace_coefficients", lambda x: x * np.inf, "not finite"),
+        ("requests", lambda x: x[:, 1:], "has shape .*, expected"),
+        ("shape_coefficients", lambda x: x[:, :1], "has shape .*, expected"),
+        ("mean_coefficients", lambda x: x[0], "has shape .*, expected"),
     ],
 )
 def test_content_that_fits_its_checksum_but_makes_no_sense_is_refused(path, name, change, message):
@@ -192,7 +177,6 @@ def test_content_that_fits_its_checksum_but_makes_no_sense_is_refused(path, name
         ({"joint_names": 5}, "it.joint_names is 5, expected a list"),
         ({"joint_names": None}, "it.joint_names is None, expected a list"),
         ({"joint_names": [1, 2, 3, 4]}, r"it.joint_names\[0\] is 1, expected text"),
-        ({"joint_names": ["a", "b", "c", "\ud800"]}, "valid Unicode"),
         ({"name": None}, "it.name is None, expected text"),
         ({"coupling": []}, "it.coupling is \\[\\], expected text"),
         ({"format_version": [4]}, "it.format_version is .*, expected an integer"),
@@ -200,7 +184,7 @@ def test_content_that_fits_its_checksum_but_makes_no_sense_is_refused(path, name
         ({"angle_variance_ratio": {"elbow": ["x"]}}, "expected a number"),
         ({"angle_variance_ratio": [0.5]}, "expected an object"),
         ({"demonstrations": {}}, "expected a list"),
-        ({"demonstrations": []}, "must name each of its demonstrations"),
+        ({"demonstrations": []}, "'weights' has shape"),
         ({"demonstrations": [{"recording": 5}]}, "expected text"),
         ({"demonstrations": [{"recording": "x"}]}, "expected an object with 'label'"),
         ({"refined_from": "x"}, "expected an object"),
@@ -289,8 +273,7 @@ def test_damage_anywhere_is_refused_or_harmless(path, tmp_path, data):
     except PrimitiveError:
         return
     # Nothing that matters was hit: padding of the archive, or a date in it.
-    for name, array in arm_primitive().arrays().items():
-        np.testing.assert_array_equal(loaded.arrays()[name], array)
+    assert_same(loaded, arm_primitive())
 
 
 def test_folders_and_files_make_a_library(path, tmp_path):
