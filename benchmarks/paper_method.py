@@ -86,10 +86,10 @@ def paper_basis(
     n_joints, phases = len(components), np.array([0.0, 1.0])
     means, functions = [], []
     for j, found in enumerate(components):
-        kept = found.truncated(N_COMPONENTS)
         # Scaled by standard deviations, so that the shortest vector of weights is the likeliest.
-        scaled = kept.components * np.sqrt(kept.explained_variance)[:, None]
-        mean, polynomials = _polynomials(kept.mean), _polynomials(scaled)
+        deviations = np.sqrt(found.explained_variance[:N_COMPONENTS])
+        scaled = found.components[:N_COMPONENTS] * deviations[:, None]
+        mean, polynomials = _polynomials(found.mean), _polynomials(scaled)
         at_ends = legendre_values(polynomials, phases).reshape(2, -1)
         missing = np.array([start[j], goal[j]]) - legendre_values(mean, phases)
         weights = np.linalg.lstsq(at_ends, missing, rcond=None)[0]

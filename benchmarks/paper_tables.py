@@ -295,7 +295,7 @@ def draw_pictures(study: CaseStudy, robot: Robot, frames: Sequence[str], folder:
         panels = joint_panels(figure, study.motions[0].joint_names, 1)
         add_header(figure, "Principal components of the joint angles (paper: Fig. 2)", lines)
         for (axes,), found in zip(panels, study.components, strict=True):
-            for row, style in zip(found.truncated(N_COMPONENTS).components, lines, strict=False):
+            for row, style in zip(found.components[:N_COMPONENTS], lines, strict=False):
                 axes.plot(np.linspace(0.0, 1.0, row.size), row, **style)
             axes.set(xlabel="share of the duration", ylabel="component [–]", xlim=(0.0, 1.0))
             label_left(axes)
