@@ -138,9 +138,9 @@ def refusal_of_parser(*arguments: str) -> str:
 
 
 def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
-    for name in ("near", "far"):
+    for name, goals in (("near", GOALS[0]), ("far", GOALS[1])):
         (tmp_path / name).mkdir()
-        write_bag(tmp_path / name / f"{name}_bag", "mcap", stamped(reaching(GOALS[0])))
+        write_bag(tmp_path / name / f"{name}_bag", "mcap", stamped(reaching(goals)))
     table = tmp_path / "segments" / "segments.csv"
     table.parent.mkdir()
     rows = [f"{name}_bag,0.1,6.9,{name}" for name in ("near", "far")]
@@ -284,8 +284,6 @@ def test_report_changes_no_byte_of_the_primitive(bags: Path, tmp_path: Path) -> 
     build(bags, "--output", files[0], "--name", "p", "--report", tmp_path / "page.html")
     build(bags, "--output", files[1], "--name", "p")
     assert files[0].read_bytes() == files[1].read_bytes()
-
-
 
 
 def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -> None:

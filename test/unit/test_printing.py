@@ -132,7 +132,6 @@ def test_names_from_a_bag_do_not_steer_the_terminal(tmp_path: Path) -> None:
     write_bag(bag, "mcap", stamped(reaching([0.0, 1.0, 0.2, 0.9]), names=(name, "b")))
     texts = [
         printed("inspect", bag, status=0),
-        printed("build_primitives", bag, "--output", file, "--name", HOSTILE, status=2),
         printed("build_primitives", bag, "--output", file, "--coupling", "joint", status=0),
         printed("inspect", file, status=0),
         printed("inspect", bag, "--topic", HOSTILE, status=2),

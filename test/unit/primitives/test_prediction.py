@@ -87,7 +87,7 @@ def test_the_same_seed_gives_the_same_draws():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([0.0], [0.0] * 4), "start needs one position for each"),
+        (([0.0], [0.0] * 4), "the start must be one position"),
         (([0.0] * 4, [np.nan] * 4), "goal.* is nan"),
         (([0.0] * 4, [0.1] * 4, -1.0), "from 0.001 to 600, got -1.0"),
     ],

@@ -20,7 +20,7 @@ from support.patience import HANG
 from test_build_primitives import build, refusal
 
 from mp_pca_planner.exceptions import MissingDependencyError, RecordingError
-from mp_pca_planner.recordings import workers
+from mp_pca_planner.recordings import load, workers
 from mp_pca_planner.recordings.load import load_recordings
 
 FOLDER = Path(__file__).parents[2]  # of the functions that workers call
@@ -100,10 +100,13 @@ def test_cluster_gives_the_same_bytes(
     assert [refused["recording"] for refused in there["refused"]] == ["broken"]
 
 
-def test_workers_that_die_are_told(bags: Path, start: Callable[..., Cluster]) -> None:
+def test_workers_that_die_are_told(
+    bags: Path, start: Callable[..., Cluster], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(load, "load_one", die)
     strict = start([OURS], DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0")
     with pytest.raises(RecordingError, match=r"can't be used.*enough memory \(KilledWorker"):
-        load_recordings(bags, dask=strict.address, summarise=die)
+        load_recordings(bags, dask=strict.address)
 
 
 def test_cluster_without_workers_is_refused(

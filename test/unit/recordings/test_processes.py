@@ -15,6 +15,7 @@ from support.cluster_work import die
 from support.patience import HANG
 
 from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.recordings import load
 from mp_pca_planner.recordings.load import load_recordings
 
 
@@ -40,9 +41,12 @@ def test_processes_and_any_executor_give_the_same_result(bags: Path) -> None:
     assert seen == sorted(seen) and seen[-1][0] == seen[-1][1]
 
 
-def test_a_process_that_dies_is_told_with_what_to_do(bags: Path) -> None:
+def test_a_process_that_dies_is_told_with_what_to_do(
+    bags: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(load, "load_one", die)
     with pytest.raises(RecordingError, match=r"died.*memory ran out; use fewer --jobs"):
-        load_recordings(bags, jobs=2, summarise=die)
+        load_recordings(bags, jobs=2)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
