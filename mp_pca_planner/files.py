@@ -230,7 +230,7 @@ def write_whole(path: str | Path, content: Content, *, overwrite: bool = False) 
     target = Path(path)
     try:
         if os.path.lexists(target) and not overwrite:
-            raise FileExistsError
+            raise exists_already(target)
         with workspace_beside(target) as workspace:
             written = workspace / ".new"
             with written.open("wb") as file:
@@ -240,9 +240,7 @@ def write_whole(path: str | Path, content: Content, *, overwrite: bool = False) 
                     file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-            (os.replace if overwrite else take_free_name)(written, target)
-    except FileExistsError:
-        raise exists_already(target) from None
+            put_in_place(written, target)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
         raise PlannerError(f"'{target}' can't be written: {reason}") from None
@@ -262,42 +260,11 @@ def workspace_beside(target: Path) -> Iterator[Path]:
         yield Path(folder)
 
 
-def take_free_name(source: Path, target: Path) -> None:
-    """Give a complete file or folder a name that must be free.
-
-    Raises
-    ------
-    OSError
-        FileExistsError if it is not.
-    """
-    if source.is_dir():
-        os.rename(source, target)  # fails if there is something, but for an empty folder
-        return
-    try:
-        os.link(source, target)  # unlike a rename, a link fails if the name is taken
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without hard links: an empty file reserves the name
-        os.close(os.open(target, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
-        try:
-            os.replace(source, target)
-        except OSError:
-            target.unlink()
-            raise
-
-
-def replace_path(source: Path, target: Path) -> None:
-    """Replace a file or folder by a complete one."""
-    if not target.exists() or not (source.is_dir() or target.is_dir()):
-        os.replace(source, target)
-        return
-    replaced = source.with_name(f"{source.name}.replaced")
-    os.rename(target, replaced)
-    try:
-        os.rename(source, target)
-    except OSError:
-        os.rename(replaced, target)
-        raise
+def put_in_place(source: Path, target: Path) -> None:
+    """Give a complete file or folder of a workspace its name, in place of an earlier one."""
+    if target.exists() and (source.is_dir() or target.is_dir()):
+        os.rename(target, source.with_name(f"{source.name}.replaced"))
+    os.replace(source, target)
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:

@@ -50,7 +50,8 @@ class InputLimits:
     description_value : float
         Length, mass or inertia of a robot [SI units].
     shapes, triangles : int
-        Of a world: the time to use it grows with the square of the shapes.
+        Of a world: the time to use it grows with the square of the shapes, and Coal keeps the lock
+        of the interpreter while it builds the tree of a mesh, some 80 ms for so many triangles.
     robot_shapes : int
         Collision shapes of a robot: the pairs of more take seconds to set up.
     mesh_triangles : int
@@ -91,7 +92,7 @@ class InputLimits:
     description_depth: int = 50
     description_value: float = 1e9
     shapes: int = 1000
-    triangles: int = 200_000
+    triangles: int = 50_000
     robot_shapes: int = 500
     mesh_triangles: int = 500_000
     world_length: float = 1e3

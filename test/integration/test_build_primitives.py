@@ -138,7 +138,7 @@ def refusal_of_parser(*arguments: str) -> str:
 
 
 def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
-    for name, goals in (("near", GOALS[0]), ("far", GOALS[1])):
+    for name, goals in (("near", GOALS[0]), ("far", GOALS[2])):
         (tmp_path / name).mkdir()
         write_bag(tmp_path / name / f"{name}_bag", "mcap", stamped(reaching(goals)))
     table = tmp_path / "segments" / "segments.csv"

@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ...arrays import frozen_array, unique_names
 from ...exceptions import RecordingError, unknown_name
-from ...files import exists_already, replace_path, take_free_name, workspace_beside
+from ...files import exists_already, put_in_place, workspace_beside
 from ...input_limits import INPUT_LIMITS
 from ...motion.trajectory import Trajectory
 from ..joint_states import ENCAPSULATION, NS_PER_S, most_spare_bytes
@@ -294,8 +294,6 @@ def _write(
     try:
         with workspace_beside(target) as workspace:
             written = _write_messages(workspace / target.name, bag_format, topic, kind, messages)
-            (replace_path if overwrite else take_free_name)(written, target)
-    except FileExistsError:
-        raise exists_already(target) from None
+            put_in_place(written, target)
     except OSError as error:
         raise RecordingError(f"'{target}' can't be written: {error.strerror or error}") from None

@@ -182,28 +182,16 @@ def read_unless_refused_by_name(file: Path, *, salvage: bool) -> RawJointStates 
 
 
 @pytest.mark.parametrize("kind", ["bz2", "lz4", "zstd", "zstd file", "zstd message"])
-@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    share=st.floats(0.0, 1.0),
-    flips=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=6),
-)
-def test_damage_in_compressed_bags_is_refused_by_name(
-    tmp_path: Path, kind: str, share: float, flips: list[tuple[float, int]]
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
+def test_a_compressed_bag_that_is_cut_off_is_refused_by_name(
+    tmp_path: Path, kind: str, share: float
 ) -> None:
     path = tmp_path / ("x.bag" if kind in ("bz2", "lz4") else "x")
-    if not path.exists():
-        compressed_bag(tmp_path, kind, 300)
+    compressed_bag(tmp_path, kind, 300)
     file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
     content = file.read_bytes()
-    damaged = bytearray(content if flips else content[: int(share * len(content))])
-    for place, value in flips:
-        damaged[int(place * (len(damaged) - 1))] = value
-    file.write_bytes(damaged)
-    try:
-        for salvage in (False, True):
-            found = inspect_recording(path, salvage=salvage)
-            assert found.refusal is None or found.topics or path.name in found.refusal
-            # Of the counters, a byte may be another; of the messages none may be lost in silence.
-            assert salvage or found.n_messages in (0, 300)
-    finally:
-        file.write_bytes(content)
+    file.write_bytes(content[: int(share * len(content))])
+    found = inspect_recording(path)
+    assert found.refusal is not None and path.name in found.refusal
+    recovered = inspect_recording(path, salvage=True)
+    assert recovered.refusal is None or path.name in recovered.refusal

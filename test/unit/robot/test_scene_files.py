@@ -104,7 +104,7 @@ def test_scene_of_moveit_is_read(tmp_path):
         (("sphere\n0.04", "sphere\n-0.04"), "radius of a sphere must be above 0"),
         (("sphere\n0.04", "sphere\nnan"), "radius of a sphere is nan"),
         (("sphere\n0.04", "sphere\nbig"), "expected a number, got 'big'"),
-        (("4 4\n", "4 999999999\n"), "number of triangles of 'wedge' must be from 0 to 200000"),
+        (("4 4\n", "4 999999999\n"), "number of triangles of 'wedge' must be from 0 to 50000"),
         (("\n.\n", "\n"), "it ends before the final"),
         (("* wedge", "* the table"), "'the table' given more than once"),
         (("0 0 0.707107 0.707107", "0 0 0 0"), "length 1, got one of length 0"),
