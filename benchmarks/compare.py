@@ -56,7 +56,6 @@ from mp_pca_planner.exceptions import PlannerError, quote_names, unknown_name
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
 from mp_pca_planner.planning.plan import FREE, SHORTEST, PlannerOptions
-from mp_pca_planner.plotting.text import cells
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.library import load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -324,6 +323,17 @@ def unsolved(results: Results, ours: str, other: str = BSPLINE) -> list[int]:
         for i, r in enumerate(results)
         if ours in r and other in r and r[other].feasible and not r[ours].feasible
     ]
+
+
+Column = tuple[str, str, str]
+"""Name of a value, its format, and its unit in the table if that is not the SI unit."""
+
+
+def cells(values: Mapping[str, float | None], columns: Mapping[str, Column]) -> list[str]:
+    """Values of a row as text, one for each column by its header; a dash for None."""
+    factors = {"": 1.0, "%": 100.0, "ms": 1e3, "mm": 1e3, "mrad": 1e3}
+    chosen = [(values[name], form, factors[unit]) for name, form, unit in columns.values()]
+    return ["–" if x is None else format(factor * x, form) for x, form, factor in chosen]
 
 
 _COLUMNS = {

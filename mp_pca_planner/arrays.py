@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from math import inf
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .exceptions import GoalError, PlannerError, printable, quote_names, shown, unknown_name
 
@@ -21,9 +21,6 @@ FloatArray = NDArray[np.float64]
 
 MAX_SIZE = 1 << 28
 """Largest number of numbers that are made of a recording."""
-
-BLOCK = 512
-"""Rows that are processed at a time."""
 
 
 def frozen_array(
@@ -202,27 +199,6 @@ def unique_names(names: Sequence[str], what: str, error: type[PlannerError]) -> 
 def repeated_names(names: Iterable[str]) -> list[str]:
     """Those that occur more than once, sorted."""
     return sorted(name for name, count in Counter(names).items() if count > 1)
-
-
-def empty_rows(
-    n_rows: int, kinds: Mapping[str, tuple[DTypeLike, tuple[int, ...]]]
-) -> dict[str, NDArray[Any]]:
-    """Arrays to be filled, of the data type and the shape of a row of each."""
-    return {name: np.zeros((n_rows, *shape), x) for name, (x, shape) in kinds.items()}
-
-
-def row_blocks(*arrays: NDArray[Any]) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Some rows of all arrays at a time."""
-    for first in range(0, len(arrays[0]), BLOCK):
-        yield tuple(array[first : first + BLOCK] for array in arrays)
-
-
-def row_mean(array: FloatArray) -> FloatArray:
-    """Mean of the rows."""
-    total = np.zeros(array.shape[1:])
-    for (block,) in row_blocks(array):
-        total += block.sum(axis=0)
-    return total / len(array)
 
 
 def set_frozen(value: object, **attributes: object) -> None:

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Samples of a motion for its curves.
-N_SAMPLES = 301
 # Recordings with a figure.
 _MAX_RECORDINGS_DRAWN = 100
 # Demonstrations in the figure of the primitive.

@@ -82,17 +82,6 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.2f}"
 
 
-Column = tuple[str, str, str]
-"""Name of a value, its format, and its unit in the table if that is not the SI unit."""
-
-
-def cells(values: Mapping[str, float | None], columns: Mapping[str, Column]) -> list[str]:
-    """Values of a row as text, one for each column by its header; a dash for None."""
-    factors = {"": 1.0, "%": 100.0, "ms": 1e3, "mm": 1e3, "mrad": 1e3}
-    chosen = [(values[name], form, factors[unit]) for name, form, unit in columns.values()]
-    return ["–" if x is None else format(factor * x, form) for x, form, factor in chosen]
-
-
 def variance_table(shares: Mapping[str, Sequence[float]], n_components: int | None = None) -> Table:
     """Shares of the variance by component, and their sums [%].
 

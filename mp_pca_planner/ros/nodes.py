@@ -35,7 +35,6 @@ from .serialised import read_message
 LOG_PERIOD = 1.0
 """Least time between log messages of the same place [s]."""
 
-NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 EVERY = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
