@@ -175,7 +175,7 @@ def commands() -> Iterator[str]:
 
 
 def rooms() -> Iterator[str]:
-    """Imports from later rooms, circles, and imports of rosbags in several modules."""
+    """Imports from later rooms, circles, and imports of rosbags outside of recordings/bags."""
     level = {room: i for i, layer in enumerate(LAYERS) for room in layer}
     imports: dict[str, set[str]] = {}
     for source in SOURCES:
@@ -197,9 +197,10 @@ def rooms() -> Iterator[str]:
         TopologicalSorter(imports).prepare()
     except CycleError as error:
         yield f"rooms import each other in a circle: {' → '.join(error.args[1])}"
-    users = [s for s in SOURCES if any(n.partition(".")[0] == "rosbags" for n in imports_of(s))]
-    if len(users) > 1:
-        yield f"several modules import rosbags: {', '.join(s.name for s in users)}"
+    for source in SOURCES:
+        uses = any(name.partition(".")[0] == "rosbags" for name in imports_of(source))
+        if uses and source.parent != ROOT / PACKAGE / "recordings/bags":
+            yield f"{source.name} imports rosbags: only recordings/bags may"
 
 
 def imports_of(source: Path, *, when_loaded: bool = False) -> Iterator[str]:

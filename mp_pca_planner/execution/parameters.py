@@ -269,7 +269,7 @@ class Settings:
         PlannerOptions.max_in_span_score,
         """Largest accepted in-span score, the distance of a goal and its start from the
         demonstrations (about 1 is usual, above 3 is unlike them); goals above it are rejected.
-        Also applies to goals in motion, to detours and to the way on after a stop. 0: none.""",
+        Also applies to goals in motion and to detours. 0: none.""",
         high=1e6,
     )
     objective: str = _declared(

@@ -3,7 +3,7 @@
 """Repair of recorded joint states, of messages and of the motion in them.
 
 A recording is read whole, then its defects are repaired in a fixed order. A new defect is a
-:class:`Defect` in a module of its own, and its name in `OF_SAMPLES` or `OF_PIECES`.
+:class:`Defect`, with its name in `OF_SAMPLES` or `OF_PIECES`.
 """
 
 from __future__ import annotations
