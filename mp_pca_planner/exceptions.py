@@ -90,7 +90,7 @@ class MissingDependencyError(PlannerError):
     module : str
         The Python module that is missing.
     extra : str
-        The extra of this package that installs it.
+        The extra of this package that installs it; empty for a base dependency.
     """
 
     def __init__(self, module: str, extra: str, purpose: str) -> None:
@@ -102,7 +102,7 @@ class MissingDependencyError(PlannerError):
         module, extra, purpose = self.args
         return (
             f"{purpose} needs the Python module '{module}', which is not installed: "
-            f"{_how_to_install(extra)}"
+            f"{_how_to_install(extra, module)}"
         )
 
 
@@ -122,9 +122,10 @@ def require(module: str, extra: str, purpose: str) -> Any:
         raise MissingDependencyError(missing.partition(".")[0], extra, purpose) from None
 
 
-def _how_to_install(extra: str) -> str:
-    """What installs an extra for this Python."""
-    pip = f"run `{sys.executable or 'python3'} -m pip install '{_PACKAGE}[{extra}]'`"
+def _how_to_install(extra: str, module: str) -> str:
+    """What installs an extra, or a module without one, for this Python."""
+    what = f"{_PACKAGE}[{extra}]" if extra else module
+    pip = f"run `{sys.executable or 'python3'} -m pip install '{what}'`"
     return f"source the setup.sh of ROS 2, or {pip}" if extra == "ros" else pip
 
 

@@ -39,7 +39,7 @@ _RANGE, _N_SHORTCUTS = 0.5, 50
 def missing_planner() -> str:
     """What is missing for the search; empty if OMPL can be imported."""
     try:
-        require("ompl.base", "ompl", "the search for detours")
+        require("ompl.base", "", "the search for detours")
     except MissingDependencyError as error:
         return str(error)
     return ""
@@ -280,7 +280,7 @@ def sampled_path(
         If OMPL is not installed.
     """
     base, geometric, util = (
-        require(f"ompl.{name}", "ompl", "the search for detours")
+        require(f"ompl.{name}", "", "the search for detours")
         for name in ("base", "geometric", "util")
     )
     n_joints, n_checks = ends[0].size, 0

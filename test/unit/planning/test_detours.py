@@ -56,7 +56,7 @@ def dense(path: np.ndarray, n: int = 2001) -> np.ndarray:
 
 
 def test_search_finds_the_way_through_a_maze():
-    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    pytest.importorskip("ompl", reason="OMPL is not installed")
     path = sampled_path(in_maze, BOUNDS, ENDS, step=0.01)
     np.testing.assert_allclose(path[[0, -1]], ENDS)
     # Corners of walls are cut by less than the distance between the configurations checked.
@@ -67,7 +67,7 @@ def test_search_finds_the_way_through_a_maze():
 
 
 def test_paths_of_threads_are_those_of_one_thread():
-    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    pytest.importorskip("ompl", reason="OMPL is not installed")
 
     def path(seed):
         return sampled_path(in_maze, BOUNDS, ENDS, seed=seed, step=0.01)
@@ -79,7 +79,7 @@ def test_paths_of_threads_are_those_of_one_thread():
 
 
 def test_search_ends_on_request_or_after_enough_checks():
-    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    pytest.importorskip("ompl", reason="OMPL is not installed")
     closed = lambda q: bool(abs(q[0]) < 0.1)  # noqa: E731
     assert sampled_path(closed, BOUNDS, ENDS, max_checks=500) is None
     assert sampled_path(closed, BOUNDS, ENDS, lambda: True) is None
@@ -87,7 +87,7 @@ def test_search_ends_on_request_or_after_enough_checks():
 
 def test_without_the_extra_the_search_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "ompl.base", None)
-    with pytest.raises(MissingDependencyError, match=r"needs the Python module 'ompl'.*\[ompl\]"):
+    with pytest.raises(MissingDependencyError, match=r"needs the Python module 'ompl'.*install 'ompl'"):
         sampled_path(in_maze, BOUNDS, ENDS)
 
 
@@ -104,7 +104,7 @@ def post(tmp_path):
 
 
 def test_detour_avoids_what_descent_does_not(post):
-    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    pytest.importorskip("ompl", reason="OMPL is not installed")
     scene, planner, start, goal = post
     plan = planner.plan(goal, start)
     assert plan.status == "solved"
@@ -181,7 +181,7 @@ def test_end_inside_a_mesh_has_no_path_and_is_named(end):
 
 
 def test_first_path_stays_near_its_ends(post):
-    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    pytest.importorskip("ompl", reason="OMPL is not installed")
     _, planner, start, goal = post
     path = next(paths(planner._context, (start, goal), Budget(math.inf)))
     reach = PathOptions().reach
@@ -192,7 +192,7 @@ def test_first_path_stays_near_its_ends(post):
 
 
 def test_search_for_paths_lasts_until_its_time_is_over(post):
-    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    pytest.importorskip("ompl", reason="OMPL is not installed")
     _, planner, start, goal = post
     found = list(islice(paths(planner._context, (start, goal), Budget(math.inf)), 20))
     assert len(found) == 20
@@ -204,7 +204,7 @@ def test_search_for_paths_lasts_until_its_time_is_over(post):
 
 
 def test_least_effort_begins_at_a_path_and_likeness_at_the_expected_motion():
-    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    pytest.importorskip("ompl", reason="OMPL is not installed")
     primitive, robot = arm_primitive(), arm_robot()
     start, goal = primitive.boundary_states[0, [0, 3]]
     bare = Planner(robot, [primitive]).plan(goal, start).trajectory
@@ -236,7 +236,7 @@ def test_detour_keeps_a_requested_duration(post):
 
 
 def test_legs_between_targets_lead_around_the_wall(tmp_path):
-    pytest.importorskip("ompl", reason="the extra ompl is not installed")
+    pytest.importorskip("ompl", reason="OMPL is not installed")
     scene, primitive = write_scene(tmp_path / "scene0001.yaml", [WALL]), arm_primitive()
     start, goal = primitive.boundary_states[0, [0, 3]]
     collision = CollisionModel(arm_robot(), world=World.from_file(scene))
