@@ -156,7 +156,7 @@ def results_page() -> str:
     parts = [
         "# Recorded results",
         "Each section is what a command printed, with the machine, the date and the commit. "
-        "`scripts/record_results.py` records a command anew; some have moved since their commit. Times compare within a section only; "
+        "`scripts/record_results.py` records a command anew. Times compare within a section only; "
         "a load above the number of processors makes all of them longer. "
         "[Benchmarks](../benchmarks.md) explains the commands.",
     ]

@@ -85,9 +85,9 @@ def test_search_ends_on_request_or_after_enough_checks():
     assert sampled_path(closed, BOUNDS, ENDS, lambda: True) is None
 
 
-def test_without_the_extra_the_search_names_it(monkeypatch):
+def test_without_ompl_the_search_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "ompl.base", None)
-    with pytest.raises(MissingDependencyError, match=r"needs the Python module 'ompl'.*install 'ompl'"):
+    with pytest.raises(MissingDependencyError, match=r"module 'ompl'.*install 'ompl'"):
         sampled_path(in_maze, BOUNDS, ENDS)
 
 
