@@ -164,8 +164,6 @@ def _add_primitive(parser: argparse.ArgumentParser) -> None:
         default=0.99,
         help="share of the variance that the components explain (default: %(default)g)",
     )
-    primitive.add_argument("--phases", type=int, default=101, help="number of samples per motion")
-    primitive.add_argument("--degree", type=int, default=15, help="degree of the polynomials")
     primitive.add_argument(
         "--align",
         choices=ALIGNMENTS,
