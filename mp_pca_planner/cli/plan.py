@@ -18,6 +18,7 @@ from ..exceptions import GoalError, PlannerError, quote_names
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
+from ..planning.options import MOST_STARTS
 from ..planning.path_constraints import path_constraints
 from ..planning.plan import Plan, PlannerOptions
 from ..planning.planner import Planner
@@ -177,6 +178,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
         naturalness=arguments.naturalness,
         max_in_span_score=arguments.max_in_span_score,
         max_solve_time=arguments.max_solve_time or (math.inf if arguments.via else _MAX_SOLVE_TIME),
+        n_starts=MOST_STARTS,
     )
 
 
