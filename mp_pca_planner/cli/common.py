@@ -32,7 +32,6 @@ REPORTED = (
     "effort_cost",
     "solve_time_s",
     "duration",
-    "least_path_duration",
     "primitive",
     "in_span_score",
 )

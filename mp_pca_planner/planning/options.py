@@ -109,8 +109,6 @@ class SelectionOptions(Checked):
         costs among the primitives of a request (1.6 % for the human-like arm).
     max_contenders : int
         Largest number of primitives with which motions are planned.
-    max_named : int
-        Largest number of primitives that a message names.
     n_kept_tables : int
         Number of primitives whose precomputed tables stay in memory, those used last.
     """
@@ -120,7 +118,6 @@ class SelectionOptions(Checked):
     max_considered: int = within(12, 1, 1000, is_whole=True)
     usual_error: float = within(0.05, 0.0, 10.0)
     max_contenders: int = within(5, 1, 1000, is_whole=True)
-    max_named: int = within(8, 1, 1000, is_whole=True)
     n_kept_tables: int = within(1000, 1, 1_000_000, is_whole=True)
 
 
@@ -299,9 +296,6 @@ class SearchOptions(Checked):
         (benchmarks/naturalness.py).
     max_refinements : int
         Largest number of times that constraints are refined after a check on the dense grid.
-    share_of_fixed : float
-        Share of the time for planning with a requested duration, 0 to 1. The rest is for finding a
-        feasible duration.
     time_for_checks : float
         Time that is kept for the last checks and for a slow motion where no other was found, for
         each segment; at most 0.4 of all [s].
@@ -314,9 +308,6 @@ class SearchOptions(Checked):
     share_of_descent : float
         Share of the time for descent from the expected motion among obstacles, 0 to 1, before
         detours are tried.
-    duration_margin : float
-        Factor on the reported shortest duration, so that a motion with that duration is found
-        again.
     max_stretch : float
         Largest factor of a free duration where an attempt does not meet the limits.
     max_worse : int
@@ -357,12 +348,10 @@ class SearchOptions(Checked):
     near_limit: float = within(0.7, 0.0, 100.0)
     effort_weight: float = within(8.0, 0.0, 1e6)
     max_refinements: int = within(8, 1, 1000, is_whole=True)
-    share_of_fixed: float = within(0.6, 0.0, 1.0)
     time_for_checks: float = within(0.025, 0.0, 1e6)
     share_in_shortest: float = within(1e-3, 0.0, 1.0)
     scaling_margin: float = within(1.02, 1.0, 10.0)
     share_of_descent: float = within(0.15, 0.0, 1.0)
-    duration_margin: float = within(1.002, 1.0, 10.0)
     max_stretch: float = within(10.0, 1.0, 1e6)
     max_worse: int = within(3, 1, 1000, is_whole=True)
     naturalness_steps: tuple[float, ...] = within((1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0), 0.0, 1e12)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from .options import REAL_TIME as REAL_TIME
 from .options import SHORTEST as SHORTEST
 from .options import TIMINGS as TIMINGS
 from .options import PlannerOptions as PlannerOptions
-from .time_scaling import least_path_duration
 
 if TYPE_CHECKING:
     from .planner import Planner
@@ -99,9 +97,7 @@ class Plan:
     solution : MotionSolution
         Result of the solver.
     considered : int
-        Number of primitives near the request that were considered, at most 32.
-    selection : str
-        Reason for the choice of the primitives, one sentence.
+        Number of primitives near the request that were considered, at most 12.
     in_span_score : float
         Distance of the request from the demonstrations (about 1: like them, above 3: unlike them);
         the largest of the segments.
@@ -120,9 +116,6 @@ class Plan:
         Largest distance from the vias [rad or m].
     via_phases : tuple of float
         Passing times of the vias, as shares of the duration.
-    shortest_duration : float
-        Shortest duration [s] for which a motion within the limits was found; NaN unless it was
-        requested, or the requested duration was too short.
     n_components_used : int
         Number of principal components of the motion, the largest of the segments.
     correction : float
@@ -160,7 +153,6 @@ class Plan:
     primitives: tuple[str, ...]
     solution: MotionSolution
     considered: int
-    selection: str
     in_span_score: float
     outside: str
     expected_error: float
@@ -169,7 +161,6 @@ class Plan:
     goal_error: float
     via_error: float
     via_phases: tuple[float, ...]
-    shortest_duration: float
     n_components_used: int
     correction: float
     deviation_score: float
@@ -181,7 +172,7 @@ class Plan:
     def __repr__(self) -> str:
         names = ", ".join(dict.fromkeys(self.primitives))
         facts = (
-            f"Plan: {self.status}, {self.duration:.2f} s{self.could_take} by '{names}', "
+            f"Plan: {self.status}, {self.duration:.2f} s by '{names}', "
             f"in-span score {self.in_span_score:.2f}"
         )
         others = [remark for remark in self.remarks if remark != self.message]
@@ -244,25 +235,6 @@ class Plan:
         """Duration of all segments [s]."""
         return sum(motion.duration for motion in self.motions)
 
-    @cached_property
-    def least_path_duration(self) -> float:
-        """Least duration of its path within the limits [s], see :func:`.least_path_duration`.
-
-        Limits of jerk are ignored. NaN if it is unknown, also without a planner. It takes about
-        1 ms, and is computed when it is asked for.
-        """
-        if self.planner is None:
-            return _NAN
-        least = least_path_duration(self.trajectory, self.planner.robot, self.planner.limits)
-        # The motion itself shows that its path can take its duration.
-        return min(least, self.duration) if not self.limit_check.violations else least
-
-    @property
-    def could_take(self) -> str:
-        """Text on that duration, after the duration of the motion; empty if it is unknown."""
-        least = self.least_path_duration
-        return f" (could take {least:.2f} s)" if np.isfinite(least) else ""
-
     @property
     def cost(self) -> float:
         """The whole objective, naturalness included."""
@@ -288,10 +260,7 @@ class Plan:
             "message": self.message,
             "primitive": self.primitive,
             "considered": self.considered,
-            "selection": self.selection,
             "duration": self.duration,
-            "shortest_duration": self.shortest_duration,
-            "least_path_duration": self.least_path_duration,
             "cost": self.cost,
             "objective_cost": self.solution.objective_cost,
             "effort_cost": self.solution.effort_cost,

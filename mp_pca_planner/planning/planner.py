@@ -241,5 +241,5 @@ class Planner:
         deadline = began + most - min(n_segments * each, 0.4 * most)
         budget = Budget(deadline, self.options.solver.should_stop)
         requests = resolve(self._context, self._selector, goal, start, mode, budget)
-        outcome = search(self._context, requests, began, budget)
-        return report(self._context, outcome, goal, began, self)
+        outcome = search(self._context, requests, budget)
+        return report(self._context, outcome, began, self)

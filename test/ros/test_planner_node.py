@@ -717,8 +717,7 @@ def test_plan_that_breaks_limits_is_reported_and_not_published(client: NodeClien
     n_trajectories = len(client.trajectories)
     with parameters(client, duration=0.05):
         answer = client.send(goal_message(), timeout=HANG)
-    assert_refused(answer, "limit", "joint", "the shortest duration that the limits allow")
-    assert 0.05 < float(answer.values["shortest_duration"]) < 0.5
+    assert_refused(answer, "limit", "joint", "finds the shortest one")
     assert answer.values["status"] == "infeasible"
     assert float(answer.values["limit_violation"]) > 0.0
     # Looking for a motion of that duration, and for the shortest one, took its time.

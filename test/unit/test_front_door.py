@@ -66,9 +66,7 @@ def test_a_printed_plan_is_a_table_of_what_matters() -> None:
     demonstrations, _, robot, planner = planned()
     plan = planner.plan(start=demonstrations[0].positions[0], goal={"elbow": -0.6})
     lines = str(plan).splitlines()
-    could = plan.least_path_duration
-    head = f"Plan: solved, {plan.duration:.2f} s (could take {could:.2f} s) by 'raise_arm'"
-    assert lines[0] == head
+    assert lines[0] == f"Plan: solved, {plan.duration:.2f} s by 'raise_arm'"
     assert any(f"in-span score: {plan.in_span_score:.2f}" in line for line in lines)
     assert "  collisions: self-collision is not checked" in lines
     assert "some joints have no limit of" in str(plan)
@@ -79,7 +77,7 @@ def test_a_printed_plan_is_a_table_of_what_matters() -> None:
         np.testing.assert_allclose([float(x) for x in row[1:]], [*ends, fastest], atol=5.1e-4)
     checked = mp.Planner(robot, planner.primitives, world=mp.World())
     again = checked.plan(start=demonstrations[0].positions[0], goal={"elbow": -0.6})
-    assert "pairs of links were checked; the " in str(again)
+    assert "pairs of links were checked" in str(again)
 
 
 def test_predictions_far_from_the_demonstrations_warn_with_their_score() -> None:

@@ -3,7 +3,7 @@
 """The search for a motion: what is tried for a goal, read from top to bottom.
 
 `ORDER` lists the stages for one request; the first valid candidate ends them. If no request has a
-valid one, a slow motion is searched; if the requested duration has none, the shortest duration.
+valid one, a slow motion is searched.
 A stage is a function of a case and a budget, whose result is None if it does not apply.
 """
 
@@ -275,16 +275,10 @@ class Outcome:
         The best candidate of each request that was tried.
     optimised : Candidate or None
         The motion of several segments that was optimised in vain.
-    no_slow : str
-        Why there is no slow motion, if one was searched in vain.
-    is_blocked : bool
-        Whether collisions are the reason why there is no motion.
     ran_out : bool
         Whether time ran out before a motion within the limits was found by optimisation.
-    stated : float
-        A feasible duration to report [s], or NaN.
     is_shortest : bool
-        Whether it is the shortest.
+        Whether the shortest duration was searched.
     mode : str
         Mode of joining segments, see :class:`.Plan`.
     """
@@ -293,10 +287,7 @@ class Outcome:
     is_slow: bool
     found: tuple[Candidate, ...]
     optimised: Candidate | None
-    no_slow: str
-    is_blocked: bool
     ran_out: bool
-    stated: float
     is_shortest: bool
     mode: str
 
@@ -369,7 +360,7 @@ ORDER: tuple[Callable[[Case, Budget], Candidate | None], ...] = (
 """What is tried for one request, in this order; the first valid candidate ends it."""
 
 
-def search(context: Context, requests: Iterable[Request], began: float, budget: Budget) -> Outcome:
+def search(context: Context, requests: Iterable[Request], budget: Budget) -> Outcome:
     """The best motion for one of several alternative requests.
 
     Parameters
@@ -378,27 +369,20 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
         Robot, limits and options of the planner.
     requests : iterable of Request
         Requests for one goal, at least one.
-    began : float
-        When planning began, by the clock of the budget [s].
     budget : Budget
         The time for all of it.
     """
     every, found, tried, ran_out = list[Candidate](), list[Candidate](), [], False
-    slow, feasible, no_slow, is_blocked = None, float("nan"), "", False
+    slow = None
     requests = iter(requests)
     for request in requests:
         tried.append(request)
-        first = budget
-        if not (request.mode or request.duration_is_free):
-            # Part of the time is kept for finding a feasible duration.
-            share = context.options.search.share_of_fixed
-            first = replace(budget, deadline=began + share * (budget.deadline - began))
-        case = first_case(context, request, first)
+        case = first_case(context, request, budget)
         for stage in ORDER:
             # Once time has run out, no further motion is optimised; joining takes hardly any.
-            if case.found and case.joined is None and first.is_over():
+            if case.found and case.joined is None and budget.is_over():
                 break
-            candidate = stage(case, first)
+            candidate = stage(case, budget)
             if candidate is not None:
                 case = replace(case, found=(*case.found, candidate))
                 if candidate.is_valid:
@@ -406,23 +390,17 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
         found.append(min(case.found, key=attrgetter("violation")))
         every += case.found
         # Further configurations of a pose are for where the most natural one has no motion.
-        if first.is_over() or (request.pose is not None and found[-1].is_valid):
+        if budget.is_over() or (request.pose is not None and found[-1].is_valid):
             break
     best = found[0]
     if len(found) > 1:  # slow motions and detours have no costs yet
         found = [with_costs(context, one) for one in found]
         best = min(found, key=lambda one: (one.violation, rank_of(one.solution.cost)))
     if not (best.is_valid or best.is_hopeless or budget.is_cancelled()):
-        ran_out = first.is_over()
-        slow, feasible, no_slow, is_blocked = slow_motion(
-            context, chain(tried, requests), best, every, budget
-        )
+        ran_out = budget.is_over()
+        slow = slow_motion(context, chain(tried, requests), best, every, budget)
         best = slow or best
-    stated, is_shortest, optimised, mode = float("nan"), True, None, ""
-    if not best.is_valid:
-        stated, is_shortest = feasible_duration(context, best, feasible, budget)
-    elif case.first.is_shortest:
-        stated = best.duration
+    optimised, mode = None, ""
     if request.mode:
         is_joined = best is slow or len(case.found) > 1 or request.mode == REAL_TIME
         mode = REAL_TIME if is_joined else OPTIMAL
@@ -430,53 +408,8 @@ def search(context: Context, requests: Iterable[Request], began: float, budget: 
     is_slow = best is slow
     if not np.isfinite(best.solution.objective_cost):
         best = with_costs(context, best)
-    is_blocked |= bool(best.collisions)
-    return Outcome(
-        best,
-        is_slow,
-        tuple(found),
-        optimised,
-        no_slow,
-        is_blocked,
-        ran_out,
-        stated,
-        is_shortest,
-        mode,
-    )
-
-
-def feasible_duration(
-    context: Context, best: Candidate, known: float, budget: Budget
-) -> tuple[float, bool]:
-    """A feasible duration to report [s], and whether it is the shortest.
-
-    Parameters
-    ----------
-    context, best, budget
-        Of the planner; the best candidate; the time for this.
-    known : float
-        A feasible duration that is known, or NaN [s].
-    """
-    request, search = best.request, context.options.search
-    if request.duration_is_free or best.is_hopeless or budget.is_over() or request.mode:
-        return known, False
-    segment, groups = request.segments[0], (((0,), False),)
-    start, goal, model = request.start, request.goal, segment.primitive.model
-    ends = model.turned(start.positions, goal.positions, context.robot.continuous)
-    expected = model.predict(*ends)
-    segment = replace(segment, expected=expected, duration=expected.duration)
-    free = replace(request, segments=(segment,), groups=groups)
-    for width in range(context.bases.n_widths):
-        if budget.is_over():
-            break
-        basis = context.bases.basis(segment, free.naturalness, width, shortest=True)
-        setting = first_setting(context, free, basis, width, shortest=True)
-        found = attempt(context, free, setting, budget)
-        if found.is_valid:
-            seconds, is_shortest = found.duration, found.solution.converged
-            seconds *= search.duration_margin
-            return (known, False) if known < seconds else (seconds, is_shortest)
-    return known, False
+    is_shortest = case.first.is_shortest
+    return Outcome(best, is_slow, tuple(found), optimised, ran_out, is_shortest, mode)
 
 
 def with_costs(context: Context, found: Candidate) -> Candidate:

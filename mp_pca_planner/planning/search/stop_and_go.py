@@ -341,7 +341,7 @@ def slow_motion(
     failed: Candidate,
     earlier: Sequence[Candidate],
     budget: Budget,
-) -> tuple[Candidate | None, float, str, bool]:
+) -> Candidate | None:
     """Find a slow motion for the first request that has one.
 
     Parameters
@@ -362,14 +362,8 @@ def slow_motion(
     candidate : Candidate or None
         The motion, within the limits and without collisions; None if there is none with the
         requested duration.
-    feasible : float
-        A feasible duration [s]; NaN if none is known.
-    reason : str
-        Why there is no motion in any duration; empty if there is one.
-    is_blocked : bool
-        Whether a collision is the reason.
     """
-    feasible, reason, is_blocked, done = float("inf"), "", False, list[JointState]()
+    done = list[JointState]()
     for request in requests:
         if request.goal in done:  # requests for one configuration differ in their primitives only
             continue
@@ -385,23 +379,13 @@ def slow_motion(
         for usual in _usual_durations(context, request):
             try:
                 found = _around(context, request, failed, usual, path, budget)
-            except (GoalError, TrajectoryError) as error:
-                reason = reason or str(error)
+            except (GoalError, TrajectoryError):
                 continue
-            if found.collisions:
-                is_blocked = is_blocked or not reason
-                reason = reason or str(found.collisions[0])
+            if found.collisions or found.strayed:
                 continue
-            if found.strayed:
-                reason = reason or f"it does not keep {found.strayed[0]}"
-                continue
-            asked = float(usual.sum())
-            if request.duration_is_free or found.duration <= asked * (1.0 + 1e-9):
-                return found, float("nan"), "", False
-            feasible = min(feasible, found.duration)
-    if np.isfinite(feasible):
-        return None, feasible, "", False
-    return None, float("nan"), reason, is_blocked
+            if request.duration_is_free or found.duration <= float(usual.sum()) * (1.0 + 1e-9):
+                return found
+    return None
 
 
 def _usual_durations(context: Context, request: Request) -> list[FloatArray]:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the planner chooses where nothing like a request was demonstrated."""
 
-import re
-
 import numpy as np
 import pytest
 from support.arm import arm_primitive, arm_robot
@@ -12,7 +10,6 @@ from support.patience import EVER
 from test_detours import WALL
 
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.planning.objectives import jerk
 from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -20,8 +17,6 @@ from mp_pca_planner.planning.request import naturalness_for, timing_for
 from mp_pca_planner.recordings.reaches import random_ends
 from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.world import World
-
-CHOSEN = "nothing like this motion was demonstrated"
 
 
 def planned(ends, collision=None, duration=None, **options):
@@ -62,7 +57,7 @@ def test_duration_is_free_beyond_the_demonstrations_unless_its_timing_is_given()
 def test_requests_like_the_demonstrations_are_planned_as_those_were_shown(i):
     plan = planned(like(i))
     shown = planned(like(i), naturalness=1.0, timing="demonstrated")
-    assert plan.in_span_score < 3.0 and CHOSEN not in plan.message
+    assert plan.in_span_score < 3.0
     np.testing.assert_array_equal(plan.trajectory.positions, shown.trajectory.positions)
 
 
@@ -74,19 +69,14 @@ def test_other_requests_get_less_effort_in_no_more_time(i):
     assert plan.naturalness == pytest.approx((3.0 / plan.in_span_score) ** 3)
     assert plan.effort_cost < shown.effort_cost
     assert plan.trajectory.duration <= shown.trajectory.duration * (1.0 + 1e-9)
-    chosen = f"its naturalness is only {plan.naturalness:.3g} and its duration is free"
-    assert plan.message.startswith("motion between the prediction and least effort found")
-    assert f"{CHOSEN}, so {chosen}" in plan.message
 
 
 def test_what_is_given_counts():
     plan = planned(unlike(), naturalness=1.0, timing="demonstrated")
-    assert plan.naturalness == 1.0 and CHOSEN not in plan.message
-    plan = planned(unlike(), naturalness=1.0)
-    assert f"{CHOSEN}, so its duration is free" in plan.message
+    assert plan.naturalness == 1.0
     plan = planned(unlike(), duration=2.5)
     assert plan.trajectory.duration == pytest.approx(2.5)
-    assert plan.message.endswith(f"{CHOSEN}, so its naturalness is only {plan.naturalness:.3g}")
+    assert plan.naturalness < 1.0
 
 
 def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():
@@ -107,23 +97,5 @@ def test_a_detour_is_not_slower_than_the_demonstrations(tmp_path):
         plans.append(planned(ends, collision, timing=timing))
     free, shown = plans
     assert "near a collision-free path" in free.message
-    assert "the way around was not demonstrated, so its duration is free" in free.message
-    assert free.message.startswith("motion found: effort") and CHOSEN not in free.message
+    assert free.message.startswith("motion found: effort")
     assert free.trajectory.duration <= shown.trajectory.duration
-
-
-@pytest.mark.parametrize("margin", [0.0, 0.02])
-def test_stated_clearance_is_that_of_the_whole_motion(tmp_path, margin):
-    """Of 50 moments, one was 5.7 mm away where the motion came as near as 3.8 mm."""
-    write_scene(tmp_path / "scene.yaml", [WALL], "human_arm")
-    world, robot = World.from_file(tmp_path / "scene.yaml"), arm_robot()
-    ends = arm_primitive().boundary_states[0, [0, 3]]
-    options = {"world": world, "self_collision": not margin}
-    plan = planned(ends, CollisionModel(robot, margin=margin, **options))
-    pattern = r"the least clearance is ([\d.]+) mm( \(margin 20 mm\))?, of '.*' and '(.*?)'"
-    ((stated, shown, other),) = re.findall(pattern, plan.message)
-    bare = CollisionModel(robot, **options)
-    q = interpolate(plan.trajectory).q
-    least = min(float(bare.near(q[k, None], 1.0).distances.min()) for k in range(0, len(q), 2))
-    assert 1e-3 * float(stated) == pytest.approx(least, abs=1.5e-4)
-    assert bool(shown) == (margin > 0.0 and other == "wall")

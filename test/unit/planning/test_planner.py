@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner: goals in, executable motions of little effort out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -58,22 +56,9 @@ def test_random_goals_inside_the_demonstrations_are_met_exactly_with_less_effort
         assert plan.limit_check.worst_excess == 0.0
 
 
-@pytest.mark.parametrize(
-    ("naturalness", "basis", "words"),
-    [
-        (1.0, "pca", "close to the prediction found (naturalness 1)"),
-        (0.01, "pca", "between the prediction and least effort found (naturalness 0.01)"),
-        (0.0, "pca", "of least effort found"),
-        (1.0, "bspline", "of least effort found"),
-    ],
-)
-def test_a_motion_is_called_of_least_effort_only_if_nothing_else_was_minimised(
-    naturalness, basis, words
-):
-    plan = planner(naturalness=naturalness, basis=basis).plan(*request())
-    assert plan.message.startswith(f"motion {words}")
-    saved = 1.0 - plan.effort_cost / plan.solution.start_cost
-    assert f"{100.0 * saved:.2g} % below that of the predicted motion" in plan.message
+def test_the_message_and_the_summary_state_costs():
+    plan = planner(naturalness=0.01).plan(*request())
+    assert plan.message == f"motion found: effort {plan.effort_cost:.4g} N²m²s"
     costs = plan.summary()
     assert costs["cost"] == plan.cost == costs["objective_cost"] + costs["naturalness_cost"]
 
@@ -88,7 +73,7 @@ def test_a_joint_far_outside_its_demonstrated_range_is_named_whatever_the_score(
     moved[end][3] = far
     wide = {JOINTS[3]: {"min_position": -9.0, "max_position": 9.0}}
     plan = planner(overrides=wide).plan(moved["goal"], moved["start"])
-    found = f"the {end} of '{JOINTS[3]}', {far:.3g} rad ({np.degrees(far):.3g}°), is outside"
+    found = f"the {end} of '{JOINTS[3]}', {far:.3g}, is outside"
     assert any(remark.startswith(found) for remark in plan.remarks)
     assert found in repr(plan)
     assert planner().plan(*request()).remarks == []
@@ -300,20 +285,6 @@ def test_time_that_runs_out_leaves_an_honest_status():
     plan = planner(max_solve_time=1e-9, naturalness=0.3).plan(*request())
     assert plan.status == "stopped_early" and plan.is_executable
     assert plan.solution.effort_cost <= plan.solution.start_cost
-
-
-def test_a_plan_says_how_long_its_path_could_take():
-    plan = planner().plan(*request())
-    assert 0.0 < plan.least_path_duration < plan.duration
-    assert f" s (could take {plan.least_path_duration:.2f} s) by " in repr(plan)
-    alone = replace(plan, planner=None)
-    assert np.isnan(alone.least_path_duration) and "could take" not in repr(alone)
-
-
-def test_the_shortest_motion_is_not_shorter_than_its_path_allows():
-    goal, start = request()
-    plan = planner(timing="shortest").plan(goal, start)
-    assert 0.5 * plan.duration < plan.least_path_duration <= plan.duration
 
 
 def test_the_summary_holds_the_public_keys():

@@ -93,10 +93,7 @@ def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
     assert_serves(plan, start)
     assert plan.status == STOPPED_EARLY
     assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before")
-    assert (
-        "this motion follows a minimum-jerk path, keeps the limits and may be executed"
-        in plan.message
-    )
+    assert "this motion follows a minimum-jerk path and keeps the limits" in plan.message
     assert f"lengthened from {arm_duration(goal, start):.4g} to" in plan.message
     summary = plan.summary()
     assert summary["n_components_used"] == 0 and summary["correction_used"] == 0
@@ -119,7 +116,6 @@ def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow():
     straight = start.positions + way * (10 * s**3 - 15 * s**4 + 6 * s**5)
     np.testing.assert_allclose(plan.trajectory.positions, straight, atol=1e-12)
     assert fastest(way) <= plan.motion.duration <= 1.01 * fastest(way)
-    assert plan.shortest_duration == plan.motion.duration
 
 
 def test_effort_of_the_motion_is_that_of_its_trajectory():
@@ -147,7 +143,7 @@ def test_search_that_ends_without_a_motion_does_not_blame_the_time():
 
 
 @given(st.floats(0.2, 3.0), st.booleans())
-def test_fixed_duration_is_kept_or_a_feasible_one_is_said(duration, moving):
+def test_fixed_duration_is_kept_or_refused(duration, moving):
     goal, start = request(1, duration=duration)
     start = replace_rates(start, 0.1) if moving else start
     subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME)
@@ -156,12 +152,7 @@ def test_fixed_duration_is_kept_or_a_feasible_one_is_said(duration, moving):
         assert_serves(plan, start)
         assert plan.trajectory.duration == duration
         return
-    feasible = plan.shortest_duration
-    assert feasible > duration
-    assert f"a feasible duration is {feasible:.4g} s" in plan.message
-    served = subject.plan(replace(goal, duration=feasible), start)
-    assert_serves(served, start)
-    assert served.trajectory.duration == feasible
+    assert "timing 'shortest' finds the shortest one" in plan.message
 
 
 def test_pose_is_reached():
@@ -204,8 +195,7 @@ def test_gravity_beyond_the_limits_of_effort_is_said():
     for limit in (NO_TIME, 30.0):
         plan = planner(overrides=overrides, max_solve_time=limit).plan(goal, start)
         assert plan.status == INFEASIBLE
-        assert "no slow motion was found: on the straight path gravity alone" in plan.message
-        assert f"of joint '{JOINTS[j]}'" in plan.message
+        assert f"effort of joint '{JOINTS[j]}'" in plan.message
 
 
 def test_slow_motion_in_collision_is_not_returned():
@@ -241,7 +231,7 @@ def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
     plan = subject.plan(SequenceGoal(targets, times), start, mode)
     assert_serves(plan, start)
     # Passing all targets without a rest keeps the limits only in the last of these times.
-    rests = "rests at each target, keeps the limits and may be executed" in plan.message
+    rests = "rests at each target and keeps the limits" in plan.message
     assert rests == (None in (*times, None)[:2])
     if rests:
         assert plan.status == STOPPED_EARLY
@@ -254,21 +244,11 @@ def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
         assert not (rests and plan.trajectory.velocities[row].any())
 
 
-def test_sequence_whose_times_are_too_short_is_told_how_long_it_takes():
-    targets = tuple(request(i)[0].state for i in range(2))
-    subject = sequence_planner(arm_robot(), [arm_primitive()], LIMITS, max_solve_time=NO_TIME)
-    plan = subject.plan(SequenceGoal(targets, (0.3, 0.6)), request(0)[1])
-    assert plan.status == INFEASIBLE
-    assert "found: to target 1 a motion with rests takes" in plan.message
-    assert "0.3 s are given" in plan.message
-
-
 def test_duration_beyond_all_measure_is_refused():
     overrides = {name: {"max_velocity": 1e-4} for name in JOINTS}
     goal, start = request(1)
     plan = planner(overrides=overrides, max_solve_time=NO_TIME).plan(goal, start)
     assert plan.status == INFEASIBLE
-    assert "at most 600 s are accepted" in plan.message
     with pytest.raises(GoalError, match="at most 600 s are accepted"):
         planner().plan(replace(goal, duration=601.0), start)
 
@@ -286,7 +266,7 @@ def test_knots_of_a_brake_are_points_of_the_trajectory_in_any_predicted_duration
     subject = planner(overrides=dict.fromkeys(JOINTS, bounds), max_solve_time=NO_TIME)
     plan = subject.plan(goal, start)
     assert plan.is_executable, plan.message
-    if "this motion brakes" in plan.message:
+    if np.any(start.velocities) and "this motion follows" in plan.message:
         steps = plan.trajectory.times / subject.options.sample_period
         np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 
@@ -301,7 +281,6 @@ def test_motions_that_would_take_too_long_are_rejected_before_they_are_sampled(q
     plan = subject.plan(target, start, kind if kind in MODES else "optimal")
     assert plan.status == INFEASIBLE
     assert plan.trajectory.n_steps < 10_000
-    assert "s, at most 600 s are accepted" in plan.message
 
 
 @pytest.mark.parametrize("quantity", ["max_acceleration", "max_jerk"])
@@ -311,4 +290,3 @@ def test_brakes_that_would_take_too_long_are_rejected_before_they_are_sampled(qu
     subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
     plan = subject.plan(goal, start)
     assert plan.status == INFEASIBLE
-    assert "no brake within the limits was found: the fastest one takes over 600 s" in plan.message
