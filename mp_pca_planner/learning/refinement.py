@@ -20,8 +20,12 @@ from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_executable, check_limits
 from ..planning.motion import Motion
-from ..planning.options import ClearanceOptions
-from ..planning.program.constraints import least_distances
+from ..planning.program.constraints import (
+    CLEARANCE_REACH,
+    N_CLEARANCE_PHASES,
+    N_MORE_PHASES,
+    least_distances,
+)
 from ..planning.program.limits import limit_shares
 from ..robot.distances import NearPairs
 from ..robot.limits import JointLimits
@@ -341,7 +345,7 @@ class Constraints:
     def _least(self) -> list[FloatArray]:
         """Least distances in each segment: bodies may come as near as in the original."""
         assert self._judge.collision is not None
-        times = np.linspace(0.0, 1.0, ClearanceOptions().n_phases + 1)
+        times = np.linspace(0.0, 1.0, N_CLEARANCE_PHASES + 1)
         paths = [one.evaluate(one.duration * times)[0] for one in self._judge.segments]
         return [least_distances(q, self._judge.collision) for q in paths]
 
@@ -349,8 +353,7 @@ class Constraints:
         self, motion: RefinedMotion, check: LimitCheck, collisions: Sequence[Collision]
     ) -> None:
         """Add the phases and the pairs of bodies at which a motion failed."""
-        n_more = ClearanceOptions().n_more
-        met = [np.linspace(one.first_time, one.last_time, n_more) for one in collisions]
+        met = [np.linspace(one.first_time, one.last_time, N_MORE_PHASES) for one in collisions]
         times = np.concatenate([[one.time for one in check.violations], *met])
         ends = np.cumsum(motion.durations)
         for i, (end, duration) in enumerate(zip(ends, motion.durations, strict=True)):
@@ -398,7 +401,7 @@ class Constraints:
 
     def _near(self, i: int, part: FloatArray) -> NearPairs:
         assert self._judge.collision is not None
-        return self._judge.collision.near(self._positions(i, part), ClearanceOptions().reach)
+        return self._judge.collision.near(self._positions(i, part), CLEARANCE_REACH)
 
 
 def _slopes(

@@ -19,10 +19,18 @@ from ..exceptions import GoalError
 from ..motion.goal import Pose
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
-from .options import PoseSearchOptions
 
 POSE_TOLERANCE = 1e-6
 """Largest error of a reached pose [m or rad]."""
+
+# Steps from a start at most, and the largest error at which they end [m or rad].
+_MAX_STEPS, _REACHED = 30, 1e-8
+# Levenberg–Marquardt damping of the first step, and at which the search ends.
+_FIRST_DAMPING, _MAX_DAMPING = 1e-3, 1e8
+# Further starts, spread over the limits, if the known ones lead to no solution.
+_N_RANDOM = 40
+# Configurations nearer to each other than this count as one [rad or m].
+_DISTINCT = 0.05
 
 
 def starts_near(robot: Robot, pose: Pose, known: FloatArray, n: int) -> list[FloatArray]:
@@ -54,7 +62,6 @@ def configurations_at(
     limits: JointLimits,
     pose: Pose,
     starts: Iterable[FloatArray],
-    options: PoseSearchOptions = PoseSearchOptions(),
     is_enough: Callable[[], bool] = bool,
 ) -> list[FloatArray]:
     """Different configurations within the limits that reach a pose, in the order of the starts.
@@ -69,8 +76,6 @@ def configurations_at(
         The pose to reach.
     starts : iterable of array, shape (n_joints,)
         Configurations to search from.
-    options : PoseSearchOptions
-        Options.
     is_enough : callable
         Returns whether one configuration is enough, because time runs out; never unless given.
 
@@ -83,12 +88,12 @@ def configurations_at(
     """
     found: list[FloatArray] = []
     nearest = np.array([np.inf])
-    for group in (starts, _spread(limits, options.n_random)):
+    for group in (starts, _spread(limits, _N_RANDOM)):
         for start in group:
-            q, error = nearest_configuration(robot, limits, pose, start, options)
+            q, error = nearest_configuration(robot, limits, pose, start)
             if np.abs(error).max() > POSE_TOLERANCE:
                 nearest = min(nearest, error, key=lambda e: float(np.linalg.norm(e)))
-            elif all(np.abs(q - other).max() > options.distinct for other in found):
+            elif all(np.abs(q - other).max() > _DISTINCT for other in found):
                 found.append(q)
             if found and is_enough():
                 break
@@ -106,7 +111,6 @@ def nearest_configuration(
     limits: JointLimits,
     pose: Pose,
     start: FloatArray,
-    options: PoseSearchOptions = PoseSearchOptions(),
 ) -> tuple[FloatArray, FloatArray]:
     """The configuration nearest to a pose, by descent from a start.
 
@@ -117,11 +121,11 @@ def nearest_configuration(
     error : array, shape (3,) or (6,)
         See :meth:`.Robot.pose_error`.
     """
-    q, damping = np.clip(start, limits.lower, limits.upper), options.first_damping
+    q, damping = np.clip(start, limits.lower, limits.upper), _FIRST_DAMPING
     eye = np.eye(q.size)
     error, jacobian = robot.pose_error(pose.frame, q, pose.position, pose.orientation)
-    for _ in range(options.max_steps):
-        if np.abs(error).max() <= options.reached or damping > options.max_damping:
+    for _ in range(_MAX_STEPS):
+        if np.abs(error).max() <= _REACHED or damping > _MAX_DAMPING:
             break
         downhill = -jacobian.T @ error
         # Joints that are blocked by a limit are held there.

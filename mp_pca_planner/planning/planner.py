@@ -46,6 +46,10 @@ from .resolve import check_goal, in_order, resolve, target
 from .search.search import search
 from .selection import Selector
 
+# Time that is kept for the last checks and for a slow motion where no other was found, for each
+# segment; at most 0.4 of all [s].
+_TIME_FOR_CHECKS = 0.025
+
 
 class Planner:
     """Plans motions of one robot from movement primitives.
@@ -125,9 +129,8 @@ class Planner:
         if any(uses_efforts(objective, self.robot) for _, objective in self.options.objectives):
             others = "choose an objective without efforts, such as jerk"
             self.robot.require_inertias("objectives with efforts", others)
-        objectives, selection = self.options.objectives, self.options.selection
-        most = self.options.max_in_span_score
-        self._selector = Selector(self.robot, self.primitives, objectives, selection, most)
+        objectives, most = self.options.objectives, self.options.max_in_span_score
+        self._selector = Selector(self.robot, self.primitives, objectives, most)
         bases = BasisStore(self.options)
         longest = INPUT_LIMITS.longest_motion(self.options.sample_period)
         self._context = Context(self.robot, self.limits, self.options, collision, bases, longest)
@@ -236,10 +239,10 @@ class Planner:
         start = as_state(start, self.robot.joint_names, "the start")
         check_choice(mode, "the mode", GoalError, MODES)
         began = time.perf_counter()
-        most, each = self.options.max_solve_time, self.options.search.time_for_checks
+        most, each = self.options.max_solve_time, _TIME_FOR_CHECKS
         n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
         deadline = began + most - min(n_segments * each, 0.4 * most)
-        budget = Budget(deadline, self.options.solver.should_stop)
+        budget = Budget(deadline, self.options.should_stop)
         requests = resolve(self._context, self._selector, goal, start, mode, budget)
         outcome = search(self._context, requests, budget)
         return report(self._context, outcome, began, self)

@@ -47,6 +47,15 @@ _DEGREES = ("degrees", "deg/s", "deg/s²")
 # Targets within this distance of each other count as the same [rad or m].
 _SAME = 1e-6
 
+# Known configurations to search from for a single pose, whose expected motions' costs are compared,
+# and for each pose of a sequence.
+_N_COMPARED, _N_KNOWN = 12, 4
+# Configurations that reach a pose to which motions are planned, until one is found, and those of a
+# pose of a sequence that are compared.
+_N_CONFIGURATIONS, _N_ROUTE_CONFIGURATIONS = 3, 6
+# Initial targets within this distance of the robot count as passed [rad or m].
+_HERE = 0.01
+
 
 def resolve(
     context: Context,
@@ -120,7 +129,7 @@ def _cheapest_first(
     # The others are usually not needed, so their requests are made when they are.
     others = (_requests(context, selector, goal, here, there) for there in goals[len(natural) :])
     every = chain((request for _, request in natural), chain.from_iterable(others))
-    return islice(every, context.options.search.n_configurations)
+    return islice(every, _N_CONFIGURATIONS)
 
 
 def _requests(
@@ -200,10 +209,10 @@ def _configurations(
     The most natural first, with their in-span scores. When time runs out, the search ends with the
     first that is found.
     """
-    robot, poses = context.robot, context.options.poses
+    robot = context.robot
     known = selector.primitives.ends[:, 1]
-    starts = [*starts_near(robot, goal.pose, known, poses.n_compared), here.positions]
-    found = configurations_at(robot, context.limits, goal.pose, starts, poses, budget.is_over)
+    starts = [*starts_near(robot, goal.pose, known, _N_COMPARED), here.positions]
+    found = configurations_at(robot, context.limits, goal.pose, starts, budget.is_over)
     goals = [JointState(here.joint_names, unwrapped(q, here, robot)) for q in found]
     if len(goals) == 1:
         return goals, np.zeros(1)
@@ -259,7 +268,7 @@ def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
             missed, _ = context.robot.pose_error(
                 aim.frame, here.positions, aim.position, aim.orientation
             )
-        if np.abs(missed).max() > context.options.search.here:
+        if np.abs(missed).max() > _HERE:
             return n_passed
         if when is not None:
             raise GoalError(
@@ -324,16 +333,16 @@ def _through(
     context: Context, selector: Selector, pose: Pose, number: int, routes: Sequence[_Route]
 ) -> list[_Route]:
     """The best route to each of the configurations that reach a pose."""
-    robot, poses = context.robot, context.options.poses
+    robot = context.robot
     known = selector.primitives.ends.reshape(-1, robot.n_joints)
     starts = [route.states[-1].positions for route in routes]
-    starts += starts_near(robot, pose, known, poses.n_known)
+    starts += starts_near(robot, pose, known, _N_KNOWN)
     try:
-        found = configurations_at(robot, context.limits, pose, starts, poses)
+        found = configurations_at(robot, context.limits, pose, starts)
     except GoalError as error:
         raise GoalError(f"target {number}: {error}") from None
     longer = []
-    for q in found[: context.options.search.n_route_configurations]:
+    for q in found[:_N_ROUTE_CONFIGURATIONS]:
         longer_routes = []
         for route in routes:
             before = route.states[-1]

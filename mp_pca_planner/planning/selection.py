@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..motion.goal import JointState
@@ -28,7 +27,18 @@ from ..primitives.primitive import MovementPrimitive
 from ..robot.model import Robot
 from .motion import Motion, Tables, cost_of, rank_of
 from .objectives import Objective, effort
-from .options import SelectionOptions
+
+# Largest in-span score of a primitive that is considered, as a multiple of the least one, and the
+# score below which all are: the request is like their demonstrations.
+_RELATIVE_SCORE, _NEAR_SCORE = 1.25, 1.0
+# Primitives that are considered at most. Among many alike, the least expected cost of the 12
+# nearest is 0.6 % above that of the 32 nearest, in the mean.
+_MAX_CONSIDERED = 12
+# Usual relative error of expected costs: three standard deviations of optimised to expected costs
+# among the primitives of a request (1.6 % for the human-like arm).
+_USUAL_ERROR = 0.05
+# Primitives with which motions are planned at most, and whose tables stay in memory.
+_MAX_CONTENDERS, _N_KEPT_TABLES = 5, 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +76,6 @@ class Selector:
         At least one.
     objectives : sequence of (float, Objective)
         Running costs and their weights, as in :class:`.PlannerOptions`.
-    options : SelectionOptions
-        Options.
     max_score : float
         In-span score above which a primitive is only chosen if all are above it; 0: none.
     """
@@ -77,14 +85,13 @@ class Selector:
         robot: Robot,
         primitives: Sequence[MovementPrimitive],
         objectives: Sequence[tuple[float, Objective]] = ((1.0, effort),),
-        options: SelectionOptions = SelectionOptions(),
         max_score: float = 0.0,
     ) -> None:
-        self._robot, self._options, self._max_score = robot, options, max_score
+        self._robot, self._max_score = robot, max_score
         self.primitives = library = PrimitiveLibrary.of(primitives)
         self._objectives = tuple(objectives)
         self._index = RequestIndex(library.means, library.precisions, robot.continuous)
-        self._tables = lru_cache(options.n_kept_tables)(lambda i: Tables(library[i].basis))
+        self._tables = lru_cache(_N_KEPT_TABLES)(lambda i: Tables(library[i].basis))
 
     def named(self, name: str) -> Selector:
         """The selector for the primitive of that name alone.
@@ -94,7 +101,7 @@ class Selector:
         GoalError
             If no primitive has that name.
         """
-        return Selector(self._robot, [self.primitives.named(name)], self._objectives, self._options)
+        return Selector(self._robot, [self.primitives.named(name)], self._objectives)
 
     def scores(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -139,9 +146,10 @@ class Selector:
         chosen = np.zeros(1, dtype=np.intp)
         if len(self.primitives) > 1:
             request = _request(start, goal, duration)
-            nearest, scores = self._index.nearest(request, self._options.max_considered)
+            nearest, scores = self._index.nearest(request, _MAX_CONSIDERED)
             most = max(self._max_score or np.inf, float(scores.min()))
-            chosen = nearest[is_near(scores, self._options) & (scores <= most)]
+            near_score = max(_RELATIVE_SCORE * float(scores.min()), _NEAR_SCORE)
+            chosen = nearest[(scores <= near_score) & (scores <= most)]
         found = []
         for i in chosen.tolist():
             primitive = self.primitives[i]
@@ -152,8 +160,8 @@ class Selector:
         n_close = 1
         if len(found) > 1:
             found.sort(key=lambda one: rank_of(one.cost))
-            near = (1.0 + self._options.usual_error) * found[0].cost
-            n_close += sum(one.cost <= near for one in found[1 : self._options.max_contenders])
+            near = (1.0 + _USUAL_ERROR) * found[0].cost
+            n_close += sum(one.cost <= near for one in found[1:_MAX_CONTENDERS])
         return tuple(found), tuple(found[:n_close])
 
     def _cost(
@@ -169,18 +177,3 @@ class Selector:
 def _request(start: FloatArray, goal: FloatArray, duration: float | None) -> FloatArray:
     """A request of the index."""
     return np.concatenate([start, goal, [] if duration is None else [np.log(duration)]])
-
-
-def is_near(
-    scores: FloatArray, options: SelectionOptions = SelectionOptions()
-) -> NDArray[np.bool_]:
-    """Whether primitives with these in-span scores pass the filter, shape (n_primitives,).
-
-    Parameters
-    ----------
-    scores : array, shape (n_primitives,)
-        In-span scores of all primitives.
-    options : SelectionOptions
-        Options.
-    """
-    return scores <= max(options.relative_score * float(scores.min()), options.near_score)

@@ -49,6 +49,15 @@ _MAX_CORRECTIONS = 4
 _MAX_ROUNDS, _MAX_DAMPINGS = 20, 8
 # Share of the trust region that a step towards the equalities may take.
 _NORMAL_SHARE = 0.8
+# First radius of the trust region with equalities, which may be far more curved, and the radius at
+# which the search ends.
+_FIRST_RADIUS_TO_EQUALITIES, _MIN_RADIUS = 10.0, 1e-9
+# Share of the predicted change of the gradient in the scale of the curvature's update: it steadies
+# the update as Powell's damping does. It took the fewest passes on four arms.
+_EXPECTED_SHARE = 0.3
+# Below this cosine of the angle between a step and the change of the gradient, the curvature is not
+# updated: the update would be out of proportion.
+_MIN_COSINE = 0.05
 # Singular values of equalities, relative to the largest, that count as 0.
 _DEPENDENT = 1e-9
 
@@ -420,7 +429,7 @@ class _Search:
         self.feasible = (self.x, self.here) if self.violated <= options.feasible else None
         if memory is None:
             curved = bool(self.here.equalities.size)
-            radius = options.first_radius_to_equalities if curved else options.first_radius
+            radius = _FIRST_RADIUS_TO_EQUALITIES if curved else options.first_radius
             memory = self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp)
         self.curvature, self.radius, self.sides = memory
 
@@ -457,7 +466,7 @@ class _Search:
             negligible = predicted <= enough
             converged = negligible and is_feasible
             restores = self.violated - step.infeasibility > options.feasible
-            stuck = (negligible and not restores) or self.radius < options.min_radius
+            stuck = (negligible and not restores) or self.radius < _MIN_RADIUS
             # Another step is expected to take as long as the last one.
             before, self._last_step = self._last_step, time.perf_counter()
             is_late = 2.0 * self._last_step - before > self._deadline
@@ -510,7 +519,7 @@ class _Search:
         """The estimate S of the curvature after the Dennis–Gay–Welsch update along a step."""
         if not np.isfinite(there.cost):
             return self.curvature
-        options, change, curvature = self._options, step.change, self.curvature
+        change, curvature = step.change, self.curvature
         # The Lagrangian's gradient there, with the multipliers of the step.
         pull = there.gradient
         if step.sides.size:
@@ -528,11 +537,11 @@ class _Search:
             # Sizing: an S that was estimated at larger residuals is too large here.
             factor = min(1.0, abs(float(change @ unknown)) / size)
             curvature, curved = curvature * factor, curved * factor
-        share = options.expected_share
+        share = _EXPECTED_SHARE
         scale = (1.0 - share) * turned + share * (known + curved)
         along = float(change @ scale)
         lengths = float(change @ change) * float(scale @ scale)
-        if not along > options.min_cosine * math.sqrt(lengths):
+        if not along > _MIN_COSINE * math.sqrt(lengths):
             return curvature
         error = (unknown - curved) / along
         # E cᵀ + c Eᵀ − (E·step/along) c cᵀ, c the scale; the last term shared out to the others.

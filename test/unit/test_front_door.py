@@ -238,7 +238,6 @@ def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
         (lambda reach, robot, ends: mp.PlannerOptions(naturalness="x"), "naturalness must be a"),
         (lambda reach, robot, ends: mp.PlannerOptions(n_starts=1.5), "whole number from 1 to 5"),
         (lambda reach, robot, ends: mp.PlannerOptions(objectives=["jerk"]), "pairs of a weight"),
-        (lambda reach, robot, ends: mp.PlannerOptions(solver=None), "solver must be a Solver"),
         (lambda reach, robot, ends: mp.JointGoal(ends[1]), "JointState or Mapping"),
         (lambda reach, robot, ends: mp.SequenceGoal([{"elbow": 0}], ["x"]), "increase, got 'x'"),
         (lambda reach, robot, ends: mp.JointState("elbow", [0]), "a list of names is needed"),

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from ...exceptions import PlannerError, RobotError, quote_names, unknown_name
 from ...motion.collision import CollisionModel, package_folders
 from ...planning.objectives import objective_weights, weighted_objectives
-from ...planning.options import SolverOptions
 from ...planning.path_constraints import PathConstraint, path_constraints
 from ...planning.planner import Planner
 from ...primitives.primitive import MovementPrimitive
@@ -139,7 +138,7 @@ def assemble_model(
     weights = objective_weights(settings.objective, "parameter 'objective'")
     options = replace(
         settings.planner_options,
-        solver=SolverOptions(should_stop=cancellation),
+        should_stop=cancellation,
         objectives=weighted_objectives(weights, planning_robot, frame),
         constraints=path_constraints(
             settings.constraints, "parameter 'constraints'", planning_robot

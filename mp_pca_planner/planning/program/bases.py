@@ -27,6 +27,24 @@ from ..request import RequestSegment
 # Number of starts from demonstrations with similar ends.
 _N_NEAREST = 3
 
+NEAR_EXPECTED = 0.1
+"""From this naturalness on, motions stay near the expected one.
+
+One start is enough then, and the first attempt has only those limits in the program that the
+expected motion comes near, none if it keeps them.
+"""
+
+MIN_NATURALNESS = 0.005
+"""Least weight ρ of deviations from a path. Without it, the program takes too many passes."""
+
+# Usual magnitude of the correction by B-splines [rad or m]; larger if the primitive fits worse.
+_USUAL_CORRECTION = 0.02
+# Control points of each joint's B-splines along paths, their deviation with the cost of naturalness
+# [rad or m], and the number of points of the path that they follow.
+_N_CONTROL_POINTS, _PATH_SPREAD, _N_PATH_PHASES = 6, 0.3, 80
+# Primitives whose tables stay in memory, those used last.
+_N_KEPT_TABLES = 500
+
 
 @dataclass(frozen=True, eq=False)
 class MotionBasis:
@@ -72,14 +90,10 @@ class BasisStore:
 
     def __init__(self, options: PlannerOptions) -> None:
         self._options = options
-        self._tables = lru_cache(options.search.n_kept_tables)(
-            lambda primitive: Tables(primitive.basis, options.n_nodes)
-        )
-        self._along_paths = lru_cache(64)(lambda primitive: _path_tables(primitive, options))
-        self._splines = lru_cache(8)(
-            lambda n_joints: Tables(BSplineBasis(n_joints), options.n_nodes)
-        )
-        self._phases = _path_phases(options)
+        self._tables = lru_cache(_N_KEPT_TABLES)(lambda primitive: Tables(primitive.basis))
+        self._along_paths = lru_cache(64)(_path_tables)
+        self._splines = lru_cache(8)(lambda n_joints: Tables(BSplineBasis(n_joints)))
+        self._phases = _path_phases()
 
     @property
     def n_widths(self) -> int:
@@ -113,7 +127,7 @@ class BasisStore:
             expected one, a paced motion has starts beside the expected weights.
         """
         options = self._options
-        has_starts = is_paced and (shortest or naturalness < options.search.near_expected)
+        has_starts = is_paced and (shortest or naturalness < NEAR_EXPECTED)
         primitive = segment.primitive
         if width == 2 or options.basis == "bspline":
             zero = np.zeros(self._splines(primitive.n_joints).basis.n_weights)
@@ -122,7 +136,7 @@ class BasisStore:
         expected, ends = segment.expected, (segment.start.positions, segment.goal.positions)
         if is_paced and expected.pace.any():
             # The basis of a motion with its own time scaling is not known in advance.
-            tables = Tables(primitive.paced_basis(*ends, expected.pace), self._options.n_nodes)
+            tables = Tables(primitive.paced_basis(*ends, expected.pace))
         else:
             tables = self._tables(primitive)
         starts = [expected.weights]
@@ -153,7 +167,7 @@ class BasisStore:
             ρ of the motion.
         """
         tables, fit = self._along_paths(segment.primitive)
-        natural, s, detours = segment.expected, self._phases, self._options.detours
+        natural, s = segment.expected, self._phases
         n_splines = tables.basis.n_weights - natural.weights.size
         expected = np.append(natural.weights, np.zeros(n_splines))
         line = Motion(segment.start, segment.goal, segment.duration, tables.basis, expected)
@@ -165,8 +179,8 @@ class BasisStore:
         weights = expected.copy()
         weights[natural.weights.size :] = (fit @ off).T.ravel()
         # The path is no demonstration: it counts as little at any naturalness.
-        share = detours.min_naturalness / max(naturalness, detours.min_naturalness)
-        of_path = np.eye(n_splines) * (share / detours.spread**2)
+        share = MIN_NATURALNESS / max(naturalness, MIN_NATURALNESS)
+        of_path = np.eye(n_splines) * (share / _PATH_SPREAD**2)
         precision = block_diag(natural.precision, of_path)
         n_components = natural.weights.size
         return MotionBasis(tables, weights, precision, n_components, (weights,), is_detour=True)
@@ -186,9 +200,9 @@ class BasisStore:
     def _corrected(self, narrow: MotionBasis, primitive: MovementPrimitive) -> MotionBasis:
         """The components with B-splines of every joint added."""
         usual = float(np.sqrt(np.mean(primitive.fit_residual**2)))
-        usual = max(usual, self._options.search.usual_correction)
+        usual = max(usual, _USUAL_CORRECTION)
         splines = BSplineBasis(primitive.n_joints)
-        tables = Tables(SumBasis(narrow.tables.basis, splines, usual), self._options.n_nodes)
+        tables = Tables(SumBasis(narrow.tables.basis, splines, usual))
         none = np.zeros(splines.n_weights)
         assert narrow.precision is not None
         return MotionBasis(
@@ -200,20 +214,18 @@ class BasisStore:
         )
 
 
-def _path_phases(options: PlannerOptions) -> FloatArray:
+def _path_phases() -> FloatArray:
     """Phases between the ends at which motions are fitted to paths."""
-    return np.linspace(0.0, 1.0, options.detours.n_phases)[1:-1]
+    return np.linspace(0.0, 1.0, _N_PATH_PHASES)[1:-1]
 
 
-def _path_tables(
-    primitive: MovementPrimitive, options: PlannerOptions
-) -> tuple[Tables, FloatArray]:
+def _path_tables(primitive: MovementPrimitive) -> tuple[Tables, FloatArray]:
     """The basis of a primitive's motions along paths, and the fit of its B-splines to points.
 
     The fit has the shape (n_control_points, n_phases). All joints have the same splines.
     """
-    n = options.detours.n_control_points
+    n = _N_CONTROL_POINTS
     splines = BSplineBasis(primitive.n_joints, n)
-    basis = SumBasis(primitive.basis, splines, options.detours.spread)
-    fit = np.linalg.pinv(splines.functions(_path_phases(options))[:, 0, :n])
-    return Tables(basis, options.n_nodes), np.asarray(fit)
+    basis = SumBasis(primitive.basis, splines, _PATH_SPREAD)
+    fit = np.linalg.pinv(splines.functions(_path_phases())[:, 0, :n])
+    return Tables(basis), np.asarray(fit)

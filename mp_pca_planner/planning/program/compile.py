@@ -11,9 +11,8 @@ import numpy as np
 from ...arrays import FloatArray
 from ...primitives.prediction import ConditionalDistribution
 from ..context import Context
-from ..options import SearchOptions
 from ..request import Request
-from .bases import MotionBasis
+from .bases import NEAR_EXPECTED, MotionBasis
 from .constraints import AlongPath, Clearance, Constraint, Ends, PoseTarget
 from .limits import Limits, limit_shares
 from .motion_program import Chain, MotionProgram, junctions_of
@@ -27,13 +26,28 @@ from .segment import (
 )
 from .setting import Setting
 
+# Share of a limit from which on the expected motion is near it.
+_NEAR_LIMIT = 0.7
+# The unit of naturalness is the cost of the expected motion, or this multiple of the decrease of
+# the objective along one standard deviation of the weights, if that is larger.
+_EFFORT_WEIGHT = 8.0
+# Change of the logarithm of a segment's duration with the same cost as one standard deviation of
+# the weights.
+_DURATION_SPREAD = 0.3
+# Passing a target at speed bends segments more than in demonstrations from rest to rest. Therefore
+# this number of their standard deviations counts as one (benchmarks/sequences.py), and the least
+# standard deviation of a joint there [rad or m].
+_BEND_SPREAD, _MIN_SPREAD = 18.0, 0.01
+# Phases of a segment at which path constraints are kept at first.
+_N_PATH_PHASES = 40
+
 
 def compile_program(context: Context, request: Request, setting: Setting) -> MotionProgram:
     """Make the program of a request."""
     junctions = junctions_of(request, setting.initial)
     segments, terms, targets = [], [], list[PoseTarget | None]()
     # Whether motions stay near an expected one.
-    near = setting.naturalness >= context.options.search.near_expected
+    near = setting.naturalness >= NEAR_EXPECTED
     for i, (requested, basis) in enumerate(zip(request.segments, setting.bases, strict=True)):
         here, there = junctions[i : i + 2]
         motion, tables = setting.initial[i], basis.tables
@@ -73,29 +87,27 @@ def _naturalness(
 
     Its unit is the cost of that motion; in a sequence, the effort of the joined motion.
     """
-    search, basis, segment = context.options.search, setting.bases[i], request.segments[i]
+    basis, segment = setting.bases[i], request.segments[i]
     price = setting.naturalness
     if request.mode:
         price *= program.effort(program.expected)
-        precision = _segment_precision(program, basis, segment.expected, search)
+        precision = _segment_precision(program, basis, segment.expected)
     elif basis.precision is not None and price > 0.0:
         # A free goal is natural where demonstrations end.
         goals = segment.primitive.boundary_states[:, GOAL_POSITION]
-        precision = _goal_precision(program, basis, goals, search)
+        precision = _goal_precision(program, basis, goals)
     else:
         return []
     return [Naturalness(program.expected, price * precision)]
 
 
-def _goal_precision(
-    segment: SegmentProgram, basis: MotionBasis, goals: FloatArray, search: SearchOptions
-) -> FloatArray:
+def _goal_precision(segment: SegmentProgram, basis: MotionBasis, goals: FloatArray) -> FloatArray:
     """Precision of the unknowns of a motion to a single goal, in units of its objective.
 
     The cost of one standard deviation from the expected motion is the larger of two values: the
-    cost of that motion, and `effort_weight` times the decrease of the objective along one standard
+    cost of that motion, and 8 times the decrease of the objective along one standard
     deviation. The second keeps motions natural if their effort could decrease fast: to first order,
-    the optimum is at most 1 / (ρ effort_weight) standard deviations away.
+    the optimum is at most 1 / (8 ρ) standard deviations away.
 
     Parameters
     ----------
@@ -106,8 +118,6 @@ def _goal_precision(
     goals : array, shape (n_demonstrations, n_joints)
         Goals of the demonstrations. A free goal is natural near the configuration of the search
         that is most like them; their spread is the unit of its changes.
-    search : SearchOptions
-        Options.
 
     Returns
     -------
@@ -121,18 +131,17 @@ def _goal_precision(
     precision[:n, :n] = own
     free = range(n, segment.unknowns.n_linear)
     if free:
-        spread = np.maximum(goals.std(axis=0), search.min_spread)
+        spread = np.maximum(goals.std(axis=0), _MIN_SPREAD)
         precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
     _, here = segment.at(segment.expected)
     descent = float(np.sqrt(here.gradient[:n] @ np.linalg.solve(own, here.gradient[:n])))
-    return precision * max(here.cost, search.effort_weight * descent)
+    return precision * max(here.cost, _EFFORT_WEIGHT * descent)
 
 
 def _segment_precision(
     segment: SegmentProgram,
     basis: MotionBasis,
     expected: ConditionalDistribution,
-    search: SearchOptions,
 ) -> FloatArray:
     """Precision of the unknowns of a segment, shape (n_unknowns, n_unknowns).
 
@@ -148,7 +157,7 @@ def _segment_precision(
         )
     if unknowns.duration_is_free:
         precision[unknowns.n_linear, unknowns.n_linear] = (
-            LOG_DURATION_SCALE / search.duration_spread
+            LOG_DURATION_SCALE / _DURATION_SPREAD
         ) ** 2
     variances = np.zeros(n_joints)
     if basis.n_components:
@@ -157,7 +166,7 @@ def _segment_precision(
         variances = np.einsum(
             "k,kji,il,kjl->j", tables.quadrature, functions, expected.covariance, functions
         )
-    spreads = search.bend_spread * np.maximum(np.sqrt(variances), search.min_spread)
+    spreads = _BEND_SPREAD * np.maximum(np.sqrt(variances), _MIN_SPREAD)
     rows = unknowns.free_rows
     bends = tables.hermite[0, 1:-1, rows].T * END_SCALES[rows]
     gram = bends.T @ (bends * tables.quadrature[:, None])
@@ -191,16 +200,16 @@ def _constraints(
             is_known = natural[0].precision[timed, timed] > 0.0
         shares = limit_shares(context.limits, expected.states, expected.nodes.efforts).max(axis=1)
         is_within = is_known and bool(np.all(shares <= 1.0))
-        chosen = ~(shares <= (1.0 if is_within else options.search.near_limit))
+        chosen = ~(shares <= (1.0 if is_within else _NEAR_LIMIT))
     found: list[Constraint] = [
         Limits(context.robot, tables, unknowns, context.limits, ends, chosen)
     ]
     if context.collision is not None:
         basis = tables.basis
-        clearance = Clearance(context.collision, unknowns, basis, ends, options.clearance)
+        clearance = Clearance(context.collision, unknowns, basis, ends)
         found.append(clearance.everywhere() if clear else clearance)
     for path in options.constraints:
-        phases = np.linspace(0.0, 1.0, options.search.n_path_phases)
+        phases = np.linspace(0.0, 1.0, _N_PATH_PHASES)
         found.append(AlongPath(context.robot, path, unknowns, tables.basis, ends, phases))
     return found
 

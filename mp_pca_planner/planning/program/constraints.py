@@ -24,7 +24,6 @@ from ...motion.validation import Violation
 from ...primitives.basis import Basis
 from ...robot.model import Robot
 from ..motion import Tables
-from ..options import ClearanceOptions
 from ..path_constraints import PathConstraint
 from .segment import Course, Unknowns, all_states, state_map
 
@@ -34,6 +33,19 @@ _MARGIN = 0.01
 
 Ends = tuple[JointState | None, JointState | None]
 """States at the start and the goal of a segment; None where the position is free."""
+
+# Least clearance [m], with a margin for the motion between the phases, and its largest share at the
+# fixed ends of the motion.
+_LEAST_CLEARANCE, _SHARE_OF_ENDS = 3e-3, 0.5
+
+CLEARANCE_REACH = 0.03
+"""Distance [m] from which on the change of a distance is not predicted."""
+
+N_CLEARANCE_PHASES = 40
+"""Number of phases at which pairs are constrained at first."""
+
+N_MORE_PHASES = 5
+"""Number of phases that are added during each further collision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,9 +237,7 @@ def with_phases_of(
     return np.unique(np.concatenate([phases, *more]))
 
 
-def least_distances(
-    ends: FloatArray, model: CollisionModel, options: ClearanceOptions = ClearanceOptions()
-) -> FloatArray:
+def least_distances(ends: FloatArray, model: CollisionModel) -> FloatArray:
     """Least distance of each pair beside its margin, smaller where the ends are nearer.
 
     Parameters
@@ -236,12 +246,10 @@ def least_distances(
         Fixed ends of the motion.
     model : CollisionModel
         The robot's.
-    options : ClearanceOptions
-        Options.
     """
-    least = np.full(len(model.pairs), options.distance)
-    near = model.near(ends, options.distance / options.share_of_ends)
-    np.minimum.at(least, near.pairs, options.share_of_ends * near.distances)
+    least = np.full(len(model.pairs), _LEAST_CLEARANCE)
+    near = model.near(ends, _LEAST_CLEARANCE / _SHARE_OF_ENDS)
+    np.minimum.at(least, near.pairs, _SHARE_OF_ENDS * near.distances)
     return least
 
 
@@ -258,8 +266,6 @@ class Clearance:
         Its basis.
     ends : tuple of (JointState or None)
         Its ends.
-    options : ClearanceOptions
-        Options.
     phases : array, shape (n_phases,), optional
         Phases of the constraints, increasing; no constraints unless given.
     least : array, shape (n_pairs,), or float
@@ -277,11 +283,10 @@ class Clearance:
         unknowns: Unknowns,
         basis: Basis,
         ends: Ends,
-        options: ClearanceOptions,
         phases: FloatArray | None = None,
         least: FloatArray | float = 0.0,
     ) -> None:
-        self._for = model, unknowns, basis, ends, options
+        self._for = model, unknowns, basis, ends
         self._phases, self._least = phases, least
         self.lower = self.upper = np.zeros(0)
         if phases is not None:
@@ -291,11 +296,11 @@ class Clearance:
 
     def everywhere(self) -> Clearance:
         """All pairs at evenly spread phases."""
-        model, unknowns, _, ends, options = self._for
-        phases = np.linspace(0.0, 1.0, options.n_phases + 1)
+        model, unknowns, _, ends = self._for
+        phases = np.linspace(0.0, 1.0, N_CLEARANCE_PHASES + 1)
         phases = phases[ends[0] is not None : None if ends[1] is None else -1]
         fixed = np.array([end.positions for end in ends if end]).reshape(-1, unknowns.n_joints)
-        least = least_distances(fixed, model, options)
+        least = least_distances(fixed, model)
         return Clearance(*self._for, phases, least)
 
     def refined(self, found: Findings) -> Clearance:
@@ -304,15 +309,14 @@ class Clearance:
             return self
         if self._phases is None:
             return self.everywhere()
-        n_more = self._for[4].n_more
-        phases = with_phases_of(found.collisions, self._phases, found.duration, n_more)
+        phases = with_phases_of(found.collisions, self._phases, found.duration, N_MORE_PHASES)
         return Clearance(*self._for, phases, self._least)
 
     def at(self, course: Course) -> Linear:
         """The distances of a motion [m]; lower bounds beyond the reach of predictions."""
         q = self._states.values(course.x)
         jacobian = self._states.slopes(course.x, q).rows().reshape(*q.shape, course.x.size)
-        near = self._for[0].near(q.T, self._for[4].reach)
+        near = self._for[0].near(q.T, CLEARANCE_REACH)
         values = near.bounds.T.ravel()
         places = near.pairs * q.shape[1] + near.configurations
         # Number of the near entry of each distance, −1 if it is far.

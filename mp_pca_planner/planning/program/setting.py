@@ -26,6 +26,18 @@ from ..solver import TINY
 from ..time_scaling import least_stretch, slowdown
 from .bases import MotionBasis
 
+SCALING_MARGIN = 1.02
+"""Factor on the duration at which the expected motion just keeps the limits at the nodes.
+
+It is for the peaks between them.
+"""
+
+MAX_STRETCH = 10.0
+"""Largest factor of a free duration where an attempt does not meet the limits."""
+
+# Cost of the planner's objectives as a share of that of time, for the shortest duration.
+_SHARE_IN_SHORTEST = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class Setting:
@@ -90,24 +102,24 @@ def first_setting(
     is_timed = shortest or (request.duration_is_free and request.timing == FREE)
     expected = Motion(request.start, request.goal, usual, basis.tables.basis, basis.expected)
     if request.duration_is_free:
-        margin = 1.0 if is_timed else options.search.scaling_margin
+        margin = 1.0 if is_timed else SCALING_MARGIN
         states = node_states(expected, basis.tables)
         stretch = margin * least_stretch(context.robot, context.limits, states)
-        if 1.0 < stretch <= min(options.search.max_stretch, context.longest / usual):
+        if 1.0 < stretch <= min(MAX_STRETCH, context.longest / usual):
             expected = replace(expected, duration=usual * stretch)
     setting = Setting(
         (basis,),
         (expected,),
         request.naturalness,
         options.objectives,
-        options.solver,
+        SolverOptions(should_stop=options.should_stop),
         width,
         is_timed,
     )
     if not shortest:
         return setting
     cost = cost_of(context.robot, expected, basis.tables, options.objectives)
-    share = options.search.share_in_shortest * expected.duration / max(cost, TINY)
+    share = _SHARE_IN_SHORTEST * expected.duration / max(cost, TINY)
     others = [(share * weight, objective) for weight, objective in options.objectives]
     objectives = ((1.0, time), *others)
     return replace(setting, naturalness=0.0, objectives=objectives, is_shortest=True)
@@ -145,7 +157,8 @@ def sequence_setting(
 ) -> Setting:
     """The setting of a motion through several targets, from one that is joined."""
     options = context.options
-    return Setting(bases, joined, request.naturalness, options.objectives, options.solver)
+    solver = SolverOptions(should_stop=options.should_stop)
+    return Setting(bases, joined, request.naturalness, options.objectives, solver)
 
 
 def joined_motion(

@@ -40,6 +40,8 @@ of a target [rad or m]."""
 _Start = tuple[FloatArray, SolverMemory | None]
 """Unknowns to start from, and the state of a solver there."""
 
+# Times that constraints are refined after a check on the dense grid, at most.
+_MAX_REFINEMENTS = 8
 # Violation of a path constraint that counts as rounding.
 _ROUNDING = 1e-6
 
@@ -240,7 +242,7 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
         return solution.infeasibility <= setting.solver.feasible
 
     starts: Sequence[_Start] = list(zip(program.starts[:n_starts], repeat(None)))
-    for _ in range(context.options.search.max_refinements):
+    for _ in range(_MAX_REFINEMENTS):
         solutions = list[Solution]()
         for x, memory in starts:
             # Among clearance constraints, the first solution that meets them is enough.
@@ -301,9 +303,8 @@ def motions_at(
     for i, segment in enumerate(request.segments):
         if segment.pose is not None:
             state, time = states[i + 1]
-            search = context.options.poses
             q, _ = nearest_configuration(
-                context.robot, context.limits, segment.pose, state.positions, search
+                context.robot, context.limits, segment.pose, state.positions
             )
             states[i + 1] = JointState(state.joint_names, q, *state.values[1:]), time
     motions = []

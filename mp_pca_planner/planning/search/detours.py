@@ -20,10 +20,10 @@ from ...arrays import FloatArray
 from ...exceptions import MissingDependencyError, require
 from ..context import Budget, Context
 from ..motion import Motion
-from ..options import FREE, SHORTEST
-from ..program.bases import MotionBasis
+from ..options import FREE, SHORTEST, SolverOptions
+from ..program.bases import MIN_NATURALNESS, MotionBasis
 from ..program.constraints import least_distances
-from ..program.setting import Setting, first_setting
+from ..program.setting import SCALING_MARGIN, Setting, first_setting
 from ..request import Request, timing_for
 from ..time_scaling import kinematic_stretch, slowdown
 from .candidate import Candidate, attempt, checked, sampled
@@ -34,6 +34,30 @@ _LOCK = threading.Lock()
 _BEYOND = np.pi  # Range beyond the ends of joints without limits [rad].
 # Longest distance by which a tree grows at once [rad or m], and shortcuts that are tried at most.
 _RANGE, _N_SHORTCUTS = 0.5, 50
+
+PATH_REACH = 1.0
+"""Distance beyond the ends, joint by joint, within which the first search stays [rad or m].
+
+Each further one reaches as much further. Most paths are near the ends.
+"""
+
+# Searches for paths at most, with different seeds; their time usually ends earlier. Configurations
+# that the first search checks; each further one checks as many more.
+_N_PATHS, _N_CHECKS = 60, 5_000
+# Shares of the remaining time for a path, and for comparing paths; the shortest is tried first.
+_SHARE_OF_SEARCH, _SHARE_OF_COMPARISON = 0.75, 0.2
+# Length of a path, relative to the straight line, up to which it is not compared.
+_MAX_DETOUR = 1.5
+# Distance between the configurations of a line that are checked [rad or m], and the same where the
+# motion rests at the corners of a path.
+_STEP, _FINE_STEP = 0.07, 0.03
+# Shares of the remaining time for a motion near a path, in turn until it may be executed. The rest
+# is for checks and for other paths.
+_SHARES_OF_SOLVING = (0.2, 0.8)
+# Tolerance of the solver: most of the cost depends on the path. Sum of constraint violations that
+# counts as rounding: less than the margins of constraints. Clearances are curved, so its first
+# radius is 1.
+_TOLERANCE, _FEASIBLE = 1e-3, 1e-4
 
 
 def missing_planner() -> str:
@@ -68,13 +92,13 @@ def along_path(context: Context, request: Request, budget: Budget) -> Candidate 
 
 def _near_path(context: Context, request: Request, path: FloatArray, budget: Budget) -> Candidate:
     """The motion of least cost near a path, or else the one along it."""
-    options, segment = context.options, request.segments[0]
+    segment = request.segments[0]
     basis = context.bases.along_path(segment, path, request.naturalness)
     duration = request.duration
     if request.duration_is_free:
         least = kinematic_stretch(context.limits, context.bases.rates(segment, basis))
         at_least = 0.0 if request.timing == FREE else duration
-        least *= options.search.scaling_margin
+        least *= SCALING_MARGIN
         duration = min(max(at_least, least), context.longest)
         motion = _motion(request, basis, duration)
         _, check = sampled(context, [motion])
@@ -83,7 +107,7 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
         return _along(context, request, basis, duration)
     setting = _setting(context, request, basis, duration)
     along = None
-    for share in options.detours.shares_of_solving:
+    for share in _SHARES_OF_SOLVING:
         found = _optimised(context, request, setting, budget.share(share))
         if found.is_valid:
             return found
@@ -103,18 +127,13 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
 def _setting(context: Context, request: Request, basis: MotionBasis, duration: float) -> Setting:
     """The first setting near a path."""
     options = context.options
-    solver = replace(
-        options.solver,
-        tolerance=options.detours.tolerance,
-        feasible=options.detours.feasible,
-        first_radius=options.detours.radius,
-    )
+    solver = SolverOptions(_TOLERANCE, _FEASIBLE, should_stop=options.should_stop, first_radius=1.0)
     if request.duration_is_free and request.timing == SHORTEST:
         return replace(first_setting(context, request, basis, shortest=True), solver=solver)
     return Setting(
         (basis,),
         (_motion(request, basis, duration),),
-        max(request.naturalness, options.detours.min_naturalness),
+        max(request.naturalness, MIN_NATURALNESS),
         options.objectives,
         solver,
         is_timed=request.duration_is_free and request.timing == FREE,
@@ -162,37 +181,37 @@ def paths(
     path : array, shape (n_points, n_joints)
         Points with straight lines between them.
     """
-    collision, limits, options = context.collision, context.limits, context.options.paths
+    collision, limits = context.collision, context.limits
     assert collision is not None
     bounds = np.minimum(limits.lower, ends[0]), np.maximum(limits.upper, ends[0])
-    least = least_distances(np.array(ends), collision, context.options.clearance)
+    least = least_distances(np.array(ends), collision)
     if np.any(least < 0.0):  # an end is in collision
         return
-    if _is_free(collision.collides, *ends, options.step):
+    if _is_free(collision.collides, *ends, _STEP):
         yield np.array(ends)
     checks = (collision.check(least, hulls=hulls) for hulls in (True, False))
     collides = next((one for one in checks if not any(map(one, ends))), None)
     if collides is None or missing_planner():  # OMPL would wait for other ends
         return
-    longest = options.max_detour * _length(np.array(ends))
+    longest = _MAX_DETOUR * _length(np.array(ends))
     found: list[FloatArray] = []
-    early = budget.share(options.share_of_comparison)
-    for seed in range(1, options.n_paths + 1):
-        search = budget.share(options.share_of_search)
+    early = budget.share(_SHARE_OF_COMPARISON)
+    for seed in range(1, _N_PATHS + 1):
+        search = budget.share(_SHARE_OF_SEARCH)
         # Few searches take far longer than most: another seed is often faster.
-        near = _around(ends, options.reach * seed, bounds)
+        near = _around(ends, PATH_REACH * seed, bounds)
         path = sampled_path(
             collides,
             near,
             ends,
             search.is_over,
             seed=seed,
-            step=options.step,
-            max_checks=options.n_checks * seed,
+            step=_STEP,
+            max_checks=_N_CHECKS * seed,
         )
         if path is not None:
             found.append(path)
-        is_last = seed == options.n_paths or early.is_over() or search.is_over()
+        is_last = seed == _N_PATHS or early.is_over() or search.is_over()
         if found and (is_last or _length(found[-1]) <= longest):
             yield from sorted(found, key=_length)
             found = []
@@ -203,7 +222,7 @@ def paths(
 def corners_of(context: Context, path: FloatArray) -> FloatArray:
     """The points of a path between which straight lines are free of collisions."""
     assert context.collision is not None
-    collides, step = context.collision.collides, context.options.paths.fine_step
+    collides, step = context.collision.collides, _FINE_STEP
     kept = [0]
     while kept[-1] < len(path) - 1:
         here, k = path[kept[-1]], len(path) - 1

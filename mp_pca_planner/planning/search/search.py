@@ -22,8 +22,9 @@ from ..motion import cost_of, rank_of
 from ..objectives import effort
 from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME
 from ..plan import NOT_SOLVED
-from ..program.bases import MotionBasis
+from ..program.bases import NEAR_EXPECTED, MotionBasis
 from ..program.setting import (
+    MAX_STRETCH,
     Setting,
     expected_setting,
     first_setting,
@@ -37,6 +38,17 @@ from ..time_scaling import slowdown
 from .candidate import Candidate, Violation, attempt, checked, collides, sampled
 from .detours import along_path, missing_planner
 from .stop_and_go import slow_motion
+
+# Attempts with one basis, after the least violation, that end the recovery by longer durations.
+_MAX_WORSE = 3
+# Values to which naturalness is raised if the reduction of effort caused a limit violation. At the
+# last value, effort hardly counts.
+_NATURALNESS_STEPS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+# Shares to which passing velocities are reduced in turn if joined segments exceed a position limit,
+# and times that their durations are stretched at most, for each share.
+_PASSING_SHARES, _MAX_STRETCHES = (1.0, 0.5, 0.25, 0.0), 12
+# Share of the time for descent from the expected motion among obstacles, before detours are tried.
+_SHARE_OF_DESCENT = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,13 +99,13 @@ def slower(failure: Failure) -> Setting | None:
 
     From a moving start, a longer duration may violate them more; then this recovery ends.
     """
-    search, duration = failure.context.options.search, failure.candidate.duration
+    duration = failure.candidate.duration
     longest = failure.request.duration
     if failure.request.duration_is_free:
-        longest = min(longest * search.max_stretch, failure.context.longest)
+        longest = min(longest * MAX_STRETCH, failure.context.longest)
     violations = failure.violations
     n_worse = len(violations) - 1 - violations.index(min(violations))
-    if n_worse >= search.max_worse or not failure.is_recoverable:
+    if n_worse >= _MAX_WORSE or not failure.is_recoverable:
         return None
     longer = min(duration * slowdown(failure.expected_check.violations), longest)
     return lasting(failure.setting, longer) if longer > duration else None
@@ -104,10 +116,10 @@ def more_natural(failure: Failure) -> Setting | None:
 
     In that case, the reduction of the cost caused the violation of a limit or a collision.
     """
-    setting, steps = failure.setting, failure.context.options.search.naturalness_steps
+    setting = failure.setting
     if not failure.is_recoverable or failure.expected_check.violations:
         return None
-    larger = [step for step in steps if step > setting.naturalness]
+    larger = [step for step in _NATURALNESS_STEPS if step > setting.naturalness]
     if setting.bases[0].precision is None or setting.width or not larger:
         return None
     return replace(lasting(setting, failure.candidate.duration), naturalness=larger[0])
@@ -233,7 +245,7 @@ def _starts_at_path(context: Context, request: Request, first: Setting) -> bool:
     Descent from there takes longer than a path. It stays nearer to the demonstrations, so it comes
     first where their timing or naturalness is asked for.
     """
-    is_natural = request.naturalness >= context.options.search.near_expected
+    is_natural = request.naturalness >= NEAR_EXPECTED
     if is_natural or request.timing == DEMONSTRATED or not request.duration_is_free:
         return False
     assert context.collision is not None
@@ -246,15 +258,15 @@ def _joined(
     context: Context, request: Request, bases: tuple[MotionBasis, ...], budget: Budget
 ) -> Candidate:
     """Lengthen free durations, and lower passing velocities, until the limits are kept."""
-    search, durations = context.options.search, [one.duration for one in request.segments]
+    durations = [one.duration for one in request.segments]
     found = list[Candidate]()
-    for share in search.passing_shares:
-        for _ in range(search.max_stretches):
+    for share in _PASSING_SHARES:
+        for _ in range(_MAX_STRETCHES):
             motions = joined_motion(request, bases, durations, share)
             found.append(checked(context, request, bases, motions))
             if not found[-1].check.violations or budget.is_over():
                 return min(found, key=attrgetter("violation"))
-            longer = stretched(request, found[-1].check, durations, search.max_stretch)
+            longer = stretched(request, found[-1].check, durations, MAX_STRETCH)
             if longer == durations or sum(longer) > context.longest:
                 break
             durations = longer
@@ -310,7 +322,7 @@ def descent(case: Case, budget: Budget) -> Candidate | None:
     leads = case.may_detour and not missing_planner()
     within, found, same = budget, list[Candidate](), list[Candidate]()
     if leads and not case.starts_at_path:
-        within = budget.share(context.options.search.share_of_descent)
+        within = budget.share(_SHARE_OF_DESCENT)
     while True:
         candidate = attempt(context, request, setting, within)
         found.append(candidate)

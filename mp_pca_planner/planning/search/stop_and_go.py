@@ -26,13 +26,25 @@ from ...robot.limits import JointLimits
 from ...robot.model import Robot
 from ..context import Budget, Context, check_duration
 from ..motion import Motion, Tables
-from ..options import SHORTEST, BrakingOptions
+from ..options import SHORTEST
 from ..plan import MotionSolution
 from ..program.bases import MotionBasis
 from ..request import Request
 from ..time_scaling import least_duration, slowdown
 from .candidate import Candidate, checked, sampled
 from .detours import corners_of, paths
+
+# Shares of the limits of acceleration and jerk for braking, tried in turn. Hard braking needs least
+# distance to position limits, soft braking least effort.
+_SHARES = (0.999, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05)
+# Shares of the jerk, tried in turn until braking in whole steps stays within the jerk limit.
+_JERK_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)
+# Times in which braking ends velocities and accelerations that have no limits [s].
+_STOPPING_TIME, _RAMP_TIME = 0.1, 0.05
+# Factor on least durations: motions with a distance to limits are checked several times faster.
+_CLEARANCE = 1.001
+# Times that a motion is slowed because its points exceed a limit, at most.
+_MAX_STRETCHES = 10
 
 
 class FixedShape:
@@ -176,7 +188,6 @@ def stop_and_go(
     limits: JointLimits,
     states: Sequence[JointState],
     step: float,
-    options: BrakingOptions = BrakingOptions(),
 ) -> StopAndGo:
     """The fastest motion with rests through some states.
 
@@ -189,8 +200,6 @@ def stop_and_go(
         between the first and the last.
     step : float
         Time between the points of the trajectory [s].
-    options : BrakingOptions
-        Options.
 
     Raises
     ------
@@ -199,14 +208,14 @@ def stop_and_go(
         of effort between.
     """
     start, goal = states[0], states[-1]
-    brake = _brake(robot, limits, start, step, options)
+    brake = _brake(robot, limits, start, step)
     # In reversed time, velocities change their sign; accelerations and efforts do not.
     backwards = JointState(goal.joint_names, goal.positions, -goal.velocities, goal.accelerations)
-    launch = _brake(robot, limits, backwards, step, options)[:, ::-1] * [[[1.0]], [[-1.0]], [[1.0]]]
+    launch = _brake(robot, limits, backwards, step)[:, ::-1] * [[[1.0]], [[-1.0]], [[1.0]]]
     between = [state.positions for state in states[1:-1]]
     places = np.array([brake[0, -1], *between, launch[0, 0]])
     least = [least_duration(robot, limits, a, b) for a, b in pairwise(places)]
-    legs = [max(options.clearance * duration, step) for duration in least]
+    legs = [max(_CLEARANCE * duration, step) for duration in least]
     return StopAndGo(start, goal, brake, launch, places, np.array(legs), step)
 
 
@@ -215,7 +224,6 @@ def brakes(
     limits: JointLimits,
     state: JointState,
     step: float,
-    options: BrakingOptions = BrakingOptions(),
 ) -> Iterator[tuple[Trajectory, LimitCheck]]:
     """Motions from a moving state to rest, each joint by itself, and their comparison with limits.
 
@@ -227,8 +235,6 @@ def brakes(
         The state.
     step : float
         Time between the points [s].
-    options : BrakingOptions
-        Options.
 
     Yields
     ------
@@ -237,9 +243,9 @@ def brakes(
     check : LimitCheck
         Its comparison with the limits.
     """
-    for share in options.shares:
+    for share in _SHARES:
         try:
-            knots = _decelerate(state, limits, share, step, options)
+            knots = _decelerate(state, limits, share, step)
         except TrajectoryError:  # a softer brake takes even longer
             return
         times = step * np.arange(knots.shape[1])
@@ -247,14 +253,12 @@ def brakes(
         yield brake, check_limits(brake, robot, limits)
 
 
-def _brake(
-    robot: Robot, limits: JointLimits, state: JointState, step: float, options: BrakingOptions
-) -> FloatArray:
+def _brake(robot: Robot, limits: JointLimits, state: JointState, step: float) -> FloatArray:
     """Knots from a state to rest, the fastest within the limits, shape (3, n_knots, n_joints)."""
     if not np.any([state.velocities, state.accelerations]):
         return np.array(state.values)[:, None]
     worst = None
-    for brake, check in brakes(robot, limits, state, step, options):
+    for brake, check in brakes(robot, limits, state, step):
         if not check.violations:
             return np.array(brake.states)
         worst = worst or check.violations[0]
@@ -262,17 +266,13 @@ def _brake(
     raise TrajectoryError(f"no brake within the limits was found: {why}")
 
 
-def _decelerate(
-    state: JointState, limits: JointLimits, share: float, step: float, options: BrakingOptions
-) -> FloatArray:
+def _decelerate(state: JointState, limits: JointLimits, share: float, step: float) -> FloatArray:
     """Knots from a state to rest with a share of the limits of acceleration and jerk."""
     v, a = state.velocities, state.accelerations
-    usual = np.maximum(np.abs(v).max() / options.stopping_time, np.abs(a).max())
+    usual = np.maximum(np.abs(v).max() / _STOPPING_TIME, np.abs(a).max())
     most = np.maximum(share * np.minimum(limits.acceleration, usual), np.abs(a))
-    jerks = np.minimum(share * limits.jerk, most / options.ramp_time)
-    columns = [
-        _jerks(*joint, step, options.jerk_shares) for joint in zip(v, a, most, jerks, strict=True)
-    ]
+    jerks = np.minimum(share * limits.jerk, most / _RAMP_TIME)
+    columns = [_jerks(*joint, step) for joint in zip(v, a, most, jerks, strict=True)]
     n_steps = max(map(len, columns))
     jerk = np.array([np.pad(x, (0, n_steps - len(x))) for x in columns]).T
     states = np.zeros((3, n_steps + 1, len(v)))
@@ -286,9 +286,7 @@ def _decelerate(
     return states
 
 
-def _jerks(
-    v: float, a: float, most: float, jerk: float, step: float, shares: Sequence[float]
-) -> FloatArray:
+def _jerks(v: float, a: float, most: float, jerk: float, step: float) -> FloatArray:
     """Jerks of one joint in steps that end its velocity and acceleration in the least time.
 
     Parameters
@@ -299,12 +297,10 @@ def _jerks(
         Largest acceleration and jerk [/s², /s³].
     step : float
         Length of a step [s].
-    shares : sequence of float
-        Shares of the jerk, tried in turn.
     """
     if v == 0.0 and a == 0.0:
         return np.zeros(0)
-    for share in shares:
+    for share in _JERK_SHARES:
         found = _trapezoid(v, a, most, share * jerk, step)
         if np.abs(found).max() <= jerk:
             break
@@ -443,7 +439,7 @@ def _slow(
         first = _durations(context, request, route, counts, usual)[: counts[0]].sum()
         step = float(first / np.ceil(first / period - 1e-9))
         route = _route(context, request, corners, step)
-    for _ in range(context.options.braking.max_stretches):
+    for _ in range(_MAX_STRETCHES):
         durations = _durations(context, request, route, counts, usual)
         motions = route.motions(durations, counts)
         _, check = sampled(context, motions)
@@ -452,8 +448,7 @@ def _slow(
         route = route.slowed(slowdown(check.violations))
     else:
         raise TrajectoryError(str(check.violations[0]))
-    n_nodes = context.options.n_nodes
-    bases = tuple(MotionBasis.fixed(Tables(motion.basis, n_nodes)) for motion in motions)
+    bases = tuple(MotionBasis.fixed(Tables(motion.basis)) for motion in motions)
     found = checked(context, request, bases, motions)
     solution = _not_optimised(failed.solution)
     return replace(found, solution=solution, n_stops=sum(map(len, corners)))
@@ -468,7 +463,7 @@ def _route(
         states += [JointState(context.robot.joint_names, q) for q in points]
         states.append(segment.goal)
     step = context.options.sample_period if step is None else step
-    return stop_and_go(context.robot, context.limits, states, step, context.options.braking)
+    return stop_and_go(context.robot, context.limits, states, step)
 
 
 def _durations(

@@ -22,11 +22,10 @@ from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.context import Budget
-from mp_pca_planner.planning.options import PathOptions
 from mp_pca_planner.planning.plan import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.search import search
-from mp_pca_planner.planning.search.detours import paths, sampled_path
+from mp_pca_planner.planning.search.detours import PATH_REACH, paths, sampled_path
 from mp_pca_planner.robot.world import World
 
 BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
@@ -183,10 +182,9 @@ def test_first_path_stays_near_its_ends(post):
     pytest.importorskip("ompl", reason="OMPL is not installed")
     _, planner, start, goal = post
     path = next(paths(planner._context, (start, goal), Budget(math.inf)))
-    reach = PathOptions().reach
     assert len(path) > 2
-    assert np.all(path >= np.minimum(start, goal) - reach)
-    assert np.all(path <= np.maximum(start, goal) + reach)
+    assert np.all(path >= np.minimum(start, goal) - PATH_REACH)
+    assert np.all(path <= np.maximum(start, goal) + PATH_REACH)
     assert not any(map(planner.collision.collides, dense(path)))
 
 

@@ -77,9 +77,8 @@ def test_a_free_elbow_is_placed_for_less_cost_than_inverse_kinematics_alone_give
         pose = pose_at(goal.state.positions, full=False)
         plan = subject.plan(PoseGoal(pose, duration=0.9), start)
         ends, robot = arm_primitive().boundary_states[:, 3], arm_robot()
-        poses = subject.options.poses
-        begins = [*starts_near(robot, pose, ends, poses.n_compared), start.positions]
-        found = configurations_at(robot, robot.limits(), pose, begins, poses)
+        begins = [*starts_near(robot, pose, ends, 12), start.positions]
+        found = configurations_at(robot, robot.limits(), pose, begins)
         scores = [score(start.positions, q, 0.9).in_span_score for q in found]
         natural = found[int(np.argmin(scores))]
         fixed = subject.plan(JointGoal(JointState(JOINTS, natural), 0.9), start)

@@ -8,7 +8,7 @@ import pytest
 
 from mp_pca_planner.motion.validation import LimitCheck, Violation
 from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.options import PlannerOptions, SearchOptions, SolverOptions
+from mp_pca_planner.planning.options import PlannerOptions, SolverOptions
 from mp_pca_planner.planning.program.setting import Setting
 from mp_pca_planner.planning.search.search import (
     Failure,
@@ -34,7 +34,6 @@ def failure(
     violations=(0.5,),
     is_timed=False,
     has_clearances=False,
-    **search,
 ):
     """A failure of which everything is known, at a given duration of 2 s."""
     tables = SimpleNamespace(basis=None)
@@ -43,7 +42,7 @@ def failure(
     objectives, solver = ((1.0, None),), SolverOptions()
     setting = Setting((basis,), (motion,), naturalness, objectives, solver, width, is_timed)
     context = SimpleNamespace(
-        options=PlannerOptions(search=SearchOptions(**search)),
+        options=PlannerOptions(),
         longest=600.0,
         bases=SimpleNamespace(n_widths=1),
     )
@@ -73,16 +72,15 @@ def test_more_time_is_not_proposed_where_it_would_not_help(check):
 
 def test_more_time_is_given_up_after_several_worse_attempts_with_one_basis():
     for violations in ((0.5,), (0.5, 0.6), (0.5, 0.6, 0.4), (0.5, 0.6, 0.4, 0.5)):
-        assert slower(failure(FAST, violations=violations, max_worse=2)) is not None
-    worse = (0.5, 0.6, 0.4, 0.5, 0.45)
-    assert slower(failure(FAST, violations=worse, max_worse=2)) is None
+        assert slower(failure(FAST, violations=violations)) is not None
+    worse = (0.5, 0.6, 0.4, 0.5, 0.45, 0.5)
+    assert slower(failure(FAST, violations=worse)) is None
 
 
 def test_more_naturalness_is_proposed_where_the_expected_motion_keeps_the_limits():
-    steps = {"naturalness_steps": (0.1, 1.0)}
-    assert more_natural(failure(KEPT, **steps)).naturalness == 0.1
-    assert more_natural(failure(KEPT, naturalness=0.1, **steps)).naturalness == 1.0
-    assert more_natural(failure(KEPT, naturalness=1.0, **steps)) is None
+    assert more_natural(failure(KEPT)).naturalness == 1e-3
+    assert more_natural(failure(KEPT, naturalness=0.1)).naturalness == 1.0
+    assert more_natural(failure(KEPT, naturalness=100.0)) is None
 
 
 @pytest.mark.parametrize(

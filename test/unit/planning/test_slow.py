@@ -22,9 +22,9 @@ from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_arou
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.validation import check_executable, check_limits
-from mp_pca_planner.planning.options import SearchOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, MODES, STOPPED_EARLY, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.program import setting
 
 NO_TIME = 1e-9
 # Hardly any jerk: no motion that is optimised without time keeps these limits.
@@ -85,10 +85,10 @@ def test_every_goal_is_served_from_rest_and_in_motion_without_any_time(
     np.testing.assert_array_equal(plan.trajectory.positions[-1], goal.state.positions)
 
 
-def test_message_says_that_time_ran_out_and_that_the_motion_is_usable():
+def test_message_says_that_time_ran_out_and_that_the_motion_is_usable(monkeypatch):
     goal, start = request(1)
-    unscaled = SearchOptions(max_stretch=1.0)
-    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, search=unscaled)
+    monkeypatch.setattr(setting, "MAX_STRETCH", 1.0)
+    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME)
     plan = subject.plan(goal, start)
     assert_serves(plan, start)
     assert plan.status == STOPPED_EARLY
@@ -104,12 +104,10 @@ def arm_duration(goal: JointGoal, start: JointState) -> float:
     return arm_primitive().model.predict(start.positions, goal.state.positions).duration
 
 
-def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow():
+def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow(monkeypatch):
     goal, start = request(1)
-    unscaled = SearchOptions(max_stretch=1.0)
-    subject = planner(
-        overrides=OVERRIDES, max_solve_time=NO_TIME, timing="shortest", search=unscaled
-    )
+    monkeypatch.setattr(setting, "MAX_STRETCH", 1.0)
+    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, timing="shortest")
     plan = subject.plan(goal, start)
     way = goal.state.positions - start.positions
     s = plan.trajectory.times[:, None] / plan.motion.duration
