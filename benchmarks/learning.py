@@ -5,8 +5,7 @@
 Off-line: motions of the human-like arm between random end points like the demonstrations',
 planned once and then refined with the same duration. Trials: the planner's model has the true
 limits, but each mass and inertia tensor is wrong by up to 30 %. The cost of a trial is its effort
-on the true robot. The optimum is that of an off-line refinement with the true model. Noise: the
-same with noise of 10 % on each cost, and the true gain of the motions that are kept. Primitives:
+on the true robot. The optimum is that of an off-line refinement with the true model. Primitives:
 goals near refined motions, planned with the old primitive and with the new one.
 
     python benchmarks/learning.py [--problems 100] [--seeds 10] [--trials 60]
