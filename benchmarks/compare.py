@@ -55,7 +55,7 @@ from mp_pca_planner.cli.example_robots import (
 from mp_pca_planner.exceptions import PlannerError, quote_names, unknown_name
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
-from mp_pca_planner.planning.plan import FREE, SHORTEST, PlannerOptions
+from mp_pca_planner.planning.options import FREE, SHORTEST, PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.library import load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive

@@ -21,7 +21,7 @@ from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.interpolation import hermite_functions
-from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.request import NATURAL
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive

@@ -25,7 +25,7 @@ from tables import benchmark_parser, show
 
 from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
-from mp_pca_planner.planning.plan import FREE, SHORTEST, PlannerOptions
+from mp_pca_planner.planning.options import FREE, SHORTEST, PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.robot.limits import JointLimits

@@ -22,7 +22,8 @@ from tables import benchmark_parser, show
 from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.motion import Tables
-from mp_pca_planner.planning.plan import Plan, PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.segment import SegmentProgram, Unknowns
 from mp_pca_planner.primitives.basis import Basis, BSplineBasis

@@ -24,7 +24,8 @@ from mp_pca_planner.planning.configurations import (
     nearest_configuration,
     starts_near,
 )
-from mp_pca_planner.planning.plan import Plan, PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.in_span import UNUSUAL_IN_SPAN_SCORE

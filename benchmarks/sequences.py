@@ -22,7 +22,8 @@ from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.motion import Tables, cost_of, samples_of
 from mp_pca_planner.planning.objectives import effort
-from mp_pca_planner.planning.plan import OPTIMAL, REAL_TIME, Plan, PlannerOptions
+from mp_pca_planner.planning.options import OPTIMAL, REAL_TIME, PlannerOptions
+from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from .motion.goal import PoseGoal as PoseGoal
     from .motion.goal import SequenceGoal as SequenceGoal
     from .motion.trajectory import Trajectory as Trajectory
+    from .planning.options import PlannerOptions as PlannerOptions
     from .planning.path_constraints import Upright as Upright
     from .planning.plan import Plan as Plan
-    from .planning.plan import PlannerOptions as PlannerOptions
     from .planning.planner import Planner as Planner
     from .primitives.primitive import MovementPrimitive as MovementPrimitive
     from .recordings.demonstration import Demonstration as Demonstration
@@ -72,7 +72,8 @@ _NAMES = {
     "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal"),
     "motion.trajectory": ("Trajectory",),
     "planning.path_constraints": ("Upright",),
-    "planning.plan": ("Plan", "PlannerOptions"),
+    "planning.options": ("PlannerOptions",),
+    "planning.plan": ("Plan",),
     "planning.planner": ("Planner",),
     "primitives.primitive": ("MovementPrimitive",),
     "recordings.demonstration": ("Demonstration",),

@@ -18,11 +18,11 @@ from ..exceptions import GoalError, PlannerError, quote_names
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
-from ..planning.options import MOST_STARTS
+from ..planning.options import MOST_STARTS, PlannerOptions
 from ..planning.path_constraints import path_constraints
-from ..planning.plan import Plan, PlannerOptions
+from ..planning.plan import Plan
 from ..planning.planner import Planner
-from ..planning.report import collision_words, remarks
+from ..planning.report import collision_words
 from ..plotting.motion import plan_figure
 from ..plotting.style import picture
 from ..primitives.library import load_primitives
@@ -106,7 +106,7 @@ class PlannedRequest:
     def remarks(self) -> list[str]:
         """What is unusual about the motion, and joints whose position was not given."""
         robot, collision = self.planner.robot, self.planner.collision
-        found = remarks(self.plan)
+        found = self.plan.remarks
         found += [self.note] if self.note else []
         if unlimited := self.planner.limits.unlimited:
             found.append(f"some joints have no limit of {', '.join(unlimited)}: use --limits")

@@ -25,7 +25,7 @@ from ..exceptions import (
 )
 from ..input_limits import INPUT_LIMITS
 from ..planning.objectives import objective_weights
-from ..planning.plan import TIMINGS, PlannerOptions
+from ..planning.options import TIMINGS, PlannerOptions
 
 
 def locked_positions(text: str) -> dict[str, float]:

@@ -100,7 +100,6 @@ class Upright:
 
     def values(self, robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """1 where the axis is vertical, 0 on the cone."""
-        check_type(robot, "the robot of a constraint", GoalError, Robot)
         axis, up = (np.array(x) / np.linalg.norm(x) for x in (self.axis, self.up))
         points = robot.attach_points([self.frame] * 2, np.array([np.zeros(3), axis]))
         places, jacobians = points.positions_and_jacobians(q)

@@ -14,16 +14,6 @@ from ..exceptions import PlannerError
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
-from .options import AUTO as AUTO
-from .options import BASES as BASES
-from .options import DEMONSTRATED as DEMONSTRATED
-from .options import FREE as FREE
-from .options import MODES as MODES
-from .options import OPTIMAL as OPTIMAL
-from .options import REAL_TIME as REAL_TIME
-from .options import SHORTEST as SHORTEST
-from .options import TIMINGS as TIMINGS
-from .options import PlannerOptions as PlannerOptions
 
 if TYPE_CHECKING:
     from .planner import Planner
@@ -186,9 +176,10 @@ class Plan:
     @property
     def remarks(self) -> list[str]:
         """Sentences on what is unusual about the plan; none for a usual one."""
-        from .report import remarks
+        from .report import motion_remarks
 
-        return remarks(self)
+        found = [self.message] if self.status == STOPPED_EARLY else []
+        return found + motion_remarks(self.in_span_score, self.limit_check, self.outside)
 
     def plot(self) -> Any:
         """Plot the trajectory in a new pyplot figure; return the array of its Axes.

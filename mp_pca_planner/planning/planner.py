@@ -145,14 +145,7 @@ class Planner:
         return self._context.collision
 
     def use_collision(self, collision: CollisionModel) -> None:
-        """Avoid collisions by another model of the same robot from now on.
-
-        Raises
-        ------
-        RobotError
-            If it is not a collision model.
-        """
-        check_type(collision, "collision", RobotError, CollisionModel)
+        """Avoid collisions by another model of the same robot from now on."""
         self._context = replace(self._context, collision=collision)
 
     def check(self, goal: JointGoal) -> None:

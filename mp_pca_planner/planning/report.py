@@ -64,7 +64,7 @@ def report(context: Context, outcome: Outcome, began: float, planner: Planner) -
         motions=motions,
         primitives=tuple(map(attrgetter("primitive.name"), request.segments)),
         solution=best.solution,
-        considered=max(map(len, map(attrgetter("considered"), request.segments))),
+        considered=max(map(attrgetter("considered"), request.segments)),
         in_span_score=score,
         outside=outside,
         expected_error=error,
@@ -319,7 +319,7 @@ def table(plan: Plan) -> str:
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(plan.primitives))
     head = f"Plan: {plan.status}, {plan.duration:.2f} s by {names}"
     lines = [head, f"  {plan.message}"]
-    lines += [f"  remark: {remark}" for remark in remarks(plan) if remark != plan.message]
+    lines += [f"  remark: {remark}" for remark in plan.remarks if remark != plan.message]
     lines.append(
         f"  in-span score: {plan.in_span_score:.2f} (about 1 is like the demonstrations, above 3 "
         "is unlike)"
@@ -342,12 +342,6 @@ def table(plan: Plan) -> str:
     head, *others = text_table(rows, header=["joint", "start", "goal", "fastest"]).splitlines()
     lines += [f"  {head}  [rad or m, /s]", *(f"  {line}" for line in others)]
     return "\n".join(lines)
-
-
-def remarks(plan: Plan) -> list[str]:
-    """Sentences on unusual properties of a plan; none for a usual one."""
-    found = [plan.message] if plan.status == STOPPED_EARLY else []
-    return found + motion_remarks(plan.in_span_score, plan.limit_check, plan.outside)
 
 
 def motion_remarks(score: float, check: LimitCheck | None, outside: str = "") -> list[str]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,10 +22,6 @@ from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
 from .options import AUTO, DEMONSTRATED, FREE, PlannerOptions
-
-if TYPE_CHECKING:
-    from .selection import Considered
-
 
 NATURAL = 1.0
 """Naturalness ρ of motions like the demonstrations."""
@@ -44,8 +39,8 @@ class RequestSegment:
         The pose to reach, if the target is one.
     stops : bool
         Whether the motion rests at the target, or ends there.
-    considered : tuple of Considered
-        The primitives that it was chosen from, see :meth:`.Selector.choose`.
+    considered : int
+        Number of primitives that it was chosen from, see :meth:`.Selector.choose`.
     primitive : MovementPrimitive
         The primitive of the motion.
     expected : ConditionalDistribution
@@ -58,7 +53,7 @@ class RequestSegment:
     goal: JointState
     pose: Pose | None
     stops: bool
-    considered: tuple[Considered, ...]
+    considered: int
     primitive: MovementPrimitive
     expected: ConditionalDistribution
     duration: float
@@ -128,10 +123,7 @@ class Request:
                 part = list(group)
                 needed, given = float(least[part].sum()), float(usual[part].sum())
                 if needed > given * (1.0 + 1e-9):
-                    raise TrajectoryError(
-                        f"{f'from target {part[0]} ' if part[0] else ''}to target {part[-1] + 1} "
-                        f"a motion with rests takes {needed:.4g} s, {given:.4g} s are given"
-                    )
+                    raise TrajectoryError("the times are too short to rest at each target")
                 durations[part] = least[part] * (given / needed)
         return durations
 

@@ -153,7 +153,7 @@ def _requests(
     for one in contenders[: 1 if one_each else None]:
         duration = one.expected.duration
         segment = RequestSegment(
-            here, there, pose, True, considered, one.primitive, one.expected, duration
+            here, there, pose, True, len(considered), one.primitive, one.expected, duration
         )
         found.append(Request((segment,), groups, "", naturalness, timing))
     return tuple(found)
@@ -247,7 +247,7 @@ def _sequence(
                 states[i + 1],
                 pose if isinstance(pose, Pose) else None,
                 stops[i],
-                considered,
+                len(considered),
                 first.primitive,
                 first.expected,
                 durations[i],

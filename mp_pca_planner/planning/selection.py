@@ -59,11 +59,6 @@ class Considered:
     expected: ConditionalDistribution
     cost: float
 
-    @property
-    def name(self) -> str:
-        """Name of the primitive."""
-        return self.primitive.name
-
 
 class Selector:
     """Chooses among primitives of the same joints.

@@ -115,16 +115,7 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
     ends[0], ends[3] = start, goal
     q, v, a = quintics(_PHASES, ends, 2)
     gravity = _gravity(robot, q)
-    _check_gravity(gravity, limits)
+    if np.any(np.abs(gravity) >= limits.effort):
+        raise TrajectoryError("gravity alone exceeds a limit of effort on the straight path")
     moving = robot.inverse_dynamics(q, v, a) - gravity
     return float(max(*kinematic, _stretch_of_efforts(limits, gravity, moving)))
-
-
-def _check_gravity(gravity: FloatArray, limits: JointLimits) -> None:
-    share = np.abs(gravity) / limits.effort
-    k, j = np.unravel_index(int(share.argmax()), share.shape)
-    if share[k, j] >= 1.0:
-        raise TrajectoryError(
-            f"on the straight path gravity alone takes an effort of {abs(gravity[k, j]):.4g} of "
-            f"joint '{limits.joint_names[j]}', limit {limits.effort[j]:.4g}"
-        )

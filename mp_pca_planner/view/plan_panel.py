@@ -15,7 +15,7 @@ import viser
 from ..arrays import FloatArray
 from ..execution.threads import PreemptiveWorker
 from ..motion.goal import Pose
-from ..planning.plan import AUTO, TIMINGS
+from ..planning.options import AUTO, TIMINGS
 from .planning import (
     FIXED,
     InteractivePlanner,

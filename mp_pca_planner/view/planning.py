@@ -19,7 +19,8 @@ from ..motion.interpolation import interpolate
 from ..motion.trajectory import Trajectory
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.objectives import objective_by_name
-from ..planning.plan import AUTO, TIMINGS, Plan, PlannerOptions
+from ..planning.options import AUTO, TIMINGS, PlannerOptions
+from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive

@@ -18,7 +18,8 @@ from tables import benchmark_parser, show
 
 from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.motion_program import MotionProgram as Program
 from mp_pca_planner.planning.search import candidate

@@ -13,7 +13,7 @@ import numpy as np
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive

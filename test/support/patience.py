@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Times that never count: what a test finds must not depend on how busy the machine is."""
 
-from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
 
 EVER = 1e6
 """A max_solve_time [s]."""

@@ -257,13 +257,10 @@ def _brake(robot: Robot, limits: JointLimits, state: JointState, step: float) ->
     """Knots from a state to rest, the fastest within the limits, shape (3, n_knots, n_joints)."""
     if not np.any([state.velocities, state.accelerations]):
         return np.array(state.values)[:, None]
-    worst = None
     for brake, check in brakes(robot, limits, state, step):
         if not check.violations:
             return np.array(brake.states)
-        worst = worst or check.violations[0]
-    why = worst or f"the fastest one takes over {INPUT_LIMITS.longest_motion(step):g} s"
-    raise TrajectoryError(f"no brake within the limits was found: {why}")
+    raise TrajectoryError("no brake within the limits was found")
 
 
 def _decelerate(state: JointState, limits: JointLimits, share: float, step: float) -> FloatArray:

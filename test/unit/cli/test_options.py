@@ -10,7 +10,7 @@ from mp_pca_planner.cli.main import COMMANDS, parse
 from mp_pca_planner.control.closed_loop import ErrorModel
 from mp_pca_planner.input_limits import INPUT_LIMITS
 from mp_pca_planner.planning.objectives import OBJECTIVES
-from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions
 
 OF_ROS = {"planner_node", "simulate", "send_goal", "stop", "call", "demo"}

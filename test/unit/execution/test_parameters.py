@@ -20,7 +20,7 @@ from mp_pca_planner.execution.parameters import (
     locked_positions,
 )
 from mp_pca_planner.files import config_file
-from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
 
 BY_NAME = {declaration.name: declaration for declaration in DECLARATIONS}
 

@@ -22,14 +22,8 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Se
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.plan import (
-    INFEASIBLE,
-    OPTIMAL,
-    REAL_TIME,
-    SOLVED,
-    Plan,
-    PlannerOptions,
-)
+from mp_pca_planner.planning.options import OPTIMAL, REAL_TIME, PlannerOptions
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive

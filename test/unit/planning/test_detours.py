@@ -22,7 +22,7 @@ from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.context import Budget
-from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.search import search
 from mp_pca_planner.planning.search.detours import PATH_REACH, paths, sampled_path

@@ -22,7 +22,8 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.configurations import configurations_at, starts_near
 from mp_pca_planner.planning.objectives import effort, jerk, straightness, time
-from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED
 from mp_pca_planner.primitives.basis import BSplineBasis
 
 HAND = "wrist"

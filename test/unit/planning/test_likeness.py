@@ -11,7 +11,8 @@ from test_detours import WALL
 
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.objectives import jerk
-from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.request import naturalness_for, timing_for
 from mp_pca_planner.recordings.reaches import random_ends

@@ -14,11 +14,11 @@ from support.patience import EVER, PATIENT
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits
-from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program import compile as compiler
 from mp_pca_planner.planning.program.limits import Limits
-from mp_pca_planner.planning.report import remarks
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import generate_motions
@@ -344,7 +344,7 @@ def test_motion_from_slightly_outside_the_limits_leads_inwards(joint, side, outs
     within = sign * (path(np.linspace(0.0, plan.trajectory.duration, 10_000)) - limit)
     rounding = LIMIT_TOLERANCE * 2.0 * np.pi
     assert np.all(within >= np.minimum(np.maximum.accumulate(within), 0.0) - rounding)
-    (remark,) = [one for one in remarks(plan) if "outside its limits" in one]
+    (remark,) = [one for one in plan.remarks if "outside its limits" in one]
     assert f"joint '{joint}' starts {outside:.2g} rad" in remark
 
 

@@ -14,7 +14,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning import selection
 from mp_pca_planner.planning.motion import Motion, Tables, cost_of, rank_of
 from mp_pca_planner.planning.objectives import effort
-from mp_pca_planner.planning.plan import PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -107,7 +107,7 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
         start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
         compiled, contenders = Selector(robot, primitives).choose(start.positions, goal.positions)
         plan = planner.plan(JointGoal(goal), start)
-        names = [c.name for c in contenders]
+        names = [c.primitive.name for c in contenders]
         named = [planner.plan(JointGoal(goal, primitive=name), start) for name in names]
         cheapest = min(named, key=lambda one: one.solution.cost)
         assert plan.primitive == cheapest.primitive
@@ -129,7 +129,7 @@ def test_a_pose_and_the_shortest_duration_are_planned_with_the_first_alone() -> 
     ):
         plan = Planner(robot, primitives, robot.limits(), options).plan(request, here)
         _, (first, *_) = Selector(robot, primitives).choose(start, plan.motion.goal.positions)
-        assert plan.is_executable and plan.primitive == first.name
+        assert plan.is_executable and plan.primitive == first.primitive.name
 
 
 def test_the_only_primitive_is_not_compiled_to_be_chosen() -> None:

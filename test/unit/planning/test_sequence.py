@@ -20,8 +20,8 @@ from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.motion import samples_of
-from mp_pca_planner.planning.options import SolverOptions
-from mp_pca_planner.planning.plan import MODES, OPTIMAL, REAL_TIME, Plan
+from mp_pca_planner.planning.options import MODES, OPTIMAL, REAL_TIME, SolverOptions
+from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.compile import compile_program
 from mp_pca_planner.planning.program.motion_program import MotionProgram

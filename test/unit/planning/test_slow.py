@@ -22,7 +22,8 @@ from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_arou
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.validation import check_executable, check_limits
-from mp_pca_planner.planning.plan import INFEASIBLE, MODES, STOPPED_EARLY, PlannerOptions
+from mp_pca_planner.planning.options import MODES, PlannerOptions
+from mp_pca_planner.planning.plan import INFEASIBLE, STOPPED_EARLY
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program import setting
 

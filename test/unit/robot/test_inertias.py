@@ -21,7 +21,8 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.objectives import effort, energy, jerk
-from mp_pca_planner.planning.plan import SOLVED, PlannerOptions
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.recordings.reaches import random_reaches
