@@ -1,36 +1,40 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Improve a motion by trials on a robot whose masses differ from the model (extra `learn`)."""
+"""Improve a motion by trials on a robot, whose joint states give the cost (extra `learn`).
 
-from tempfile import mkdtemp
+Arguments: PRIMITIVE.npz ROBOT.urdf TRIALS. The node, with this primitive, brings the robot to the
+start of each trial, which goes to the topic that the robot's controller listens to.
+"""
+
+import sys
 
 import numpy as np
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
 import mp_pca_planner as mp
-from mp_pca_planner.control.closed_loop import ControlLoop, simulate
-from mp_pca_planner.control.law import FEEDFORWARD_PD, ControlLaw
 from mp_pca_planner.learning.refined_motion import primitive_around
 from mp_pca_planner.learning.trials import improve_by_trials
+from mp_pca_planner.ros.client import GoalClient
 
-demonstrations = mp.load_demonstrations(mp.write_example_recording(f"{mkdtemp()}/motions.mcap"))
-reach = mp.MovementPrimitive.fit(demonstrations)
-model = mp.Robot.from_file(mp.config_file("human_arm.urdf"), reach.joint_names)
-planner = mp.Planner(model, [reach])
-start, goal = demonstrations[0].positions[[0, -1]]
-plan = planner.plan(start=start, goal=goal)
-law = ControlLaw.from_frequency(FEEDFORWARD_PD, model, plan.trajectory, 30.0)
+reach = mp.MovementPrimitive.load(sys.argv[1])
+planner = mp.Planner(mp.Robot.from_file(sys.argv[2], reach.joint_names), [reach])
+start, goal = reach.boundary_states[0, [0, 3]]
+rest, states, costs = dict(zip(reach.joint_names, start, strict=True)), [], []
+with GoalClient("trials") as client:
+    client.node.create_subscription(JointState, "joint_states", states.append, 5000)
+    controller = client.node.create_publisher(JointTrajectory, "mp_pca_planner/joint_trajectory", 1)
 
-factors = 1.0 + 0.3 * np.random.default_rng(0).uniform(-1.0, 1.0, len(model.link_inertias.links))
-robot = model.with_link_inertias(np.repeat(factors[:, None], 4, axis=1))
+    def execute(trajectory):
+        """Execute a trial; returns its measured effort ½∫‖τ‖²dt [N²m²s]."""
+        client.execution(client.move(reach.name, rest, 30.0))
+        states.clear()
+        controller.publish(trajectory.to_message())
+        n = 500 * trajectory.duration + 100  # states at 500 Hz, until the robot rests
+        client.wait(lambda: len(states) >= n, 10 * trajectory.duration + 30, "is alone")
+        costs.append(0.001 * np.sum(np.square([state.effort for state in states])))
+        return costs[-1]
 
-
-def execute(trajectory):
-    """Measured effort ½∫‖τ‖²dt of the robot under the control law; 1 kHz."""
-    loop = ControlLoop(model, law, trajectory)
-    return 0.5e-3 * np.sum(simulate(loop, robot, np.zeros(4))[1] ** 2)
-
-
-best = improve_by_trials(plan, execute, 30)
-cost = execute(best.trajectory)
-print(f"planned motion: {execute(plan.trajectory):.2f}, best of 30: {cost:.2f} N²m²s")
-primitive_around(reach, best.motion, "learned", {}).save("learned.npz")
+    best = improve_by_trials(planner.plan(start=start, goal=goal), execute, int(sys.argv[3]))
+print(f"planned motion: {costs[0]:.2f}, best of {len(costs)}: {min(costs):.2f} N²m²s")
+primitive_around(reach, best.motion, "learned", {}).save("learned.npz", overwrite=True)

@@ -194,6 +194,7 @@ class SimulatedRobotNode(Node):
         self._published = robot.state_time_ns
         _, q, v = robot.newest_state()
         message = JointState(name=robot.joint_names, position=q.tolist(), velocity=v.tolist())
+        message.effort = robot.plant.acting.tolist()
         stamp = message.header.stamp
         stamp.sec, stamp.nanosec = divmod(self._published, NS_PER_S)
         self._states.publish(message)

@@ -51,6 +51,8 @@ class Plant:
         Their largest torque [N·m] or force [N].
     q, v : array, shape (n_joints,)
         Positions [rad or m] and velocities [/s].
+    acting : array, shape (n_joints,)
+        Torques [N·m] or forces [N] of the drives in the last step.
     """
 
     bandwidth = 100.0
@@ -71,6 +73,7 @@ class Plant:
         self.effort = limits.effort
         self._stiffness = PERIOD * self.kd + PERIOD**2 * self.kp
         self.q, self.v = np.array(start), np.zeros(robot.n_joints)
+        self.acting = np.zeros(robot.n_joints)
         self._robot = self._loaded = robot
         self._commanded = self.q
 
@@ -92,6 +95,7 @@ class Plant:
         acting = tau - self._stiffness / PERIOD * after
         if (np.abs(acting) > self.effort).any():
             after = self._saturated(M, momentum - PERIOD * h, tau, acting)
+        self.acting = np.clip(tau - self._stiffness / PERIOD * after, -self.effort, self.effort)
         self.v = after
         self.q = self.q + PERIOD * after
 

@@ -1,10 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The examples run, and the whole loop of recording, planning and learning with a node."""
+"""The examples run; that with a node is run by test/ros/test_learn_by_trials.py."""
 
 import json
 import os
-import re
 import runpy
 import subprocess
 import sys
@@ -14,31 +13,9 @@ import pytest
 from support.patience import HANG
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-LOOP = Path(__file__).with_name("learning_loop.py")
 
 
-def test_learning_loop_plans_executes_records_learns_and_plans_again(tmp_path):
-    for module, extra in (("rclpy", "ros"), ("cmaes", "learn"), ("matplotlib", "plot")):
-        pytest.importorskip(module, reason=f"{module} (extra '{extra}') is not installed")
-    path = os.pathsep.join(map(str, (EXAMPLES.parent, EXAMPLES.parent / "benchmarks")))
-    done = subprocess.run(
-        [sys.executable, LOOP, "--output", tmp_path, "--trials", "2"],
-        capture_output=True,
-        text=True,
-        timeout=HANG,
-        check=False,
-        cwd=EXAMPLES.parent,
-        env=os.environ | {"PYTHONPATH": path, "MPLBACKEND": "Agg"},
-    )
-    assert done.returncode == 0, done.stderr
-    planned, best, again = (float(x) for x in re.findall(r"cost ([\d.]+)", done.stdout))
-    assert best <= 1.01 * planned and again < 1.1 * planned
-    assert {p.name for p in (tmp_path / "bags").iterdir()} == {
-        f"{name}.mcap" for name in ("planned", "trial_1", "trial_2", "planned_again")
-    }
-    assert (tmp_path / "cost_over_trials.png").stat().st_size > 1000
-
-
+@pytest.mark.slow
 def test_notebook_goes_from_a_recording_to_a_motion(tmp_path):
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
     (tmp_path / "motion.csv").touch()  # of an earlier run
@@ -66,10 +43,9 @@ def test_notebook_holds_the_program():
     assert all(cell["execution_count"] for cell in code)
 
 
-@pytest.mark.parametrize("name", ["own_objective", "several_targets", "learn_by_trials"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["own_objective", "several_targets"])
 def test_example_runs(name, tmp_path):
-    if name == "learn_by_trials":
-        pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
     done = subprocess.run(
         [sys.executable, EXAMPLES / f"{name}.py"],
         capture_output=True,
