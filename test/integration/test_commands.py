@@ -185,6 +185,7 @@ def test_an_existing_output_is_kept_without_force(recording, tmp_path):
     load_primitive(output)
 
 
+@pytest.mark.slow
 def test_killing_build_primitives_leaves_the_whole_file_or_none(recording, tmp_path):
     old, new = tmp_path / "old.npz", tmp_path / "new.npz"
     command = [sys.executable, "-m", "mp_pca_planner", "build_primitives", str(recording[0])]
@@ -287,6 +288,7 @@ def test_ctrl_c_while_a_command_loads_is_told_in_one_line():
     assert (done.returncode, done.stderr) == (1, "mp-pca plan: interrupted\n")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 def test_output_to_a_full_disk_is_told_in_one_line(primitive):
     with open("/dev/full", "w") as full:

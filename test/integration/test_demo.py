@@ -21,6 +21,7 @@ from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import World
 
 
+@pytest.mark.slow
 def test_the_demo_goes_the_whole_way_and_leaves_pictures(tmp_path):
     pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
@@ -63,6 +64,7 @@ def children(pid: int) -> dict[int, str]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_interrupted_demo_ends_its_child_processes(tmp_path, number):
     pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")

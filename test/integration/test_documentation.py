@@ -54,6 +54,7 @@ def test_programs_of_the_page_run(page: Path) -> None:
     assert done.stdout.count("--- ") == 1
 
 
+@pytest.mark.slow
 def test_a_page_that_leaves_processes_running_fails(tmp_path: Path) -> None:
     for block, is_clean in (("sleep 15 &\n", False), ("sleep 15 &\nkill %1\nwait\n", True)):
         text = tmp_path / "page.md"
@@ -161,6 +162,7 @@ def reference() -> dict[str, Any]:
     return runpy.run_path(str(ROOT / "doc/reference.py"))
 
 
+@pytest.mark.slow
 def test_reference_has_every_command_with_every_option(
     reference: dict[str, Any],
 ) -> None:

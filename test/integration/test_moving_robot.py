@@ -94,6 +94,7 @@ class Robot:
         np.testing.assert_allclose(self.record.q[-1], goal, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_campaign_of_random_events_finds_no_problem(name):
     for result in campaign(name, n_events=30, seed=SEED):
@@ -151,6 +152,7 @@ def test_drifting_goal_is_followed(rate):
     assert away.max() < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", RATES)
 def test_alternating_goals_end_at_the_last_one(rate):
     robot = Robot()
@@ -162,6 +164,7 @@ def test_alternating_goals_end_at_the_last_one(rate):
     robot.assert_clean()
 
 
+@pytest.mark.slow
 def test_sag_of_a_payload_is_not_learned_anew_with_every_goal():
     robot = Robot()
     rest = robot.ends[3]
@@ -178,6 +181,7 @@ def test_sag_of_a_payload_is_not_learned_anew_with_every_goal():
     robot.assert_clean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scaling", [0.1, 0.5, 1.0])
 def test_goals_in_motion_are_served_without_a_jump_at_any_speed(scaling):
     robot = Robot()
@@ -193,6 +197,7 @@ def test_goals_in_motion_are_served_without_a_jump_at_any_speed(scaling):
     robot.assert_clean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("delay", "may_stamp"), [(0.1, True), (0.3, True), (0.1, False), (0.4, False), (0.8, False)]
 )
@@ -208,6 +213,7 @@ def test_motion_from_rest_that_starts_late_is_not_said_to_have_never_started(del
     assert [report.outcome for _, report in robot.node.execution_reports] == ["arrived"] * 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_drifting_goal_is_met_by_a_robot_whose_node_or_states_stall(seed):
     random = np.random.default_rng(seed)

@@ -82,6 +82,7 @@ def displays() -> dict[str, Any]:
     return {display["Class"].rpartition("/")[2]: display for display in shown}
 
 
+@pytest.mark.slow
 def test_policy_allows_what_the_node_does_and_rviz_shows_what_it_publishes(onlooker: Node) -> None:
     executor = SingleThreadedExecutor(context=onlooker.context)
     executor.add_node(onlooker)

@@ -115,6 +115,7 @@ def simulated(*options, topic="mp_pca_planner/joint_trajectory", number=signal.S
     printed |= json.loads(output)
 
 
+@pytest.mark.slow
 def test_clock_that_jumps_neither_stops_the_robot_nor_has_it_make_up_for_years():
     with simulated() as (user, _), ros_node("clock") as node:
         publisher = node.create_publisher(Clock, "/clock", 1)

@@ -51,6 +51,7 @@ def test_the_primitive_is_that_of_the_recording_with_the_same_cuts(tmp_path: Pat
     assert again.read_bytes() == (tmp_path / "taught.npz").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     done = teach(tmp_path, "q\n")
     assert done.returncode == 0
@@ -67,6 +68,7 @@ def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     assert "taught.npz' exists already" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_session_of_another_robot_is_not_continued(tmp_path: Path) -> None:
     assert teach(tmp_path, "q\n").returncode == 0
     before = (tmp_path / "taught.mcap").read_bytes()

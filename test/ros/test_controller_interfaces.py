@@ -132,6 +132,7 @@ def use_action(bench, name):
 
 
 # Before the tests of one node: two with their robots are more than a small machine runs in time.
+@pytest.mark.slow
 def test_motion_is_executed_once_by_a_controller_that_listens_to_the_topic_too(
     monkeypatch, tmp_path
 ):
@@ -143,8 +144,8 @@ def test_motion_is_executed_once_by_a_controller_that_listens_to_the_topic_too(
         report = bench.arrive(GOAL)
         assert "SUCCESSFUL" in report["controller"]
         assert len(bench.client.trajectories) == n_copies
-    received = f"{len(executions)} trajectories received, 0 rejected"
-    assert received in (tmp_path / "robot.txt").read_text()
+    received, *_ = (tmp_path / "robot.txt").read_text().splitlines()
+    assert received.split() == ["received", str(len(executions))]
 
 
 @pytest.fixture(scope="module")
@@ -161,6 +162,7 @@ def bench(_control_msgs_folder, tmp_path_factory):
             yield bench
 
 
+@pytest.mark.slow
 def test_motion_that_is_sent_as_a_goal_is_reported_with_the_answers_of_the_controller(bench):
     report = bench.arrive(GOAL)
     assert report["controller"] == (
@@ -170,6 +172,7 @@ def test_motion_that_is_sent_as_a_goal_is_reported_with_the_answers_of_the_contr
     bench.arrive(REST)
 
 
+@pytest.mark.slow
 def test_goal_that_the_controller_rejects_or_aborts_is_reported_with_its_words(bench):
     with bench.fault("active", False, True):
         report = bench.execution(bench.send(GOAL))

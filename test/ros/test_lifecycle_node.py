@@ -32,6 +32,8 @@ from test_node_with_robot import benched
 
 from mp_pca_planner.primitives.file import save_primitive
 
+pytestmark = pytest.mark.slow
+
 CONFIGURE, ACTIVATE, DEACTIVATE, CLEAN_UP = (
     Transition.TRANSITION_CONFIGURE,
     Transition.TRANSITION_ACTIVATE,

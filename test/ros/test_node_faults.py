@@ -125,6 +125,7 @@ def test_motion_that_does_not_fit_on_the_disk_leaves_no_part_of_a_file(
     assert load_primitive(file).joint_names == tuple(JOINTS)
 
 
+@pytest.mark.slow
 def test_primitives_may_vanish_and_come_back_while_the_node_runs(
     client: NodeClient, folder: Path
 ) -> None:
@@ -256,6 +257,7 @@ with GoalClient("controller") as client:
 """
 
 
+@pytest.mark.slow
 def test_controller_that_vanishes_does_not_hold_the_node_up(client: NodeClient) -> None:
     listener = subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True)
     assert listener.stdout is not None

@@ -47,6 +47,8 @@ from mp_pca_planner.execution.parameters import (
 )
 from mp_pca_planner.primitives.file import save_primitive
 
+pytestmark = pytest.mark.slow
+
 DECLARED = {d.name: d for d in (*DECLARATIONS, *limit_declarations(JOINTS))}
 
 

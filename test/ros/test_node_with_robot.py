@@ -190,6 +190,7 @@ def benched(
 
 
 # Before the tests of one robot: two nodes with theirs are more than a small machine runs in time.
+@pytest.mark.slow
 def test_motions_continued_and_stopped_neither_jump_nor_exceed_limits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,12 +240,14 @@ def test_goal_is_reached_and_reported_as_arrived(bench: Bench) -> None:
     np.testing.assert_allclose(bench.position, GOAL, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_goal_to_an_inactive_controller_is_reported_as_never_started(bench: Bench) -> None:
     with bench.fault("active", False, True):
         assert bench.execution(bench.send(VIA))["outcome"] == "never_started"
     bench.arrive(START)
 
 
+@pytest.mark.slow
 def test_send_goal_waits_until_the_robot_has_arrived(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -267,6 +270,7 @@ def is_erased(preview: MarkerArray) -> bool:
     return [marker.action for marker in preview.markers] == [Marker.DELETEALL]
 
 
+@pytest.mark.slow
 def test_preview_is_erased_after_its_motion_or_with_a_refused_goal(bench: Bench) -> None:
     def wait_for(is_expected: Callable[[MarkerArray], bool]) -> None:
         bench.wait(lambda: bool(bench.client.previews) and is_expected(bench.client.previews[-1]))
@@ -299,6 +303,7 @@ def test_goal_that_comes_twenty_times_a_second_arrives_with_one_motion(bench: Be
     assert len(bench.client.trajectories) == n_motions
 
 
+@pytest.mark.slow
 def test_robot_at_half_speed_takes_a_goal_in_motion_and_arrives(bench: Bench) -> None:
     with bench.fault("speed_scaling", 0.5, 1.0):
         first, second = bench.send(START), bench.send(VIA)
@@ -314,6 +319,7 @@ def distance_to_path(position: np.ndarray, trajectory: JointTrajectory) -> float
     return float(np.abs(dense - position).max(axis=1).min())
 
 
+@pytest.mark.slow
 def test_goal_near_the_running_one_is_served_after_its_primitive_was_renamed(
     bench: Bench, tmp_path: Path
 ) -> None:
@@ -332,6 +338,7 @@ def test_goal_near_the_running_one_is_served_after_its_primitive_was_renamed(
     bench.execution(answer)
 
 
+@pytest.mark.slow
 def test_stop_in_motion_ends_at_rest_on_the_path(bench: Bench) -> None:
     goals = (GOAL, START)
     for k in count():
@@ -348,6 +355,7 @@ def test_stop_in_motion_ends_at_rest_on_the_path(bench: Bench) -> None:
     assert np.abs(bench.position - goals[k % 2]).max() > 0.1
 
 
+@pytest.mark.slow
 def test_stop_of_a_silent_robot_says_what_is_not_known(bench: Bench) -> None:
     moving = bench.begin_slowly(VIA)
     with bench.fault("silent", True, False):

@@ -171,6 +171,7 @@ def test_running_motion_leads_around_a_new_obstacle(bench: Bench, user: MarkerUs
     np.testing.assert_allclose(bench.position, goal, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_robot_stops_where_no_motion_leads_around(bench: Bench, user: MarkerUser) -> None:
     moving = bench.begin_slowly(GOAL)
     user.send(marker(1, hand([GOAL])[0]))
@@ -180,6 +181,7 @@ def test_robot_stops_where_no_motion_leads_around(bench: Bench, user: MarkerUser
     assert np.abs(bench.position - GOAL).max() > 0.1
 
 
+@pytest.mark.slow
 def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerUser) -> None:
     far = np.array([2.0, 0.0, 0.0])
     user.send(marker(1, far))
@@ -206,6 +208,7 @@ def test_goals_warn_of_an_obstacle_that_is_not_avoided(bench: Bench, user: Marke
     assert "an obstacle is not avoided: marker 'test/1': type 0" in report.message
 
 
+@pytest.mark.slow
 def test_obstacle_in_an_unknown_frame_rejects_goals_until_the_frame_is_known(
     bench: Bench, user: MarkerUser
 ) -> None:
@@ -232,6 +235,7 @@ def test_obstacle_in_an_unknown_frame_rejects_goals_until_the_frame_is_known(
     user.wait(obstacles="0", obstacle_rejected="'map'")
 
 
+@pytest.mark.slow
 def test_latched_markers_are_heard_late_and_best_effort_ones_live(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -248,6 +252,7 @@ def test_latched_markers_are_heard_late_and_best_effort_ones_live(
             live.wait(obstacles="2")
 
 
+@pytest.mark.slow
 def test_missing_mesh_of_the_robot_is_logged_once_however_often_obstacles_come(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

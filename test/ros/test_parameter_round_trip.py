@@ -21,6 +21,8 @@ from support.nodes import URDF, call, ros_node, running_node
 
 from mp_pca_planner.primitives.file import save_primitive
 
+pytestmark = pytest.mark.slow
+
 
 def dumped(caller: Node) -> dict[str, Any]:
     """All parameters by name, as ``ros2 param dump`` asks for them."""

@@ -209,6 +209,7 @@ def test_goal_to_a_robot_that_moves_on_no_motion_of_the_node_is_refused(
     assert_refused(client.send(goal_message()), "moves", "at rest")
 
 
+@pytest.mark.slow
 def test_goal_that_repeats_is_under_way_and_publishes_nothing(client: NodeClient) -> None:
     motion = client.send(goal_message()).trajectory
     assert motion is not None
@@ -834,6 +835,7 @@ def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> Non
         client.wait_for_diagnostics(lambda values: values["text"] == "ready for goals")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own_domain")
 def test_first_stamps_that_are_late_are_no_reason_to_warn_of_clocks(tmp_path: Path) -> None:
     """The machine stalls while the processes start: the 20 newest stamps have to show it."""
@@ -860,6 +862,7 @@ def test_first_stamps_that_are_late_are_no_reason_to_warn_of_clocks(tmp_path: Pa
             assert time.monotonic() < deadline
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own_domain")
 def test_primitives_of_other_joints_bring_their_own_limits(tmp_path: Path) -> None:
     urdf = tmp_path / "planner.yaml"
@@ -885,6 +888,7 @@ def test_primitives_of_other_joints_bring_their_own_limits(tmp_path: Path) -> No
     assert np.abs(column(trajectory, "velocities")[:, 1]).max() <= 0.5 * (1 + 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("own_domain")
 def test_unusable_description_on_the_topic_is_reported_and_can_be_mended(
     tmp_path: Path, primitives: Path

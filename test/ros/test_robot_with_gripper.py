@@ -104,6 +104,7 @@ def test_goal_without_a_joint_of_the_primitive_is_refused(
     assert words in answer.report.message
 
 
+@pytest.mark.slow
 def test_finger_with_a_mass_is_locked_where_it_is_measured_or_goals_are_refused(
     shared_client: NodeClient, folder: Path
 ) -> None:

@@ -33,6 +33,8 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros.client import Answer
 
+pytestmark = pytest.mark.slow
+
 COUNTS = ("goals_served", "goals_refused", "goals_under_way", "goals_overtaken")
 N_GOALS, PERIOD = 1000, 1e-3
 

@@ -32,6 +32,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from mp_pca_planner.primitives.file import save_primitive
 
+pytestmark = pytest.mark.slow
+
 DURATION = 4.0
 
 

@@ -102,6 +102,7 @@ def move(client: NodeClient, goal: list[float], teacher: Teacher | None = None) 
         teacher.wait(lambda: teacher.n_motions > n_motions, "no motion was shown")
 
 
+@pytest.mark.slow
 def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_taught(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -135,7 +136,7 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
             teacher.press("d")
             teacher.wait_for("is discarded: ")
             move(client, START, teacher)
-            assert teacher.has("left-out error") and teacher.has("least known: from ")
+            assert teacher.has("left-out error")
             teacher.press("b")
             teacher.wait_for("y sends it to the robot")
             n_sent = len(client.reports)
@@ -150,6 +151,7 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
     assert len(primitive.durations) == len(segments) >= 3
 
 
+@pytest.mark.slow
 def test_a_topic_that_nobody_publishes_on_is_named_beside_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -321,6 +321,7 @@ def test_examples_of_public_names_run(
         assert not failed, report.getvalue()
 
 
+@pytest.mark.slow
 def test_public_names_have_types_for_their_users(tmp_path: Path) -> None:
     api = pytest.importorskip("mypy.api", reason="mypy (extra 'test') is not installed")
     lines = [f"reveal_type(mp.{name})" for name in mp.__all__]

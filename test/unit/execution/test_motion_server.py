@@ -113,6 +113,7 @@ def node():
 # Goals
 
 
+@pytest.mark.slow
 def test_random_sequences_of_goals_and_stops_are_followed_without_a_jump(request):
     random = np.random.default_rng(3)
     low, high = np.minimum(START, GOAL), np.maximum(START, GOAL)
@@ -454,6 +455,7 @@ def test_motion_that_is_no_longer_monitored_is_stopped(node, event):
     assert len(node.sent) == n_sent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scaling", [0.3, 0.1])
 def test_slow_motion_under_speed_scaling_is_not_taken_for_rest(node, scaling):
     node.robot.faults.speed_scaling = scaling

@@ -154,6 +154,7 @@ def test_gradients_of_clearances_are_those_of_differences():
         np.testing.assert_allclose(slopes, rows[near, k], atol=2e-3 * np.abs(rows).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("price", [None, 3.0])
 def test_refining_keeps_clear_of_an_obstacle_that_it_would_meet_otherwise(price):
     plan, options = planned_stiffly(), RefinementOptions(time_price=price)

@@ -208,6 +208,7 @@ def test_what_b_splines_can_do_components_with_a_correction_can_do_too():
     assert n_splines > 0
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     i=st.integers(0, 19),

@@ -100,6 +100,7 @@ def test_cluster_gives_the_same_bytes(
     assert [refused["recording"] for refused in there["refused"]] == ["broken"]
 
 
+@pytest.mark.slow
 def test_workers_that_die_are_told(
     bags: Path, start: Callable[..., Cluster], monkeypatch: pytest.MonkeyPatch
 ) -> None:
