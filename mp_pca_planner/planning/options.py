@@ -33,8 +33,6 @@ class SolverOptions:
         Sum of constraint violations that counts as rounding, in shares of the limits and SI units.
     max_iterations : int
         Largest number of evaluations of the program.
-    should_stop : callable
-        Called after each step; True ends the search, because time ran out or it was cancelled.
     first_radius : float
         First radius of the trust region, in scaled unknowns (about 1). Without naturalness, optima
         are tens of standard deviations of the weights away, and the quadratic model of efforts is
@@ -44,7 +42,6 @@ class SolverOptions:
     tolerance: float = 3e-5
     feasible: float = 1e-6
     max_iterations: int = 60
-    should_stop: Callable[[], bool] = bool  # never
     first_radius: float = 30.0
 
 
@@ -69,10 +66,10 @@ class PlannerOptions:
         longer than predicted unless the limits require it.
     naturalness : float, optional
         ρ: cost of a motion one standard deviation away from the expected one, as a share of the
-        cost of the expected motion, or more. 0: least effort
-        alone, whose motions may be far from the demonstrations. It is raised if a motion violates
-        limits otherwise. None: 1 for requests like the demonstrations, (3 / score)³ where the
-        in-span score is above 3, see :func:`.naturalness_for`.
+        cost of the expected motion, or more. 0: least effort alone, whose motions may be far from
+        the demonstrations. It is raised if a motion violates limits otherwise. None: 1 for requests
+        like the demonstrations, (3 / score)³ where the in-span score is above 3, see
+        :func:`.naturalness_for`.
     max_in_span_score : float
         In-span score above which no motion is executable: the request is too far from the
         demonstrations. 0: none is too far.

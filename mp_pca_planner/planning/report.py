@@ -244,8 +244,7 @@ def _of_predictions(context: Context, best: Candidate) -> tuple[float, str, floa
         The in-span score of the request, the largest of its segments; for poses, of the
         configurations that were found.
     outside : str
-        Text on the ends that are far outside their demonstrated ranges; empty if none is. Requests
-        unlike the demonstrations are outside with one end at least, if only slightly.
+        Text on the ends that are far outside their demonstrated ranges; empty if none is.
     error : float
         The largest error to expect of a prediction [rad or m].
     """
@@ -274,12 +273,8 @@ def _of_predictions(context: Context, best: Candidate) -> tuple[float, str, floa
                 f"demonstrated {numbers[1]:.3g} to {numbers[2]:.3g}"
             )
             found.append((float(beyond[end, j]), text))
-    if not found:
-        return score, "", float(error)
-    found.sort(reverse=True)
-    is_unusual = score > UNUSUAL_IN_SPAN_SCORE
-    least = min(found[0][0], _OUTSIDE) if is_unusual else _FAR_OUTSIDE
-    named = [text for distance, text in found if distance >= least]
+    least = _OUTSIDE if score > UNUSUAL_IN_SPAN_SCORE else _FAR_OUTSIDE
+    named = [text for distance, text in sorted(found, reverse=True) if distance >= least]
     return score, "; ".join(named[:_N_NAMED]), float(error)
 
 

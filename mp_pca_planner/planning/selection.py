@@ -98,24 +98,10 @@ class Selector:
         """
         return Selector(self._robot, [self.primitives.named(name)], self._objectives)
 
-    def scores(
-        self, start: FloatArray, goal: FloatArray, duration: float | None = None
-    ) -> FloatArray:
-        """In-span scores of all primitives, shape (n_primitives,).
-
-        Parameters
-        ----------
-        start, goal : array, shape (n_joints,)
-            End points [rad or m].
-        duration : float, optional
-            Duration [s], if it is requested.
-        """
-        return self._index.scores(_request(start, goal, duration))
-
     def least_score(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
     ) -> float:
-        """The least in-span score of all primitives, see :meth:`scores`."""
+        """The least in-span score of all primitives for end points [rad or m] and a time [s]."""
         _, scores = self._index.nearest(_request(start, goal, duration), 1)
         return float(scores[0])
 

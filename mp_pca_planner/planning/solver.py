@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -111,6 +112,7 @@ def solve(
     options: SolverOptions = SolverOptions(),
     memory: SolverMemory | None = None,
     deadline: float = math.inf,
+    is_cancelled: Callable[[], bool] = bool,
 ) -> Solution:
     """Find a local minimum within the constraints, by descent from a start.
 
@@ -127,13 +129,15 @@ def solve(
     deadline : float
         When the search ends, by the clock of `time.perf_counter` [s]. It ends earlier if another
         step, as long as the last one, would take longer.
+    is_cancelled : callable
+        Called after each step; True ends the search; never unless given.
 
     Returns
     -------
     solution : Solution
         The solution; without constraints its cost never exceeds that of the start.
     """
-    search = _Search(program, start, options, memory, deadline)
+    search = _Search(program, start, options, memory, deadline, is_cancelled)
     converged = search.run()
     x, here, violated = search.x, search.here, search.violated
     if violated > options.feasible and search.feasible is not None:
@@ -419,7 +423,9 @@ class _Search:
         options: SolverOptions,
         memory: SolverMemory | None,
         deadline: float,
+        is_cancelled: Callable[[], bool],
     ) -> None:
+        self._is_cancelled = is_cancelled
         self._program, self._options, self._deadline = program, options, deadline
         self._last_step = time.perf_counter()
         self.x, self.here = start, program.evaluate(start)
@@ -470,7 +476,7 @@ class _Search:
             # Another step is expected to take as long as the last one.
             before, self._last_step = self._last_step, time.perf_counter()
             is_late = 2.0 * self._last_step - before > self._deadline
-            if converged or stuck or is_late or options.should_stop():
+            if converged or stuck or is_late or self._is_cancelled():
                 break
             self._take(step, subproblem, predicted)
         return converged

@@ -67,7 +67,7 @@ class Setting:
     initial: tuple[Motion, ...]
     naturalness: float
     objectives: tuple[tuple[float, Objective], ...]
-    solver: SolverOptions
+    solver: SolverOptions = SolverOptions()
     width: int = 0
     is_timed: bool = False
     is_shortest: bool = False
@@ -112,9 +112,8 @@ def first_setting(
         (expected,),
         request.naturalness,
         options.objectives,
-        SolverOptions(should_stop=options.should_stop),
-        width,
-        is_timed,
+        width=width,
+        is_timed=is_timed,
     )
     if not shortest:
         return setting
@@ -157,8 +156,7 @@ def sequence_setting(
 ) -> Setting:
     """The setting of a motion through several targets, from one that is joined."""
     options = context.options
-    solver = SolverOptions(should_stop=options.should_stop)
-    return Setting(bases, joined, request.naturalness, options.objectives, solver)
+    return Setting(bases, joined, request.naturalness, options.objectives)
 
 
 def joined_motion(

@@ -249,7 +249,9 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
             is_clear = program.has_clearances and solutions and is_feasible(solutions[-1])
             if is_clear or (solutions and budget.is_over()):
                 break
-            solutions.append(solve(program, x, setting.solver, memory, budget.deadline))
+            solutions.append(
+                solve(program, x, setting.solver, memory, budget.deadline, budget.is_cancelled)
+            )
             passes += solutions[-1].iterations
         best = solutions[0]
         if len(solutions) > 1:

@@ -127,7 +127,7 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
 def _setting(context: Context, request: Request, basis: MotionBasis, duration: float) -> Setting:
     """The first setting near a path."""
     options = context.options
-    solver = SolverOptions(_TOLERANCE, _FEASIBLE, should_stop=options.should_stop, first_radius=1.0)
+    solver = SolverOptions(_TOLERANCE, _FEASIBLE, first_radius=1.0)
     if request.duration_is_free and request.timing == SHORTEST:
         return replace(first_setting(context, request, basis, shortest=True), solver=solver)
     return Setting(

@@ -34,20 +34,25 @@ def library() -> list[MovementPrimitive]:
     return [build_primitive(part, name, options) for name, part in parts.items()]
 
 
-def test_scores_of_all_at_once_are_those_of_each() -> None:
+def scores_of(primitives: list[MovementPrimitive], *ends: np.ndarray) -> np.ndarray:
+    """In-span scores, one by one."""
+    return np.array([one.model.predict(*ends).in_span_score for one in primitives])
+
+
+def test_the_least_score_is_that_of_the_nearest_primitive() -> None:
     primitives = library()
     selector = Selector(arm_robot(), primitives)
     for motion in arm_demonstrations(6, 9):
-        start, goal = motion.positions[0], motion.positions[-1]
-        single = [p.model.predict(start, goal).in_span_score for p in primitives]
-        assert np.allclose(selector.scores(start, goal), single, rtol=1e-9)
+        start, goal = motion.positions[[0, -1]]
+        single = [one.model.predict(start, goal, 0.4).in_span_score for one in primitives]
+        assert selector.least_score(start, goal, 0.4) == pytest.approx(min(single), rel=1e-9)
 
 
 def test_primitives_whose_demonstrations_are_far_away_are_not_compiled() -> None:
     selector = Selector(arm_robot(), library())
     for motion in arm_demonstrations(10, 9):
         start, goal = motion.positions[0], motion.positions[-1]
-        scores = selector.scores(start, goal)
+        scores = scores_of(library(), start, goal)
         compiled, _ = selector.choose(start, goal)
         limit = max(1.25 * scores.min(), 1.0)
         assert len(compiled) == np.count_nonzero(scores <= limit)
@@ -88,15 +93,6 @@ def test_contenders_are_those_whose_expected_costs_are_near_the_least(monkeypatc
         n_close.append(len(near))
     assert n_close[0] == 1
     assert n_close[-1] > 1
-
-
-def test_a_duration_that_is_asked_for_counts_in_the_scores() -> None:
-    primitives = library()
-    motion = arm_demonstrations(6, 9)[0]
-    start, goal = motion.positions[0], motion.positions[-1]
-    scores = Selector(arm_robot(), primitives).scores(start, goal, 0.4)
-    single = [p.model.predict(start, goal, 0.4).in_span_score for p in primitives]
-    assert np.allclose(scores, single, rtol=1e-9)
 
 
 def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
@@ -148,8 +144,8 @@ def test_score_does_not_depend_on_whole_turns_of_a_joint_that_turns_without_end(
     selector = Selector(robot, library())
     motion = arm_demonstrations(6, 9)[0]
     turn = np.array([2.0 * np.pi, 0.0, 0.0, 0.0])
-    here = selector.scores(motion.positions[0], motion.positions[-1])
-    there = selector.scores(motion.positions[0] + turn, motion.positions[-1] + turn)
+    here = selector.least_score(motion.positions[0], motion.positions[-1])
+    there = selector.least_score(motion.positions[0] + turn, motion.positions[-1] + turn)
     assert there == pytest.approx(here, rel=1e-9)
 
 
@@ -172,7 +168,7 @@ def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:
     primitives, robot = library(), arm_robot()
     for motion in arm_demonstrations(10, 9):
         ends = motion.positions[0], motion.positions[-1]
-        scores = Selector(robot, primitives).scores(*ends)
+        scores = scores_of(primitives, *ends)
         strict = Selector(robot, primitives, max_score=float(scores.min()) + 1e-9)
         (only,), _ = strict.choose(*ends)
         assert only.expected.in_span_score == pytest.approx(scores.min())

@@ -210,7 +210,7 @@ def test_scipy_finds_nothing_better_nearby(name, rho):
     [
         {"options": SolverOptions(max_iterations=2)},
         {"deadline": 0.0},
-        {"options": SolverOptions(should_stop=lambda: True)},
+        {"is_cancelled": lambda: True},
     ],
 )
 def test_running_out_of_iterations_or_time_is_said_and_never_worse_than_the_start(how):
