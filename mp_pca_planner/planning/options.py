@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..arrays import check_choice, check_number, check_type
 from ..exceptions import GoalError, shown
@@ -110,7 +110,7 @@ class PlannerOptions:
     max_solve_time: float = 1.0
     n_starts: int = 1
     allow_nonzero_end_velocity: bool = False
-    should_stop: Callable[[], bool] = bool  # never
+    should_stop: Callable[[], bool] = field(default_factory=lambda: bool)  # never
 
     def __post_init__(self) -> None:
         check_choice(self.basis, "basis", GoalError, BASES)
