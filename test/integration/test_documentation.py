@@ -37,9 +37,20 @@ def text_of(page: Path) -> str:
 # Programs
 
 
-@pytest.mark.slow
+FIRST_PAGES = ("README.md", "first_motion.md")
+"""Their programs run whenever tests do; those of the others take longer."""
+
+
 @pytest.mark.parametrize(
-    "page", DOCUMENTATION["PAGES"], ids=lambda page: page.relative_to(ROOT).as_posix()
+    "page",
+    [
+        pytest.param(
+            page,
+            id=page.relative_to(ROOT).as_posix(),
+            marks=() if page.name in FIRST_PAGES else pytest.mark.slow,
+        )
+        for page in DOCUMENTATION["PAGES"]
+    ],
 )
 def test_programs_of_the_page_run(page: Path) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")

@@ -101,6 +101,11 @@ def test_campaign_of_random_events_finds_no_problem(name):
         assert not result.problems, (name, result.run.seed, result.run.events)
 
 
+def test_short_campaign_finds_no_problem():
+    for result in campaign("panda", n_events=3, seed=SEED):
+        assert not result.problems, (result.run.seed, result.run.events)
+
+
 @cache
 def time_of_a_single_goal():
     robot = Robot()
@@ -111,6 +116,7 @@ def time_of_a_single_goal():
 
 
 @pytest.mark.parametrize("rate", RATES)
+@pytest.mark.campaign
 def test_same_goal_again_and_again_arrives_as_soon_as_a_single_one(rate):
     robot = Robot()
     began, goal = robot.node.now, robot.ends[3]
@@ -139,6 +145,7 @@ def drift(rate):
 
 
 @pytest.mark.parametrize("rate", RATES)
+@pytest.mark.campaign
 def test_drifting_goal_is_met(rate):
     robot, goal, _ = drift(rate)
     robot.run(8.0)
@@ -147,6 +154,7 @@ def test_drifting_goal_is_met(rate):
 
 
 @pytest.mark.parametrize("rate", [5.0, 20.0, 50.0])
+@pytest.mark.campaign
 def test_drifting_goal_is_followed(rate):
     _, _, away = drift(rate)
     assert away.max() < 0.1

@@ -186,6 +186,7 @@ def test_goal_that_the_controller_rejects_or_aborts_is_reported_with_its_words(b
     bench.arrive(REST)
 
 
+@pytest.mark.realtime
 def test_stop_replaces_the_goal_and_brings_the_robot_to_rest_on_its_path(bench):
     answer = bench.begin_slowly(GOAL)
     stopped, _ = bench.client.stop()

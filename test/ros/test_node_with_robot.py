@@ -287,6 +287,7 @@ def test_preview_is_erased_after_its_motion_or_with_a_refused_goal(bench: Bench)
     bench.arrive(START)
 
 
+@pytest.mark.realtime
 def test_goal_that_comes_twenty_times_a_second_arrives_with_one_motion(bench: Bench) -> None:
     first = bench.client.send(bench.message(GOAL), HANG)
     n_motions, n_executions = len(bench.client.trajectories), len(bench.client.executions)

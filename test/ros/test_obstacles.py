@@ -137,6 +137,7 @@ def test_goal_is_planned_around_an_obstacle(bench: Bench, user: MarkerUser) -> N
     assert bench.execution(around)["outcome"] == "arrived"
 
 
+@pytest.mark.realtime
 def test_goal_in_an_obstacle_is_refused_with_both_names(bench: Bench, user: MarkerUser) -> None:
     user.send(marker(7, hand([GOAL])[0]))
     user.wait(obstacles="1")

@@ -591,6 +591,7 @@ def test_command_sends_a_goal_in_degrees_and_prints_the_report(
 
 
 @pytest.mark.parametrize("form", ["[{}]", "{}"])
+@pytest.mark.slow
 def test_command_sends_a_list_in_the_joint_order_of_the_robot_description(
     client: NodeClient, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:
@@ -762,6 +763,7 @@ def resident_kilobytes(process: subprocess.Popen[str]) -> int:
     return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
 
 
+@pytest.mark.slow
 def test_thousand_malformed_goals_get_an_error_each_and_do_no_harm(
     client: NodeClient, node: subprocess.Popen[str]
 ) -> None:
@@ -915,6 +917,7 @@ def test_unusable_description_on_the_topic_is_reported_and_can_be_mended(
 
 
 @pytest.mark.usefixtures("own_domain")
+@pytest.mark.slow
 def test_wrong_arguments_end_the_node_with_one_line_and_status_2(primitives: Path) -> None:
     cases = {
         "duration:=-1.0": "'duration' is -1.0",
@@ -966,6 +969,7 @@ def catches(process: subprocess.Popen[str], number: int) -> bool:
 
 @pytest.mark.usefixtures("own_domain")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.slow
 def test_node_that_is_told_to_end_while_it_starts_ends_cleanly(tmp_path: Path, number: int) -> None:
     log = tmp_path / "log.txt"
     with log.open("w") as output:
