@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The offline commands, run as their users run them."""
 
-import contextlib
 import csv
-import io
 import json
 import os
 import re
@@ -12,52 +10,18 @@ import signal
 import subprocess
 import sys
 import time
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from support.arm import JOINTS, arm_primitive
 from support.bags import EPOCH, S, reaching, stamped, write_bag
+from support.commands import GOAL, START, URDF, refusal, run
 
-from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import continuous_recording, generate_motions
-
-URDF = str(config_file("human_arm.urdf"))
-START, GOAL = "-0.2,0.1,0.5,-0.4", "shoulder1=-1.2,elbow=-0.9"
-
-
-class Done(NamedTuple):
-    """What a command left behind."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-def run(*arguments, ok=None):
-    """Run a command as the program does; check its status if told to."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            status = main([str(argument) for argument in arguments])
-        except SystemExit as leaving:
-            status = leaving.code
-    if ok is not None:
-        assert (status == 0) == ok, err.getvalue()
-    return Done(status, out.getvalue(), err.getvalue())
-
-
-def refusal(*arguments):
-    """The one line with which a command refuses its input."""
-    done = run(*arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    (line,) = done.stderr.splitlines()
-    return line
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 from support.arm import arm_primitive, arm_robot
+from support.commands import GOAL, START, URDF, refusal, run
 from support.obstacle_scenes import write_scene
 from support.worlds import plain_distances
-from test_commands import GOAL, START, URDF, refusal, run
 
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.robot.world import World

@@ -23,12 +23,12 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from support.arm import JOINTS
+from support.bench import benched
 from support.command_line import with_folder
 from support.domains import set_domain
 from support.nodes import GOAL, ros_node
 from support.nodes import START as REST
 from support.patience import HANG
-from test_node_with_robot import benched
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.files import config_file

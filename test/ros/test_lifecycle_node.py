@@ -16,6 +16,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.node import Node
 from support.arm import JOINTS, arm_primitive
+from support.bench import benched
 from support.domains import set_domain
 from support.nodes import (
     GOAL,
@@ -28,7 +29,6 @@ from support.nodes import (
     ros_node,
     running_node,
 )
-from test_node_with_robot import benched
 
 from mp_pca_planner.primitives.file import save_primitive
 

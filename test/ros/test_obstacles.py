@@ -19,10 +19,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 from support.arm import JOINTS, arm_primitive, arm_robot
+from support.bench import Bench, benched
 from support.domains import set_domain
 from support.nodes import GOAL, START, URDF, NodeClient, column, running_node, times
 from support.patience import HANG
-from test_node_with_robot import Bench, benched
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 

@@ -38,6 +38,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from support.domains import set_domain
+from support.forged import forge
 from support.node_setup import start_node
 from support.nodes import (
     GOAL,
@@ -54,7 +55,6 @@ from support.nodes import (
     times,
 )
 from support.patience import HANG
-from test_primitive_file import forge
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import MarkerArray
 

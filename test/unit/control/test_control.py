@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from support.arm import JOINTS, arm_primitive, arm_robot, mass_matrix
+from support.reaches import arm_reach, reach
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate, verify
@@ -22,8 +23,6 @@ from mp_pca_planner.control.law import (
 from mp_pca_planner.control.stability import analyse
 from mp_pca_planner.exceptions import ControlError, PrimitiveError
 from mp_pca_planner.files import config_file
-from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
-from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.robot.model import Robot
 
@@ -34,20 +33,6 @@ PENDULUM = """<robot name="pendulum">
   <joint name="hinge" type="revolute"><parent link="world"/><child link="rod"/>
     <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="10" effort="100"/></joint>
 </robot>"""
-
-
-def reach(robot: Robot, start: list[float], goal: list[float], duration: float) -> Trajectory:
-    """Minimum-jerk motion."""
-    zero = np.zeros(robot.n_joints)
-    ends = boundary_values((np.array(start), zero, zero), (np.array(goal), zero, zero), duration)
-    phases = np.linspace(0.0, 1.0, round(duration / 0.01) + 1)
-    q, v, a = (hermite_functions(phases, d) @ ends / duration**d for d in range(3))
-    return Trajectory(robot.joint_names, phases * duration, q, v, a)
-
-
-def arm_reach(duration: float = 0.8) -> Trajectory:
-    """Away from postures in which axes of the shoulder are parallel."""
-    return reach(arm_robot(), [-0.5, -0.9, 0.9, -0.5], [-0.2, -0.4, 0.9, -0.9], duration)
 
 
 def test_forward_dynamics_undo_inverse_dynamics_in_any_joint_order() -> None:

@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 from scipy.interpolate import BPoly
 from support.arm import arm_robot
-from test_control import arm_reach, reach
+from support.reaches import arm_reach, reach
 
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate
 from mp_pca_planner.control.law import COMPUTED_TORQUE, FEEDFORWARD_PD, KINDS, ControlLaw

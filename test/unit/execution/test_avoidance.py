@@ -9,9 +9,10 @@ from concurrent.futures import CancelledError
 
 import numpy as np
 import pytest
+from support import served_arm
 from support.arm import JOINTS, arm_robot
+from support.served_arm import GOAL, HALF, START, Node, model
 from support.worlds import plain_distances
-from test_motion_server import GOAL, HALF, START, Node, model
 
 from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.motion.collision import CollisionModel
@@ -410,10 +411,8 @@ def test_obstacles_that_do_not_fit_the_robot_are_refused(node):
 
 
 def test_goals_are_refused_among_obstacles_that_can_not_be_avoided(monkeypatch):
-    import test_motion_server
-
-    bare = test_motion_server.URDF.replace("collision", "visual")
-    monkeypatch.setattr(test_motion_server, "URDF", bare)
+    bare = served_arm.URDF.replace("collision", "visual")
+    monkeypatch.setattr(served_arm, "URDF", bare)
     node = Node(model(collision=True))
     with pytest.raises(RobotError, match="has no collision geometry"):
         use(node, ball_at(START))

@@ -16,14 +16,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.arm import JOINTS, arm_primitive
-from support.patience import NODE_EVER
-from support.referee import judge
-from support.virtual_node import VirtualNode
+from support.arm import JOINTS
+from support.served_arm import GOAL, HALF, LIMITS, MODEL, START, URDF, WAIT, Node, model
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.options import Serving
-from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.serving.assembly import assemble_model
 from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
 from mp_pca_planner.execution.serving.motion_server import (
@@ -33,76 +30,8 @@ from mp_pca_planner.execution.serving.motion_server import (
     MotionServer,
 )
 from mp_pca_planner.execution.threads import BusyError
-from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
-
-URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
-MOTION = arm_primitive().boundary_states[0]
-START, GOAL = MOTION[0], MOTION[3]
-HALF = 0.5 * (START + GOAL)
-LIMITS = {
-    name: {"max_velocity": 3.0, "max_acceleration": 12.0, "max_jerk": 200.0} for name in JOINTS
-}
-WAIT = 0.02  # of motions from rest, in which any message is received [s]
-FINEST = 2e-7  # step that no encoder sees [rad]
-
-
-def model(**settings):
-    options = Settings(**{"limits": LIMITS, "max_solve_time": NODE_EVER, **settings})
-    return assemble_model(URDF, [arm_primitive()], options)
-
-
-MODEL = model()
-
-
-class Node(VirtualNode):
-    """A node whose goals are numbered from 1."""
-
-    def __init__(self, model=MODEL, **options):
-        super().__init__(model, START, **{"planning_time": (0.01, 0.01), **options})
-        self.model = model
-        self.n_goals = 0
-        self.run(0.3)
-
-    def ask(self, positions, names=JOINTS, **options):
-        self.n_goals += 1
-        self.goal(JointGoal(JointState(names, positions), **options), self.n_goals)
-        self.run(0.001)
-
-    def ask_sequence(self, *targets, times=()):
-        self.n_goals += 1
-        states = tuple(JointState(JOINTS, q) for q in targets)
-        self.goal(SequenceGoal(states, times), self.n_goals)
-        self.run(0.001)
-
-    @property
-    def statuses(self):
-        return [report.status for report in self.plan_reports]
-
-    @property
-    def outcomes(self):
-        return [report.outcome for _, report in self.execution_reports]
-
-    @property
-    def commanded(self):
-        return self.robot.record.q[-1]
-
-    def assert_smooth(self, cuts=()):
-        """No command is beyond a limit, and none jumps."""
-        assert not self.robot.rejections
-        record, limits = self.robot.record, self.model.limits
-        bounds = {
-            name: getattr(limits, name)
-            for name in ("lower", "upper", "velocity", "acceleration", "jerk")
-        }
-        cuts = [*record.cuts, *cuts]
-        verdict = judge(record.q, record.clock, bounds, time=record.times, cuts=cuts, finest=FINEST)
-        assert verdict.is_clean, verdict
-
-    def assert_rests_at(self, positions):
-        np.testing.assert_allclose(self.commanded, positions, atol=1e-9)
-        assert not self.robot.record.v[-1].any()
 
 
 @pytest.fixture

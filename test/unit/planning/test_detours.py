@@ -12,7 +12,7 @@ import pytest
 from referee import RigidArm, SceneReferee
 from support.arm import JOINTS, arm_primitive, arm_robot
 from support.dense import assert_keeps, spline
-from support.obstacle_scenes import write_scene
+from support.obstacle_scenes import WALL, write_scene
 from support.worlds import TRAY
 
 import mp_pca_planner as mp
@@ -32,9 +32,6 @@ BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 ENDS = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
 # A post in the middle of a motion of the primitive: descent ends at it.
 POST = ("post", "box", [0.04, 0.04, 1.2], [0.354, -0.399, 0.14])
-
-# A plate between the ends of the same motion.
-WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, 0.003])
 
 
 def in_wall(q: np.ndarray) -> bool:

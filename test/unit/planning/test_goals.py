@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 from support.arm import JOINTS, arm_primitive, arm_robot
-from test_planner import REQUESTS, planner, request
+from support.arm_plans import REQUESTS, planner, request
 
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.files import config_file

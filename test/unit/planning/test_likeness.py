@@ -5,9 +5,8 @@
 import numpy as np
 import pytest
 from support.arm import arm_primitive, arm_robot
-from support.obstacle_scenes import write_scene
+from support.obstacle_scenes import WALL, write_scene
 from support.patience import EVER
-from test_detours import WALL
 
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.objectives import jerk

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from support.arm import JOINTS, arm_robot
-from test_segment import BASES, compile_motion
+from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.validation import Violation

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 from support.arm import JOINTS, arm_robot
-from test_segment import BASES
+from support.motion_programs import BASES
 
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from support.arm import JOINTS, arm_robot
-from test_planner import planner, request
-from test_segment import BASES, compile_motion
+from support.arm_plans import planner, request
+from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.files import config_file

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
 from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
-from support.patience import EVER, PATIENT
+from support.arm_plans import REQUESTS, planner, request
+from support.patience import PATIENT
 
 from mp_pca_planner.exceptions import GoalError, PlannerError, PrimitiveError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
@@ -21,22 +22,8 @@ from mp_pca_planner.planning.program import compile as compiler
 from mp_pca_planner.planning.program.limits import Limits
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
-
-REQUESTS = [(m.positions[0], m.positions[-1]) for m in generate_motions(200, 123)]
-
-
-def planner(coupling="arm", overrides=None, **options):
-    robot = arm_robot()
-    options = PlannerOptions(**{"max_solve_time": EVER, **options})
-    return Planner(robot, [arm_primitive(coupling)], robot.limits(overrides or {}), options)
-
-
-def request(i=0, **goal):
-    start, end = REQUESTS[i]
-    return JointGoal(JointState(JOINTS, end), **goal), JointState(JOINTS, start)
 
 
 @pytest.mark.parametrize("coupling", ["arm", "joint"])

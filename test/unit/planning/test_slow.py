@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 from support.arm import JOINTS, arm_primitive, arm_robot, sequence_planner
+from support.arm_plans import planner, request
+from support.chain import ACROSS_BASE, chain, chain_planner
 from support.patience import EVER
-from test_collision import ACROSS_BASE, chain, chain_planner
-from test_planner import planner, request
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_around

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from support.arm import arm_primitive
-from test_segment import BASES, compile_motion
+from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.planning.options import SolverOptions
 from mp_pca_planner.planning.program.motion_program import MotionProgram

@@ -14,22 +14,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.arm import arm_demonstrations, arm_primitive
+from support.forged import forge, rewrite
 
 from mp_pca_planner.exceptions import PlannerError, PrimitiveError
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.file import checksum, load_primitive, save_primitive
+from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.primitives.library import load_primitives
-
-
-def forge(path, change):
-    """Change arrays and metadata of a file, and give it the checksum that belongs to them."""
-
-    def change_and_sign(arrays, metadata):
-        change(arrays, metadata)
-        metadata.pop("checksum")
-        metadata["checksum"] = checksum(arrays, metadata)
-
-    rewrite(path, change_and_sign)
 
 
 def assert_same(one, other):
@@ -45,15 +35,6 @@ def path(tmp_path):
     file = tmp_path / "primitive.npz"
     save_primitive(arm_primitive(), file)
     return file
-
-
-def rewrite(path, change):
-    """Change arrays and metadata of a file without a care for its checksum."""
-    with np.load(path) as content:
-        arrays = {name: content[name] for name in content.files}
-    metadata = json.loads(str(arrays.pop("metadata")))
-    change(arrays, metadata)
-    np.savez(path, metadata=np.array(json.dumps(metadata)), **arrays)
 
 
 def test_a_file_is_saved_under_its_ending_only(tmp_path):

@@ -11,17 +11,21 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
+from support import command_line
 from support.bags import reaching, stamped, write_bag
 from support.cluster_work import die
 from support.patience import HANG
-from test_build_primitives import build, refusal
 
 from mp_pca_planner.exceptions import MissingDependencyError, RecordingError
 from mp_pca_planner.recordings import load, workers
 from mp_pca_planner.recordings.load import load_recordings
+
+build = partial(command_line.result, "build_primitives")
+refusal = partial(command_line.refusal, "build_primitives")
 
 FOLDER = Path(__file__).parents[2]  # of the functions that workers call
 MOST_SECONDS = HANG

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.bags import EPOCH, FORMATS, S, reaching, stamped, write_bag
-from test_salvage import compressed_bag
+from support.compressed_bags import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.input_limits import INPUT_LIMITS

@@ -7,7 +7,7 @@ import weakref
 import numpy as np
 import pytest
 import trimesh
-from test_body_pairs import RADIUS, URDF, distances, model
+from support.balls import RADIUS, URDF, distances, model
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import RobotError, WorldError
