@@ -250,6 +250,16 @@ def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node
     assert node.outcomes == expected
 
 
+def test_threat_to_a_held_robot_is_not_postponed(node):
+    # It may move on at any time.
+    node.ask(GOAL, duration=4.0)
+    node.run(0.8)
+    node.robot.faults.held = True
+    node.run(0.7)
+    node.monitor.surroundings.replace(ball_at(place_on_motion(node, 0.9)), node._model)
+    assert node.monitor.surroundings.threat.time <= node.follower.motion_time
+
+
 def test_motion_around_an_obstacle_does_not_begin_behind_it(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.5)

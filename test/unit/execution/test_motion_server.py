@@ -648,3 +648,18 @@ def test_stop_of_a_robot_that_was_never_heard_of_is_refused(node):
     with pytest.raises(GoalError, match="joint_states"):
         node.monitor.stop(MODEL)
     assert not node.sent
+
+
+def test_stop_of_an_unknown_motion_is_allowed_from_where_the_robot_may_have_got_to(
+    node, monkeypatch
+):
+    node.robot.faults.silent = True
+    node.run(0.1)
+    stops, measured, v = node.monitor._stops, node.follower.measured.newest(1.0), np.full(4, 0.5)
+    since = node.follower.motion_time - node.follower.measured.newest_time
+    assert since > 0.05
+    monkeypatch.setattr(stops, "_stop_at_point", lambda states, *_: states)
+    states = stops._stop_unknown(measured, v, node.model)
+    farthest = max(states, key=lambda state: state.positions[0])
+    np.testing.assert_allclose(farthest.positions, measured.positions + v * since)
+    np.testing.assert_array_equal(farthest.velocities, v)
