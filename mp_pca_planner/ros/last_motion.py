@@ -22,6 +22,8 @@ from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 from ..robot.urdf import StatedShape, stated_shape
 
+_LAST = ColorRGBA(r=0.1, g=0.8, b=0.3, a=0.6)
+
 
 class LastMotion:
     """The motion that was published last, and its preview.
@@ -109,78 +111,43 @@ def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: st
     end_effector : str
         The link whose path is drawn.
     urdf : str
-        The description of the robot; lines join its links, and its visual shapes are drawn.
+        The description of the robot, whose visual shapes are drawn in the last pose.
     """
+    times = np.linspace(0.0, trajectory.duration, 60)
+    q = [np.interp(times, trajectory.times, joint) for joint in trajectory.positions.T]
     path = Marker(ns="path", type=Marker.LINE_STRIP, color=ColorRGBA(r=0.1, g=0.5, b=1.0, a=1.0))
-    points = robot.frame_positions(_spread(trajectory, 60), [end_effector])
-    path.scale.x, path.points = 0.005, _points(points[:, 0])
-    path.pose.orientation.w = 1.0
-    shown, description = _spread(trajectory, 6), ET.fromstring(urdf)
-    # From orange to green.
-    colours = [
-        ColorRGBA(r=r, g=g, b=b, a=0.6)
-        for r, g, b in np.linspace([1.0, 0.6, 0.1], [0.1, 0.8, 0.3], len(shown)).tolist()
-    ]
-    markers = [
-        path,
-        *skeleton_markers(robot, description, shown, colours),
-        *shape_markers(robot, description, shown, colours),
-    ]
+    points = robot.frame_positions(np.column_stack(q), [end_effector])[:, 0]
+    path.points = [Point(x=x, y=y, z=z) for x, y, z in points.tolist()]
+    path.scale.x, path.pose.orientation.w = 0.005, 1.0
+    markers = [path, *shape_markers(robot, urdf, trajectory.positions[-1])]
     for marker in markers:
         # Without a stamp it is drawn where the frame is now.
         marker.header.frame_id = robot.frame_names[0]
     return MarkerArray(markers=markers)
 
 
-def skeleton_markers(
-    robot: Robot, description: ET.Element, q: FloatArray, colours: list[ColorRGBA]
-) -> list[Marker]:
-    """Lines between the links of a robot in configurations, see :func:`shape_markers`."""
-    # Parent and child of each joint.
-    ends = [end.get("link", "") for end in description.findall("joint/*[@link]")]
-    markers = []
-    for k, (points, colour) in enumerate(zip(robot.frame_positions(q, ends), colours, strict=True)):
-        marker = Marker(ns="ghosts", id=k, type=Marker.LINE_LIST, color=colour)
-        marker.scale.x, marker.points = 0.01, _points(points)
-        marker.pose.orientation.w = 1.0
-        markers.append(marker)
-    return markers
+def shape_markers(robot: Robot, urdf: str, q: FloatArray) -> list[Marker]:
+    """Markers of the visual shapes of a robot in a configuration, shape (n_joints,).
 
-
-def shape_markers(
-    robot: Robot, description: ET.Element, q: FloatArray, colours: list[ColorRGBA]
-) -> list[Marker]:
-    """Markers of the visual shapes of a robot in configurations, without a frame.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    description : Element
-        Its description; shapes that are malformed, or on links it does not have, are left out.
-    q : array, shape (n_poses, n_joints)
-        The configurations [rad or m].
-    colours : list of ColorRGBA
-        A colour for each of them.
+    Shapes that are malformed, or on links that the robot does not have, are left out.
     """
     drawn = []
-    for link in description.findall("link"):
+    for link in ET.fromstring(urdf).findall("link"):
         name = link.get("name", "")
         for visual in link.findall("visual") if name in robot.frame_names else ():
             with suppress(RobotError):
                 shape = stated_shape(visual)
                 drawn += [(name, shape.origin, *marker) for marker in _markers_of(shape)]
     origins = np.reshape([origin for _, origin, *_ in drawn], (-1, 6))
-    poses = robot.attached_poses(q, [name for name, *_ in drawn], origins)
-    markers: list[Marker] = []
-    for row, colour in zip(poses.tolist(), colours, strict=True):
-        for (_, _, kind, scale, mesh), (x, y, z, *turn) in zip(drawn, row, strict=True):
-            marker = Marker(ns="ghost_shapes", id=len(markers), type=kind, color=colour)
-            marker.scale = Vector3(x=scale[0], y=scale[1], z=scale[2])
-            marker.mesh_resource = mesh
-            orientation = Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
-            marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
-            markers.append(marker)
+    (poses,) = robot.attached_poses(q[None], [name for name, *_ in drawn], origins).tolist()
+    markers = []
+    for k, ((*_, kind, scale, mesh), (x, y, z, *turn)) in enumerate(zip(drawn, poses, strict=True)):
+        marker = Marker(ns="last_pose", id=k, type=kind, color=_LAST)
+        marker.scale = Vector3(x=scale[0], y=scale[1], z=scale[2])
+        marker.mesh_resource = mesh
+        orientation = Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
+        marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
+        markers.append(marker)
     return markers
 
 
@@ -196,13 +163,3 @@ def _markers_of(shape: StatedShape) -> list[tuple[int, FloatArray, str]]:
     if shape.kind != "mesh" or not name:
         return []
     return [(Marker.MESH_RESOURCE, sizes, f"file://{name}" if name.startswith("/") else name)]
-
-
-def _spread(trajectory: Trajectory, n: int) -> FloatArray:
-    """Positions at evenly spaced times, shape (n, n_joints)."""
-    times = np.linspace(0.0, trajectory.duration, n)
-    return np.column_stack([np.interp(times, trajectory.times, q) for q in trajectory.positions.T])
-
-
-def _points(positions: FloatArray) -> list[Point]:
-    return [Point(x=x, y=y, z=z) for x, y, z in positions.tolist()]

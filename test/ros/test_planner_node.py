@@ -568,9 +568,7 @@ def test_preview_shows_the_path_and_the_arm_on_it_and_late_comers_see_it(
     assert answer.trajectory is not None
     ends = arm_robot().frame_positions(np.array([START, GOAL]), ["wrist"])[:, 0]
     preview = client.wait_for_preview(lambda preview: has_path_between(ends, preview))
-    ghosts = [marker for marker in preview.markers if marker.ns == "ghosts"]
-    assert len(ghosts) > 2
-    assert all(len(marker.points) % 2 == 0 and marker.points for marker in ghosts)
+    assert any(marker.ns == "last_pose" for marker in preview.markers)
 
 
 def test_command_sends_a_goal_in_degrees_and_prints_the_report(

@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The robot in the preview: its visual shapes in poses of the motion."""
+"""The robot in the preview: its visual shapes in the last pose of the motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from scipy.spatial.transform import Rotation
-from std_msgs.msg import ColorRGBA
 from support.arm import arm_demonstrations, arm_robot
 from visualization_msgs.msg import Marker
 
@@ -46,12 +45,12 @@ def numbers(message: object, fields: str) -> list[float]:
 
 
 def test_shapes_stand_where_their_links_are() -> None:
-    robot, q = arm_robot(), MOTION.positions[[0, -1]]
-    first, *others = shape_markers(robot, ET.fromstring(MESHES), q, [ColorRGBA(), ColorRGBA()])
+    robot, q = arm_robot(), MOTION.positions[-1]
+    first, *others = shape_markers(robot, MESHES, q)
     origin = Rotation.from_euler("xyz", [0.4, -0.5, 0.6]).as_matrix()
     corners = np.array([0.1, 0.2, 0.3]) + np.vstack([np.zeros(3), origin.T])
     points = robot.attach_points(["wrist"] * 4, corners)
-    (expected, _), _ = points.positions_and_jacobians(q)
+    ((expected,), _) = points.positions_and_jacobians(q[None])
     np.testing.assert_allclose(numbers(first.pose.position, "xyz"), expected[0], atol=1e-12)
     turn = Rotation.from_quat(numbers(first.pose.orientation, "xyzw")).as_matrix()
     np.testing.assert_allclose(turn, (expected[1:] - expected[0]).T, atol=1e-12)
@@ -60,7 +59,7 @@ def test_shapes_stand_where_their_links_are() -> None:
 
 def test_shapes_have_the_sizes_of_the_description_and_wrong_ones_are_left_out() -> None:
     robot = arm_robot()
-    markers = shape_markers(robot, ET.fromstring(MESHES), MOTION.positions[:1], [ColorRGBA()])
+    markers = shape_markers(robot, MESHES, MOTION.positions[0])
     found = [
         (marker.type, marker.mesh_resource, *numbers(marker.scale, "xyz")) for marker in markers
     ]
@@ -73,13 +72,13 @@ def test_shapes_have_the_sizes_of_the_description_and_wrong_ones_are_left_out() 
     ]
 
 
-def test_preview_shows_every_shape_in_several_poses_in_the_base_frame() -> None:
+def test_preview_shows_every_shape_in_the_base_frame() -> None:
     motion = Trajectory(
         MOTION.joint_names, MOTION.times, MOTION.positions, MOTION.velocities, MOTION.accelerations
     )
     preview = to_preview(motion, arm_robot(), "wrist", URDF)
-    shapes = [marker for marker in preview.markers if marker.ns == "ghost_shapes"]
+    shapes = [marker for marker in preview.markers if marker.ns == "last_pose"]
     n_visuals = len(ET.fromstring(URDF).findall("link/visual"))
     assert n_visuals > 0
-    assert len(shapes) == 6 * n_visuals
+    assert len(shapes) == n_visuals
     assert {marker.header.frame_id for marker in preview.markers} == {"chest"}
