@@ -15,10 +15,9 @@ from ..exceptions import PlannerError
 from ..plotting.text import DEGREES, Unit, unit_of
 from ..primitives.build import PrimitiveOptions
 from ..primitives.differences import leave_one_out
-from ..recordings.bags import choose_topic, open_bag, to_cdr
+from ..recordings.bags import choose_topic, from_cdr, open_bag, to_cdr
 from ..recordings.bags.bag import damage_reported
 from ..recordings.demonstration import Demonstration
-from ..recordings.joint_states import slice_joint_states
 from ..recordings.segmentation import extent
 from ..robot.model import Robot
 from .session import SessionUpdate, TeachingSession
@@ -133,8 +132,7 @@ class PlayedBag:
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Joints of its first message."""
-        messages = ((None, *message) for message in self._left[:1])
-        return slice_joint_states(self.topic, messages, ros1=False).listed_joints
+        return tuple(from_cdr(self._left[0][1]).name)
 
     def skip_until(self, stamp: int) -> int:
         """Leave out what was received up to a time [ns]; returns the number of these messages."""

@@ -19,7 +19,7 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..files import reading, write_whole
 from ..recordings import cutting
-from ..recordings.bags import open_bag
+from ..recordings.bags import from_cdr, open_bag
 from ..recordings.bags.formats import (
     CHANNEL,
     DATA_END,
@@ -37,7 +37,7 @@ from ..recordings.bags.formats import (
 from ..recordings.bags.serialisation import JOINT_STATE, message_definition
 from ..recordings.cutting import read_segments, segments_table
 from ..recordings.demonstration import Demonstration
-from ..recordings.joint_states import joined, slice_joint_states
+from ..recordings.joint_states import collect_joint_states, joined
 from ..recordings.repair import CleanRecording
 from ..recordings.segmentation import SegmentationOptions
 
@@ -331,13 +331,13 @@ class TeachingSession:
         write_whole(file, table, overwrite=True)
 
     def _take(self) -> None:
-        """Slice the messages that have come since the last time."""
+        """Read the messages that have come since the last time."""
         with self._lock:
             new, self._waiting = self._waiting, []
         if new:
-            messages = ((None, stamp, data) for stamp, data in new)
             with reading("the joint states", RecordingError):
-                part = slice_joint_states(self._bag.topic, messages, ros1=False)
+                states = ((stamp, from_cdr(data)) for stamp, data in new)
+                part = collect_joint_states(self._bag.topic, states)
             self._raw = joined(self._raw, part)
 
     def _read_discarded(self) -> list[_Span]:

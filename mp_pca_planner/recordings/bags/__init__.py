@@ -18,6 +18,7 @@ from .discovery import stored_size as stored_size
 from .serialisation import JOINT_STATE as JOINT_STATE
 from .serialisation import JOINT_TRAJECTORY as JOINT_TRAJECTORY
 from .serialisation import MARKER_ARRAY as MARKER_ARRAY
+from .serialisation import from_cdr as from_cdr
 from .serialisation import to_cdr as to_cdr
 from .serialisation import write_joint_states as write_joint_states
 from .serialisation import write_joint_trajectory as write_joint_trajectory

@@ -17,7 +17,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 
 from ...exceptions import RecordingError, quote_names
 from ...files import load_yaml, read_bytes
-from ..joint_states import RawJointStates, slice_joint_states
+from ..joint_states import RawJointStates, collect_joint_states
 from .discovery import (
     METADATA,
     PACKED_SUFFIXES,
@@ -32,7 +32,6 @@ from .serialisation import (
     Types,
     decoder,
     defined_types,
-    encoder,
     field_of_states,
     known_types,
     states_in_field,
@@ -189,12 +188,10 @@ class Bag:
                 f"there is no topic '{topic}'; topics: "
                 f"{quote_names(sorted({item.name for item in self.topics}))}"
             )
-        stored: Iterator[tuple[object, int, bytes]] = self.messages(chosen)
-        if field is not None:
-            extract = {item: self._field_reader(item, field) for item in chosen}
-            stored = ((item, t, extract[item](data)) for item, t, data in self.messages(chosen))
         with self._damage_reported():
-            raw = slice_joint_states(topic, stored, ros1=self.format == "rosbag1")
+            read = {item: self._states_reader(item, field) for item in chosen}
+            stored = ((t, read[item](data)) for item, t, data in self.messages(chosen))
+            raw = collect_joint_states(topic, stored)
         return replace(raw, notes=self.notes)
 
     def embedded_states(self) -> list[tuple[str, str]]:
@@ -220,17 +217,13 @@ class Bag:
             self._defined[topic.type] = defined_types(texts[-1], topic.type)
         return self._defined[topic.type]
 
-    def _field_reader(self, topic: Topic, field: str) -> Callable[[bytes], bytes]:
-        """A function from a message to the joint states in a field of it, both serialised."""
-        with self._damage_reported():
-            decode = decoder(self._own_types(topic), self.format)
-        encode = encoder(known_types(self.format), self.format)
-
-        def extracted(data: bytes) -> bytes:
-            with self._damage_reported():
-                return bytes(encode(states_in_field(decode(data, topic.type), field), JOINT_STATE))
-
-        return extracted
+    def _states_reader(self, topic: Topic, field: str | None) -> Callable[[bytes], Any]:
+        """A function from a serialised message to its joint states, which may be in a field."""
+        types = known_types(self.format) if field is None else self._own_types(topic)
+        decode = decoder(types, self.format)
+        if field is None:
+            return lambda data: decode(data, JOINT_STATE)
+        return lambda data: states_in_field(decode(data, topic.type), field)
 
     def _damage_reported(self) -> AbstractContextManager[None]:
         return damage_reported(self.path, self.format)

@@ -23,12 +23,14 @@ from ...exceptions import RecordingError, unknown_name
 from ...files import exists_already, put_in_place, workspace_beside
 from ...input_limits import INPUT_LIMITS
 from ...motion.trajectory import Trajectory
-from ..joint_states import ENCAPSULATION, NS_PER_S, most_spare_bytes
+from ..joint_states import NS_PER_S
 from .discovery import FORMAT_OF_SUFFIX, BagFormat, recordings_in
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+
+_ENCAPSULATION = 4  # bytes before a message in CDR; alignment is relative to their end
 
 Types = Any
 """The typestore of rosbags, whose class is not public."""
@@ -72,14 +74,6 @@ def decoder(types: Types, bag_format: BagFormat) -> Callable[[bytes, str], Any]:
     return lambda data, name: _decode_cdr(types, data, name)
 
 
-def encoder(types: Types, bag_format: BagFormat) -> Callable[[object, str], memoryview]:
-    """A function from a message and the name of its type to the serialised message."""
-    encode: Callable[[object, str], memoryview] = (
-        types.serialize_ros1 if bag_format == "rosbag1" else types.serialize_cdr
-    )
-    return encode
-
-
 def states_in_field(message: Any, field: str) -> Any:
     """The joint states in a field of a message, with dots where it is within other fields."""
     for name in field.split("."):
@@ -99,10 +93,11 @@ def _decode_cdr(types: Types, data: bytes, name: str) -> Any:
         raise ValueError("it is no message in CDR")
     about = types.get_msgdef(name)
     decode = about.deserialize_cdr_le if data[1] else about.deserialize_cdr_be
-    message, end = decode(data[ENCAPSULATION:], 0, about.cls, types)
-    spare = len(data) - ENCAPSULATION - end
-    # Nearly all messages have few spare bytes: then empty sequences are not counted.
-    if spare < 0 or (spare > most_spare_bytes(0) and spare > most_spare_bytes(_n_empty(message))):
+    message, end = decode(data[_ENCAPSULATION:], 0, about.cls, types)
+    spare = len(data) - _ENCAPSULATION - end
+    # A message is padded to words of four bytes, and `rclpy.serialization` keeps room to align what
+    # each empty sequence of numbers does not hold. Nearly all have few spare bytes.
+    if spare < 0 or (spare > 3 and spare > 3 + 8 * _n_empty(message)):
         raise ValueError(f"size mismatch: {spare} bytes follow the message")
     return message
 
@@ -136,6 +131,11 @@ def to_cdr(data: bytes) -> bytes:
     return bytes(known_types("mcap").ros1_to_cdr(data, JOINT_STATE))
 
 
+def from_cdr(data: bytes) -> Any:
+    """A joint state in the serialisation of ROS 2."""
+    return _decode_cdr(known_types("mcap"), data, JOINT_STATE)
+
+
 def message_definition(name: str) -> str:
     """Definition of a common type of ROS 2 and of those within it, as .msg text."""
     text: str = known_types("mcap").generate_msgdef(name, ros_version=2)[0]
@@ -154,7 +154,7 @@ def _write_messages(
 ) -> Path:
     """Write messages with their times of reception [ns] as a new bag; return the written path."""
     types = known_types(bag_format)
-    encode = encoder(types, bag_format)
+    encode = types.serialize_ros1 if bag_format == "rosbag1" else types.serialize_cdr
     bare = bag_format != "rosbag1" and path.suffix in FORMAT_OF_SUFFIX
     target = path.with_suffix("") if bare else path
     writer: Writer1 | Writer2
