@@ -4,6 +4,7 @@
 
 import ast
 import json
+import os
 import re
 import runpy
 import shlex
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.domains import lease_domain
 from support.patience import HANG
 
 import mp_pca_planner
@@ -59,7 +61,12 @@ def test_programs_of_the_page_run(page: Path) -> None:
     if "planner_node" in DOCUMENTATION["script"](page):
         pytest.importorskip("rclpy", reason="rclpy (extra 'ros') is not installed")
     done = subprocess.run(
-        [sys.executable, SCRIPT, page], capture_output=True, text=True, timeout=HANG, check=False
+        [sys.executable, SCRIPT, page],
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+        check=False,
+        env={**os.environ, "ROS_DOMAIN_ID": str(lease_domain("documentation"))},
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("--- ") == 1
