@@ -118,6 +118,17 @@ def test_efforts_stay_within_the_bound_that_tells_whether_they_saturate() -> Non
     assert analyse(ControlLoop(robot, law, motion, tight), errors).effort_reserve < 0.0
 
 
+def test_bound_without_model_errors_is_what_the_delay_costs() -> None:
+    robot, motion = arm_robot(), arm_reach(0.5)
+    law = ControlLaw.from_frequency(FEEDFORWARD_PD, robot, motion, 20.0)
+    loop = ControlLoop(robot, law, motion, delay=4)
+    known = analyse(loop, ErrorModel(inertia=0.0, payload=0.0, position=0.0))
+    errors, _ = simulate(loop, robot, np.zeros(4))
+    assert known.error_bound is not None
+    ratio = known.error_bound.max(axis=0) / np.abs(errors).max(axis=0)
+    assert np.all((ratio >= 1.0) & (ratio < 1.1))
+
+
 def test_loop_that_delay_makes_unstable_has_no_bound() -> None:
     robot = arm_robot()
     motion = arm_reach(0.3)
