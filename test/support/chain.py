@@ -3,6 +3,7 @@
 """Three links in a plane, which can hit each other."""
 
 import numpy as np
+from support.dense import minimum_jerk_motion
 from support.patience import EVER
 
 from mp_pca_planner.motion.collision import CollisionModel
@@ -58,15 +59,7 @@ def chain(**changes: str) -> Robot:
 
 
 def motion(start: np.ndarray, goal: np.ndarray, duration: float = 1.0) -> Trajectory:
-    s = np.linspace(0.0, 1.0, 21)[:, None]
-    way = np.subtract(goal, start)
-    return Trajectory(
-        NAMES,
-        s[:, 0] * duration,
-        start + way * (10 * s**3 - 15 * s**4 + 6 * s**5),
-        way * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration,
-        way * (60 * s - 180 * s**2 + 120 * s**3) / duration**2,
-    )
+    return minimum_jerk_motion(NAMES, start, goal, duration, 21)
 
 
 ACROSS_BASE = JointState(NAMES, [0.0, 1.5, 2.09]), JointState(NAMES, [0.0, 2.7, 2.09])

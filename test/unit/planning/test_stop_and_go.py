@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 from support.arm import JOINTS, arm_robot
+from support.dense import minimum_jerk_motion
 
 from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
@@ -42,15 +43,7 @@ def configuration(share: np.ndarray) -> np.ndarray:
 
 
 def minimum_jerk(start, goal, duration: float, n: int = 401) -> Trajectory:
-    s = np.linspace(0.0, 1.0, n)[:, None]
-    way = goal - start
-    return Trajectory(
-        JOINTS,
-        s[:, 0] * duration,
-        start + way * (10 * s**3 - 15 * s**4 + 6 * s**5),
-        way * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration,
-        way * (60 * s - 180 * s**2 + 120 * s**3) / duration**2,
-    )
+    return minimum_jerk_motion(JOINTS, start, goal, duration, n)
 
 
 def jerks_of(knots: np.ndarray) -> np.ndarray:

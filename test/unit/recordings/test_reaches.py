@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from support.arm import JOINTS, arm_robot
+from support.dense import minimum_jerk_motion
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -62,15 +63,7 @@ def test_arm_that_can_hold_nothing_is_refused_in_a_sentence(robot):
 
 
 def test_random_ends_are_joined_by_a_minimum_jerk_motion_within_the_limits(robot, limits):
-    s = np.linspace(0.0, 1.0, 201)[:, None]
     for seed in range(5):
         start, goal, duration = random_ends(robot, limits, np.random.default_rng(seed))
-        way = goal - start
-        motion = Trajectory(
-            JOINTS,
-            s[:, 0] * duration,
-            start + way * (10 * s**3 - 15 * s**4 + 6 * s**5),
-            way * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration,
-            way * (60 * s - 180 * s**2 + 120 * s**3) / duration**2,
-        )
+        motion = minimum_jerk_motion(JOINTS, start, goal, duration, 201)
         assert check_limits(motion, robot, limits).worst_excess <= 1e-6
