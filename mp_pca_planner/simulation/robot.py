@@ -95,7 +95,8 @@ class Plant:
         acting = tau - self._stiffness / PERIOD * after
         if (np.abs(acting) > self.effort).any():
             after = self._saturated(M, momentum - PERIOD * h, tau, acting)
-        self.acting = np.clip(tau - self._stiffness / PERIOD * after, -self.effort, self.effort)
+            acting = np.clip(tau - self._stiffness / PERIOD * after, -self.effort, self.effort)
+        self.acting = acting
         self.v = after
         self.q = self.q + PERIOD * after
 
