@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 
+ENCAPSULATION = 4
+"""Bytes before a message in CDR; alignment is relative to their end."""
+
 NS_PER_S = 1_000_000_000
 """Nanoseconds in a second."""
 

@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 from ..arrays import FloatArray
 from ..exceptions import TrajectoryError, WorldError
 from ..motion.trajectory import Trajectory
-from ..recordings.joint_states import NS_PER_S
+from ..recordings.joint_states import ENCAPSULATION, NS_PER_S
 
 
 def read_message(content: bytes, message_type: Any) -> Any:
@@ -49,7 +49,6 @@ def read_message(content: bytes, message_type: Any) -> Any:
 _Part = tuple[int, tuple["_Part", ...]]
 
 
-ENCAPSULATION = 4  # bytes before a message in CDR; alignment is relative to their end
 _ORDERS = {b"\0\0": ">", b"\0\1": "<"}  # of bytes, by the start of a message in CDR
 _BYTES = {kind: struct.calcsize(f"={kind}") for kind in "?iI"}
 _LENGTH = 4  # bytes of the length of a sequence

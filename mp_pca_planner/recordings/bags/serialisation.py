@@ -23,14 +23,12 @@ from ...exceptions import RecordingError, unknown_name
 from ...files import exists_already, put_in_place, workspace_beside
 from ...input_limits import INPUT_LIMITS
 from ...motion.trajectory import Trajectory
-from ..joint_states import NS_PER_S
+from ..joint_states import ENCAPSULATION, NS_PER_S
 from .discovery import FORMAT_OF_SUFFIX, BagFormat, recordings_in
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
-
-_ENCAPSULATION = 4  # bytes before a message in CDR; alignment is relative to their end
 
 Types = Any
 """The typestore of rosbags, whose class is not public."""
@@ -93,8 +91,8 @@ def _decode_cdr(types: Types, data: bytes, name: str) -> Any:
         raise ValueError("it is no message in CDR")
     about = types.get_msgdef(name)
     decode = about.deserialize_cdr_le if data[1] else about.deserialize_cdr_be
-    message, end = decode(data[_ENCAPSULATION:], 0, about.cls, types)
-    spare = len(data) - _ENCAPSULATION - end
+    message, end = decode(data[ENCAPSULATION:], 0, about.cls, types)
+    spare = len(data) - ENCAPSULATION - end
     # A message is padded to words of four bytes, and `rclpy.serialization` keeps room to align what
     # each empty sequence of numbers does not hold. Nearly all have few spare bytes.
     if spare < 0 or (spare > 3 and spare > 3 + 8 * _n_empty(message)):
