@@ -36,9 +36,6 @@ class InputLimits:
         it.
     primitive_bytes : int
         Content of a primitive file; thousands of demonstrations have a few MB.
-    primitive_value, primitive_precision : float
-        Positions, coefficients and durations of a primitive [rad, m, s], and inverses of its small
-        variances.
     segments : int
         Rows of a table of segments: learning takes minutes from so many motions.
     segment_time : float
@@ -83,8 +80,6 @@ class InputLimits:
     state_bytes: int = 2**16
     state_joints: int = 1000
     primitive_bytes: int = 1 << 28
-    primitive_value: float = 1e6
-    primitive_precision: float = 1e15
     segments: int = 10_000
     segment_time: float = 1e9
     links: int = 500

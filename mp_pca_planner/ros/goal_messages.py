@@ -420,8 +420,7 @@ _LONGEST_WAIT, _MAX_MODELS = 1.0, 5
 _TRANSFORM_WAIT = 0.5
 
 Work = ReceivedGoal | Literal["react"]
-"""A goal, or the request to replace a motion that would hit a new obstacle, or to go on after a
-stop."""
+"""A goal, or the request to replace a motion that would hit a new obstacle."""
 
 
 class GoalTopics:

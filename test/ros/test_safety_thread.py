@@ -69,7 +69,6 @@ def test_request_that_comes_while_a_stop_is_found_is_answered_with_it(
             poll=lambda: None,
             watch=lambda *_: None,
             last_context=None,
-            resumption=None,
             surroundings=SimpleNamespace(threat=None),
         )
         thread = SafetyThread(node, nothing, nothing, nothing, goals, nothing)

@@ -2,15 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Problems among obstacles in the files of MotionBenchMaker, made by the tests."""
 
-from pathlib import Path
-
 import yaml
 
 # A plate between the ends of a motion of the primitive of the arm.
 WALL = ("wall", "box", [0.5, 0.5, 0.04], [0.363, -0.331, 0.003])
-
-SCENES = Path(__file__).resolve().parents[2] / "shared/data/motion_bench_maker"
-"""Problems of MotionBenchMaker, where they are installed."""
 
 
 def write_scene(path, obstacles, robot="robot"):

@@ -82,7 +82,7 @@ class ExecutionReport:
     controller : str
         What the controller answered to its goal; empty if motions are sent on a topic.
     continues : bool
-        Whether the robot goes on to the same goal by itself: on another motion.
+        Whether another motion leads to the same goal, around an obstacle.
         Another report follows then.
     """
 

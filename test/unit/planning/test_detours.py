@@ -34,11 +34,6 @@ ENDS = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
 POST = ("post", "box", [0.04, 0.04, 1.2], [0.354, -0.399, 0.14])
 
 
-def in_wall(q: np.ndarray) -> bool:
-    """A wall between both ends, open above 0.2."""
-    return bool(abs(q[0]) < 0.1 and q[1] < 0.2)
-
-
 def in_maze(q: np.ndarray) -> bool:
     """Two walls with gaps on different sides: no path has a single corner."""
     first, second = abs(q[0] + 0.4) < 0.1 and q[1] < 0.6, abs(q[0] - 0.4) < 0.1 and q[1] > -0.6
