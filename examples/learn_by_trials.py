@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Improve a motion by trials on a robot, whose joint states give the cost (extra `learn`).
 
-Arguments: PRIMITIVE.npz ROBOT.urdf TRIALS. The node, with this primitive, brings the robot to the
-start of each trial, which goes to the topic that the robot's controller listens to.
+Arguments: PRIMITIVE.npz ROBOT.urdf TRIALS. Robot (500 Hz, with efforts) and node are running.
 """
 
 import sys
@@ -27,12 +26,13 @@ with GoalClient("trials") as client:
 
     def execute(trajectory):
         """Execute a trial; returns its measured effort ½∫‖τ‖²dt [N²m²s]."""
-        client.execution(client.move(reach.name, rest, 30.0))
+        client.execution(client.move(reach.name, rest, 30.0))  # the node moves it to the start
         states.clear()
         controller.publish(trajectory.to_message())
-        n = 500 * trajectory.duration + 100  # states at 500 Hz, until the robot rests
-        client.wait(lambda: len(states) >= n, 10 * trajectory.duration + 30, "is alone")
+        client.wait(lambda: len(states) >= 500 * trajectory.duration + 100, 60.0, "is alone")
         costs.append(0.001 * np.sum(np.square([state.effort for state in states])))
+        if not costs[-1]:
+            sys.exit("joint_states hold no efforts, from which the cost is computed")
         return costs[-1]
 
     best = improve_by_trials(planner.plan(start=start, goal=goal), execute, int(sys.argv[3]))
