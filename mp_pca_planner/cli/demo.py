@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -133,8 +133,9 @@ def _pipeline(folder: Path) -> int:
     node = ["planner_node", "--ros-args", "--log-level", "warn", "-p", f"primitives:=['{file}']"]
     simulation = ["simulate", "--robot", str(arm), "--start", start]
     record = ["--record", str(folder / "commands.npz"), "--force"]
-    with _children(node, [*simulation, *record]):
-        rows, motions = _serve(robot, home, [end for _, goal in goals for end in (goal, home)])
+    with _children(node, [*simulation, *record]) as check:
+        ends = [end for _, goal in goals for end in (goal, home)]
+        rows, motions = _serve(robot, home, ends, check)
     say(*text_table(rows, header=_HEADER).splitlines(), "", f"4. Drawing into {folder}")
     with picture(folder / "primitive.png", force=True) as figure:
         primitive_figure(figure, primitive, title="Demonstrations, mean shape and components")
@@ -146,14 +147,19 @@ def _pipeline(folder: Path) -> int:
 
 
 @contextmanager
-def _children(*commands: Sequence[str]) -> Iterator[None]:
+def _children(*commands: Sequence[str]) -> Iterator[Callable[[], None]]:
     """Run commands of this package, and end them with the block; their stdout is discarded.
 
     The first SIGINT, SIGTERM or SIGHUP raises KeyboardInterrupt, once they are started; later ones
-    are ignored.
+    are ignored. What the block gets raises it again after a signal: Python ignores exceptions in
+    some places, such as within an import.
     """
     processes: list[subprocess.Popen[bytes]] = []
     is_starting, is_interrupted = True, False
+
+    def check() -> None:
+        if is_interrupted:
+            raise KeyboardInterrupt
 
     def interrupt(*_: object) -> None:
         nonlocal is_interrupted
@@ -168,9 +174,9 @@ def _children(*commands: Sequence[str]) -> Iterator[None]:
             command = [sys.executable, "-m", __package__.partition(".")[0], *words]
             processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL))
         is_starting = False
-        if is_interrupted:
-            raise KeyboardInterrupt
-        yield
+        check()
+        yield check
+        check()
     finally:
         is_interrupted = True
         for process in processes:
@@ -184,9 +190,9 @@ def _children(*commands: Sequence[str]) -> Iterator[None]:
 
 
 def _serve(
-    robot: Robot, home: FloatArray, goals: Sequence[FloatArray]
+    robot: Robot, home: FloatArray, goals: Sequence[FloatArray], check: Callable[[], None]
 ) -> tuple[list[list[str]], list[Trajectory]]:
-    """Send goals one after the other; returns rows of a table, and the motions."""
+    """Send goals one after the other, each after a check; returns rows of a table, and motions."""
     from sensor_msgs.msg import JointState as Message
 
     from ..ros.client import READY, GoalClient
@@ -209,6 +215,7 @@ def _serve(
         client.wait(partial(is_at, home), _PATIENCE, "has no robot at rest")
         client.wait_for_diagnostics(lambda values: values["text"] == READY)
         for goal in goals:
+            check()
             start = state[0].copy()
             answer = client.send(Message(name=list(JOINT_NAMES), position=goal.tolist()))
             verdict = str(answer.report.message)
