@@ -221,7 +221,7 @@ class Settings:
         """Topic on which the controller states its command
         (control_msgs/JointTrajectoryControllerState). Empty: 'controller_state' beside the topic of
         trajectories. Starts, stops and the place on a running motion are taken from it while it is
-        published and control_msgs is installed; else they are inferred from joint_states.""",
+        published and control_msgs is installed; else from the published motion.""",
     )
     controller_action: str = _declared(
         "",
@@ -237,13 +237,18 @@ class Settings:
         applied if the stamps of joint_states show that the clocks of the robot and of the node
         differ.""",
     )
-    commanded_tolerance: float = _declared(
-        0.1,
-        """Largest distance [rad or m] of a joint from the path of the published motion at which the
-        robot counts as following it. Beyond it, goals are accepted only at rest, and motions start
-        at the measured state.""",
-        low=1e-3,
+    following_tolerance: float = _declared(
+        0.02,
+        """Largest distance [rad or m] of a joint from where the published motion was in the last
+        `servo_lag` seconds at which the robot counts as following it. Without the state of its
+        controller, goals are accepted in motion only while it does.""",
+        low=1e-4,
         high=10.0,
+    )
+    servo_lag: float = _declared(
+        0.1,
+        """Longest time [s] by which the drives of the robot lag behind their commands.""",
+        high=1.0,
     )
     state_timeout: float = _declared(
         0.5,

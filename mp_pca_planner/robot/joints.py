@@ -152,6 +152,14 @@ class LockedModel:
                 found.append(model.names[joint])
         return tuple(found)
 
+    def carriers(self, links: Collection[str]) -> tuple[str, ...]:
+        """The locked joints that place joints that move, or some links."""
+        model, body = self._full, pin.FrameType.BODY
+        placed = {i for i in range(1, model.njoints) if i not in self._locked}
+        placed |= {f.parentJoint for f in model.frames if f.type == body and f.name in links}
+        found = (joint for joint in self._locked if set(model.subtrees[joint]) & placed)
+        return tuple(model.names[joint] for joint in found)
+
     def reduced(self) -> Any:
         """The model without locked joints.
 

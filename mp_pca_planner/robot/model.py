@@ -199,6 +199,16 @@ class Robot:
         """
         return self._locked.relevant(pairs=pairs, links=links)
 
+    def carrying_joints(self, links: Collection[str] = ()) -> tuple[str, ...]:
+        """The locked joints that place joints that move, or some links."""
+        return self._locked.carriers(links)
+
+    def locked_at(self, positions: Mapping[str, float]) -> Robot:
+        """The robot with other positions of the joints that do not move [rad or m]."""
+        robot = Robot(self._given[0], self.joint_names, locked=positions, source=self._source)
+        robot.path = self.path
+        return robot
+
     def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
         """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.
 

@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Sequence
-from concurrent.futures import CancelledError
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,25 +18,25 @@ from problems import Scene, scene_of
 
 from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.execution.link import (
+    Place,
+    Planned,
+    PlanRequest,
+    Rejected,
+    Verdict,
+    Watch,
+)
+from mp_pca_planner.execution.motions import PublishedMotion
+from mp_pca_planner.execution.outcomes import Execution, ExecutionReport, GoalOutcome
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.serving.assembly import Model, assemble_model
-from mp_pca_planner.execution.serving.execution import (
-    Execution,
-    ExecutionReport,
-    GoalOutcome,
-)
-from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
-from mp_pca_planner.execution.serving.motion_server import (
-    GoalRequest,
-    GoalStatistics,
-    MotionServer,
-)
-from mp_pca_planner.execution.tracking.estimation import StatedCommand
-from mp_pca_planner.execution.tracking.following import MotionFollower
-from mp_pca_planner.execution.tracking.measured import MeasuredStates
-from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
+from mp_pca_planner.execution.planning import GoalPlanner, Model, assemble_model, in_world
+from mp_pca_planner.execution.server import GoalRequest, MotionServer, NodeModel
+from mp_pca_planner.execution.states import MeasuredStates
+from mp_pca_planner.execution.tracking import StatedCommand, Tracker
+from mp_pca_planner.execution.watching import Watcher
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.robot.world import World
 from mp_pca_planner.simulation.robot import SimulatedRobot
 
 STATE_PERIOD, WATCH_PERIOD = 2, 50  # in ticks of a millisecond
@@ -64,24 +61,6 @@ def scene_and_model(name: str, **others: Any) -> tuple[Scene, Model]:
     return scene, assemble_model(urdf, [primitive], settings, still)
 
 
-def receive(
-    measured: MeasuredStates,
-    stamp: float,
-    q: Any,
-    v: Any,
-    names: Sequence[str] = (),
-    joints: slice = slice(None),
-) -> None:
-    """Measure a state of some of the joints of a robot; by default of those that are needed."""
-    names = names or measured.joint_names
-    values = {name: (x, y) for name, x, y in zip(names, q, v, strict=True)}
-
-    def read(wanted: Any) -> JointState:
-        return JointState(wanted, *zip(*(values[name] for name in wanted), strict=True))
-
-    measured.receive(names[joints], read, stamp)
-
-
 @dataclass(frozen=True)
 class PlanReport:
     """Report of a goal: what became of it, and the reason."""
@@ -90,6 +69,58 @@ class PlanReport:
     status: GoalOutcome
     message: str
     time: float
+
+
+class VirtualPlanner:
+    """A planner whose answers take a simulated time; it is a link of the server, too."""
+
+    def __init__(self, node: VirtualNode, model: Model) -> None:
+        self._node, self._cancelled = node, 0
+        self.core = GoalPlanner(lambda key: key <= self._cancelled)
+        self.core.model = model
+
+    def send(self, message: object) -> None:
+        """Plan at once, and answer after the time that planning takes, or when it is cancelled."""
+        assert isinstance(message, PlanRequest)
+        node, due = self._node, self._node.draw_planning_time()
+        found: list[Planned | Rejected] = []
+
+        def answer() -> None:
+            if not found:
+                is_cancelled = message.key <= self._cancelled
+                gone = Rejected(message.key, "", is_preempted=True)
+                found.append(gone if is_cancelled else self.core.plan(message))
+                node.server.answer(found[0])
+
+        node.at(due, answer)
+        self._answer = answer
+
+    def cancel(self, key: int) -> None:
+        """Cancel requests up to a key; the answer comes in the next tick."""
+        self._cancelled = max(self._cancelled, key)
+        self._node.at(0.0, self._answer)
+
+
+class VirtualWatcher:
+    """A watcher that answers at once."""
+
+    def __init__(self, node: VirtualNode, model: Model) -> None:
+        self._node, self.core = node, Watcher()
+        self.core.model = model
+
+    def send(self, message: object) -> None:
+        """Watch a motion, or note where the robot is."""
+        assert isinstance(message, Watch | Place)
+        self.core.receive(message)
+        self.look()
+
+    def cancel(self, key: int) -> None:
+        """There is nothing to cancel."""
+
+    def look(self) -> None:
+        """Check the motion again, if the world or the motion is another."""
+        if (verdict := self.core.look()) is not None:
+            self._node.at(0.0, lambda: self._node.server.answer(verdict))
 
 
 class VirtualNode:
@@ -129,10 +160,12 @@ class VirtualNode:
         self.robot = SimulatedRobot(model.robot, start, seed=seed)
         self.plan_reports: list[PlanReport] = []
         self.execution_reports: list[tuple[float, ExecutionReport]] = []
+        # With the execution that each report is of.
         self.reported: list[tuple[float, ExecutionReport, Execution]] = []
         self.stops: list[float] = []
         self.restarts: list[float] = []
         self.sent: list[tuple[float, Any, float | None, bool]] = []
+        self.logged: list[str] = []
         self._random = np.random.default_rng([seed, 7])
         self._planning_time = planning_time
         self._events: list[tuple[float, int, Callable[[], None]]] = []
@@ -141,9 +174,7 @@ class VirtualNode:
         # States that wait, and until when the node stands still, or its states do [s].
         self._waiting: list[tuple[Any, ...]] = []
         self._stalled = self._held_back = -np.inf
-        self._pending: tuple[Any, Goal] | None = None
-        self._may_cancel = True
-        self._model = replace(model, planner=self._slow(model.planner, "plan"))
+        self._model, self._world = model, World()
         self.restart()
 
     @property
@@ -151,14 +182,31 @@ class VirtualNode:
         """The virtual time [s]."""
         return self.robot.time
 
+    def draw_planning_time(self) -> float:
+        """A planning time [s]."""
+        return float(self._random.uniform(*self._planning_time))
+
     def restart(self) -> None:
         """Restart the node; it forgets what was published."""
         self.restarts.append(self.now)
-        self._pending, self._may_cancel = None, True
-        self.follower = MotionFollower(MeasuredStates(lambda: self.now, lambda: self.now))
-        self.follower.expect(self._model.robot.joint_names)
-        self.monitor = MotionMonitor(self.follower, self._send, lambda: self.now, self._report)
-        self.server = MotionServer(self.monitor, GoalStatistics(), self.advance)
+        self._events.clear()
+        measured = MeasuredStates(lambda: self.now, lambda: self.now)
+        self.tracker = Tracker(measured, lambda: self.now)
+        self.planner = VirtualPlanner(self, self._model)
+        self.watcher = VirtualWatcher(self, self._model)
+        self.server = MotionServer(self.tracker, self.planner, self)
+        self.server.use(NodeModel(self._model.robot, self._model.facts, self._model.settings))
+        self.use_world(self._world)
+
+    def use_world(self, world: World) -> None:
+        """Have other obstacles."""
+        self._world = self.planner.core.world = self.watcher.core.world = world
+        if len(world):
+            if self.server.watcher is None:
+                in_world(self._model, world)
+                self.server.watcher = self.watcher
+                self.server.watch_again()
+            self.watcher.look()
 
     def at(self, delay: float, action: Callable[[], None]) -> None:
         """Call a function after a delay [s]."""
@@ -166,75 +214,21 @@ class VirtualNode:
 
     def goal(self, goal: Goal, name: Any) -> None:
         """Receive a goal, which replaces a waiting one."""
-        if self._pending is not None:
-            self._answer(self._pending[0], GoalOutcome.OVERTAKEN, "")
-        self._pending = name, goal
+        self.server.goal(GoalRequest(goal, name))
 
     def stop(self) -> str:
         """Call the service ~/stop."""
-        if self._pending is not None:
-            self._answer(self._pending[0], GoalOutcome.OVERTAKEN, "")
-            self._pending = None
-        self._is_cancelled = True
         self.stops.append(self.now)
         try:
-            return self.monitor.stop(self._model)
+            return self.server.stop()
         except PlannerError as error:
             return f"nothing was published: {error}"
 
     def run(self, duration: float) -> None:
-        """Advance the time [s] and serve goals."""
+        """Advance the time [s]."""
         end = self.now + duration
         while self.now < end:
-            if self._pending is None:
-                self._tick()
-            else:
-                self._serve()
-
-    def advance(self, duration: float) -> None:
-        """Advance the time while the node plans [s]."""
-        for _ in range(max(round(duration * 1e3), 1)):
             self._tick()
-
-    def _serve(self) -> None:
-        assert self._pending is not None
-        (name, goal), self._pending = self._pending, None
-        self._is_cancelled = False
-
-        def is_cancelled() -> bool:
-            newer = self._pending is not None and self._may_cancel
-            self._is_cancelled = self._is_cancelled or newer
-            return self._is_cancelled
-
-        try:
-            served = self.server.serve(GoalRequest(goal, self._model, name), is_cancelled)
-        except CancelledError:
-            self._may_cancel = False
-            self._answer(name, GoalOutcome.OVERTAKEN, "")
-        except PlannerError as error:
-            self._may_cancel = True
-            self._answer(name, GoalOutcome.REFUSED, str(error))
-            self.advance(0.001)
-        else:
-            self._may_cancel = True
-            outcome = GoalOutcome.UNDER_WAY if served.under_way else GoalOutcome.SERVED
-            self._answer(name, outcome, served.under_way)
-            self.advance(0.001)
-
-    def _slow(self, planner: Any, name: str) -> Any:
-        """A planner with a simulated planning time, in which it may be cancelled."""
-
-        def plan(*request: Any) -> Any:
-            cancellation = self._model.cancellation
-            for _ in range(round(self._random.uniform(*self._planning_time) * 1e3)):
-                if cancellation():
-                    break
-                self._tick()
-            return getattr(planner, name)(*request)
-
-        others = ("target", "check", "is_too_far", "primitives", "collision")
-        kept = {other: getattr(planner, other) for other in others if hasattr(planner, other)}
-        return SimpleNamespace(**{name: plan}, **kept)
 
     def stall(self, duration: float, *, of_states: bool = False) -> None:
         """Let the node, or its joint states on their way, stand still from now on [s].
@@ -259,14 +253,12 @@ class VirtualNode:
         if self.now < self._stalled:
             return
         if self.now >= self._held_back:
-            for state in self._waiting:
-                receive(self.follower.measured, *state)
+            for stamp, *state in self._waiting:
+                self.tracker.measured.receive(*state, stamp=stamp)
             self._waiting.clear()
             self._state_command()
         if self._ticks % WATCH_PERIOD == 0:
-            with suppress(PlannerError):
-                self.monitor.surroundings.look_ahead(self._model)
-            self.monitor.watch(self._model)
+            self.server.tick()
         while self._events and self._events[0][0] <= self.now:
             heapq.heappop(self._events)[2]()
 
@@ -277,37 +269,49 @@ class VirtualNode:
         if not is_stated or self._ticks % STATE_PERIOD:
             return
         names, scaling = self.robot.joint_names, controller.speed_scaling
-        state, since_ns = controller.stated()
-        reference = state.copy()
+        reference = controller.stated()[0].copy()
 
         def read(wanted: Sequence[str]) -> StatedCommand:
             columns = reference[:, [names.index(name) for name in wanted]]
-            command = JointState(tuple(wanted), *columns)
-            return StatedCommand(command, 1e-9 * since_ns, scaling)
+            return StatedCommand(JointState(tuple(wanted), *columns), scaling)
 
-        self.follower.controller.receive(read, 1e-9 * self.robot.time_ns)
+        self.tracker.controller.receive(read, self.now)
 
     def _measure(self) -> None:
         """Send the joint states of this tick."""
-        turn, half = self._ticks % STATE_PERIOD, len(self._model.robot.joint_names) // 2
+        names = self._model.robot.joint_names
+        turn, half = self._ticks % STATE_PERIOD, len(names) // 2
         if self.robot.faults.silent or (turn and not self.is_split):
             return
         q, v = self.robot.measured_state()
         joints = (slice(half), slice(half, None))[turn] if self.is_split else slice(None)
-        # The reader of messages makes zeros of velocities that are NaN.
-        v = v if self.has_velocities else np.zeros_like(v)
-        self._waiting.append((self.now, q, v, self.robot.joint_names, joints))
+        v = v if self.has_velocities else np.full_like(v, np.nan)
+        self._waiting.append((self.now, names[joints], q[joints], v[joints].tolist()))
 
-    def _send(self, motion: PublishedMotion) -> None:
+    # What the server does.
+
+    def send(self, motion: PublishedMotion, _: Planned | None) -> None:
+        """Send a motion to the robot."""
         message = motion.sent, motion.stamp
         self.sent.append((self.now, *message, motion.last_point_only))
         self.robot.send(*message, last_point_only=motion.last_point_only)
 
-    def _report(self, report: ExecutionReport) -> None:
+    def report_motion(self, report: ExecutionReport) -> None:
+        """Keep the report of a motion."""
         self.execution_reports.append((self.now, report))
-        execution = self.follower.execution
-        if execution is not None:
-            self.reported.append((self.now, report, execution))
+        if self.server.execution is not None:
+            self.reported.append((self.now, report, self.server.execution))
 
-    def _answer(self, name: Any, status: GoalOutcome, message: str) -> None:
-        self.plan_reports.append(PlanReport(name, status, message, self.now))
+    def report_goal(
+        self,
+        outcome: GoalOutcome,
+        request: GoalRequest,
+        reason: str = "",
+        planned: Planned | Rejected | None = None,
+    ) -> None:
+        """Keep the report of a goal."""
+        self.plan_reports.append(PlanReport(request.name, outcome, reason, self.now))
+
+    def log(self, text: str) -> None:
+        """Keep what was logged."""
+        self.logged.append(text)

@@ -1,30 +1,35 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals that were served, the executions of their motions, and the report of each outcome."""
+"""What became of goals and of published motions."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import starmap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ...motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ...planning.resolve import in_order
-from ...primitives.primitive import MovementPrimitive
-from ..options import Serving
-from ..tracking.following import Following, How
-from ..tracking.published_motion import PublishedMotion
-from ..tracking.start_state import MotionStart
-from .assembly import Model
+from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..planning.resolve import in_order
+from .link import Planned
+from .motions import PublishedMotion
+from .tracking import Following, How
 
-if TYPE_CHECKING:
-    from ...robot.world import World
-    from .motion_server import AnyPlan
-    from .surroundings import Threat
+# Time away from the path after which a motion is not followed, at rest at its start after which it
+# never started, and at rest on the path, or in silence after its end [s].
+_AWAY, START_DELAY, _MAX_HOLD = 0.2, 1.0, 10.0
+# Distance at which a joint has left the start [rad or m].
+_LEFT_START = 0.006
+# Time after the end of a stop by which the robot rests, and off its path before, after which the
+# stop is sent again [s].
+_STOP_MARGIN, _STOP_AWAY = 0.25, 0.1
+# Goals closer than this are the same [rad or m]: controllers and encoders resolve no more.
+_SAME = 1e-4
+
+ACCEPTED = "accepted the goal"
+"""What a controller answers to a goal that it executes."""
 
 
 class GoalOutcome(StrEnum):
@@ -56,9 +61,6 @@ class MotionOutcome(StrEnum):
         return self not in (MotionOutcome.NOT_FOLLOWED, MotionOutcome.NEVER_STARTED)
 
 
-ACCEPTED = "accepted the goal"
-
-
 @dataclass(frozen=True)
 class ExecutionReport:
     """Outcome of a motion.
@@ -81,9 +83,6 @@ class ExecutionReport:
         Time of that distance since the motion was published [s].
     controller : str
         What the controller answered to its goal; empty if motions are sent on a topic.
-    continues : bool
-        Whether another motion leads to the same goal, around an obstacle.
-        Another report follows then.
     """
 
     goal: Any
@@ -94,7 +93,6 @@ class ExecutionReport:
     largest_deviation: float
     deviation_time: float
     controller: str = ""
-    continues: bool = False
 
 
 @dataclass(eq=False)
@@ -107,79 +105,49 @@ class Execution:
         Identifies the goal in the report.
     motion : PublishedMotion
         The motion.
-    served : Served or None
-        The goal; None for a stop.
-    is_stop : bool
-        Whether the motion stops the one before, which then gets no report of its own.
+    planned : Planned or None
+        The motion as planned; None for a stop.
     reason : str
         Why the robot is stopped.
-    threat : Threat or None
-        The next collision of the rest of the motion with an obstacle that was not there when it was
-        planned.
-    checked : tuple of (PublishedMotion, World) or None
-        The motion that was checked for such a collision last, and the obstacles.
     is_reported : bool
         Whether the outcome was reported.
-    published : float
-        When the motion was published [s]; for a stop that is repeated, the first one.
-    last : Following or None
-        How the robot followed the motion last, and stopped motions before it.
-    largest_deviation, deviation_time : float
-        See `ExecutionReport`.
-    controller : str
-        What the controller answered; empty if motions are sent on a topic.
-    how : How or None
-        How the robot follows the motion.
-    since, place : float
-        Time since when it does so, and the place at which that began [s].
     """
 
     name: Any
     motion: PublishedMotion
-    served: Served | None = None
-    is_stop: bool = False
+    planned: Planned | None = None
     reason: str = ""
-    threat: Threat | None = None
-    checked: tuple[PublishedMotion, World] | None = None
     is_reported: bool = False
-    published: float = math.nan
-    last: Following | None = None
-    largest_deviation: float = 0.0
-    deviation_time: float = 0.0
-    controller: str = ""
-    how: How | None = None
-    since: float = 0.0
-    place: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.published = self.motion.time
+    _last: Following | None = None
+    _largest_deviation: float = 0.0
+    _deviation_time: float = 0.0
+    _controller: str = ""
+    _how: How | None = None
+    _since: float = 0.0
 
     @classmethod
     def of_stop(
-        cls,
-        stopped: Execution | None,
-        motion: PublishedMotion,
-        reason: str = "",
+        cls, stopped: Execution | None, motion: PublishedMotion, reason: str = ""
     ) -> Execution:
         """The execution of a stop; it is reported unless that of the stopped motion was."""
-        stop = cls(None, motion, is_stop=True, reason=reason, is_reported=True)
-        if stopped is not None:
-            stop.name, stop.is_reported = stopped.name, stopped.is_reported
-            stop.last = stopped.last
+        if stopped is None:
+            return cls(None, motion, reason=reason, is_reported=True)
+        stop = cls(stopped.name, motion, reason=reason, is_reported=stopped.is_reported)
+        stop._last = stopped._last
         return stop
 
-    def replaced(self, by: Execution) -> ExecutionReport | None:
-        """The report on the motion when another one replaces it; None if it had one.
+    @property
+    def is_stop(self) -> bool:
+        """Whether the motion stops the one before, which then gets no report of its own."""
+        return self.planned is None
+
+    def replaced(self) -> ExecutionReport | None:
+        """The report on the motion when that of a newer goal replaces it; None if it had one.
 
         A stop counts as executed then.
         """
-        continues = self.name is not None and by.name is self.name
-        why = "the motion of a newer goal"
-        if continues:
-            reason = self.threat.reason if self.threat else "its goal is the same"
-            why = f"another motion, for {reason}"
         outcome = MotionOutcome.STOPPED if self.is_stop else MotionOutcome.REPLACED
-        return self._end(outcome, f"replaced by {why}", continues=continues)
+        return self._end(outcome, "replaced by the motion of a newer goal")
 
     def given_up(self, reason: str) -> ExecutionReport | None:
         """The report on a motion that can't be followed any more; None if it had one."""
@@ -188,11 +156,8 @@ class Execution:
         )
 
     def answer(self, text: str, failure: MotionOutcome | None) -> ExecutionReport | None:
-        """Record what the controller answered; the report if that ends the motion.
-
-        See `MotionMonitor.hear`.
-        """
-        self.controller = "; ".join(filter(None, [self.controller, text]))
+        """Record what the controller answered; the report if that ends the motion."""
+        self._controller = "; ".join(filter(None, [self._controller, text]))
         if failure is None:  # whether the robot arrived is seen, not told
             return None
         return self._end(failure, f"{failure.replace('_', ' ')}: the controller {text}")
@@ -212,86 +177,91 @@ class Execution:
         :
             The report, once the outcome is known; None before and after.
         """
+        ends = self.motion.began + self.motion.duration
         if following is None:
-            if now < self.motion.began + self.motion.duration + Serving.max_hold:
+            if now < ends + _MAX_HOLD:
                 return None
-            silence = f"joint_states are silent {Serving.max_hold:g} s after the end of the motion"
+            silence = f"joint_states are silent {_MAX_HOLD:g} s after the end of the motion"
             return self.given_up(silence)
-        if following.motion is not self.motion:
-            if now <= self.published + Serving.start_delay:
-                return None  # on a busy machine, the message comes late
-            return self._end(
-                MotionOutcome.NEVER_STARTED,
-                "never started: the robot still follows the previous motion; check that the "
-                "controller is active and accepts the trajectory",
-            )
-        self.last = following
-        if following.distance > self.largest_deviation:
-            self.largest_deviation = following.distance
-            self.deviation_time = now - self.motion.time
-        if following.how is not self.how:
-            self.how, self.since, self.place = following.how, now, following.progress.place
-        return self._judge(following, now)
-
-    def _judge(self, following: Following, now: float) -> ExecutionReport | None:
-        away = f"{following.distance:.3g} rad (or m), of joint '{following.joint}'"
-        duration = now - self.since
-        if following.is_over and following.at_rest:
-            late = following.progress.place - following.motion.duration
-            if self.controller == ACCEPTED and late < Serving.start_delay:
-                return None  # the result of the controller comes a little later
-            if not self.is_stop:
-                return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
+        if self.is_stop:
+            if not (following.at_rest and now >= ends):
+                return None
             since = f"{now - self.motion.time:.2f} s after the stop"
             text = f"stopped: the robot was seen at rest {since}"
             return self._end(MotionOutcome.STOPPED, "; ".join(filter(None, [text, self.reason])))
-        if self._never_started(following, now):
+        if following.motion is not self.motion:
+            if now <= self.motion.time + START_DELAY:
+                return None  # on a busy machine, the message comes late
+            return self._end(
+                MotionOutcome.NEVER_STARTED,
+                "never started: the robot does not follow the motion; check that the controller is "
+                "active and accepts the trajectory",
+            )
+        self._last = following
+        if following.distance > self._largest_deviation:
+            self._largest_deviation = following.distance
+            self._deviation_time = now - self.motion.time
+        if following.how is not self._how:
+            self._how, self._since = following.how, now
+        return self._judge(following, now)
+
+    def is_lost(self, following: Following | None, now: float) -> bool:
+        """Whether this is a stop that the controller has not taken: it is sent again."""
+        if not self.is_stop or following is None or following.at_rest:
+            return False
+        if following.motion is not self.motion:
+            return True
+        if following.is_over:  # its servos follow
+            return False
+        if following.how is not self._how:
+            self._how, self._since = following.how, now
+        ends = self.motion.began + self.motion.duration
+        is_off = self._how in (How.OFF, How.BEHIND) and self.motion.is_path_known
+        return now > ends + _STOP_MARGIN or (is_off and now - self._since >= _STOP_AWAY)
+
+    def _judge(self, following: Following, now: float) -> ExecutionReport | None:
+        away = f"{following.distance:.3g} rad (or m), of joint '{following.joint}'"
+        duration, late = now - self._since, following.place - following.motion.duration
+        if following.is_over and following.at_rest:
+            if self._controller == ACCEPTED and late < START_DELAY:
+                return None  # the result of the controller comes a little later
+            return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
+        if self._how is How.HELD and duration > START_DELAY and self._is_at_start(following):
             return self._end(
                 MotionOutcome.NEVER_STARTED,
                 "never started: the robot rests at the start of the motion; check that the "
                 "controller is active and accepts the trajectory",
             )
-        if self.how is How.OFF and duration > Serving.away_time:
+        if self._how is How.OFF and duration > _AWAY:
             return self._end(
                 MotionOutcome.NOT_FOLLOWED,
                 f"not followed: the deviation from the path is {away}; the largest one was "
-                f"{self.largest_deviation:.3g}, {self.deviation_time:.2f} s after publishing",
+                f"{self._largest_deviation:.3g}, {self._deviation_time:.2f} s after publishing",
             )
-        # Under speed scaling, a robot may be too slow to be seen to move.
-        advanced = following.progress.place - self.place
-        is_slow = advanced > 0.5 * Serving.slowest_rate * duration
-        if self.how is How.HELD and duration > Serving.max_hold and not is_slow:
+        if self._how is How.HELD and duration > _MAX_HOLD:
             return self._end(
                 MotionOutcome.NOT_FOLLOWED,
                 f"not followed: the robot has rested at {self._share:.0%} of the motion for more "
-                f"than {Serving.max_hold:g} s",
+                f"than {_MAX_HOLD:g} s",
             )
         return None
 
-    def _never_started(self, following: Following, now: float) -> bool:
-        """Whether the robot has rested at the start of the motion for too long."""
-        published = self.motion.time
-        if self.how is not How.HELD or now - max(self.since, published) <= Serving.start_delay:
-            return False
-        began = published - self.motion.began
-        # A slow motion, under speed scaling, may not be seen yet.
-        seen = began + Serving.slowest_rate * (now - published)
-        places = np.array([began, following.progress.place, seen])
-        start, here, due = self.motion.sample(places)[0]
-        has_left = np.abs([here - start, due - start]).max(axis=1) > Serving.left_start
-        return bool(not has_left[0] and has_left[1])
+    def _is_at_start(self, following: Following) -> bool:
+        """Whether the robot rests at the start of the motion, which leads away from there."""
+        began = max(self.motion.time - self.motion.began, 0.0)
+        start, here = self.motion.sample(np.array([began, following.place]))[0]
+        leaves = np.abs(self.motion.end - start).max() > _LEFT_START
+        return bool(np.abs(here - start).max() <= _LEFT_START and leaves)
 
     @property
     def _share(self) -> float:
         """The share of the motion that was executed."""
-        if self.last is None:
+        if self._last is None:
             return 0.0
-        duration = self.last.motion.duration
-        return min(self.last.progress.place / duration, 1.0) if duration > 0.0 else 1.0
+        duration = self._last.motion.duration
+        return min(self._last.place / duration, 1.0) if duration > 0.0 else 1.0
 
-    def _end(
-        self, outcome: MotionOutcome, message: str, *, continues: bool = False
-    ) -> ExecutionReport | None:
+    def _end(self, outcome: MotionOutcome, message: str) -> ExecutionReport | None:
         if self.is_reported:
             return None
         self.is_reported = True
@@ -300,70 +270,36 @@ class Execution:
             outcome,
             message,
             self._share,
-            0.0 if self.last is None else self.last.distance,
-            self.largest_deviation,
-            self.deviation_time,
-            self.controller,
-            continues,
+            0.0 if self._last is None else self._last.distance,
+            self._largest_deviation,
+            self._deviation_time,
+            self._controller,
         )
 
-
-# Goals closer than this are the same [rad or m]: controllers and encoders resolve no more.
-_SAME = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Served:
-    """A goal whose motion was published, or is under way already.
-
-    Attributes
-    ----------
-    goal : Goal
-        The goal.
-    plan : Plan or AdaptedPlan
-        The plan.
-    model : Model
-        The model it was planned with.
-    motion : PublishedMotion
-        The published motion.
-    name : object
-        Identifies the goal in the report of its execution.
-    primitives : tuple of MovementPrimitive
-        Those of the plan. Its names may be missing in the library of a newer model.
-    under_way : str
-        Why nothing was published for a goal that repeats; empty if a motion was.
-    """
-
-    goal: Goal
-    plan: AnyPlan
-    model: Model
-    motion: PublishedMotion
-    name: Any = None
-    primitives: tuple[MovementPrimitive, ...] = ()
-    under_way: str = ""
-
-    def rest_of_goal(self, place: float) -> Goal:
+    def rest_of_goal(self, place: float) -> Goal | None:
         """The goal for all joints, without a duration and without the targets before a place [s].
 
         Joints that the goal doesn't name keep the position that they were to have, not the one at
-        that place.
+        that place. None for a stop.
         """
-        goal, motions = self.goal, getattr(self.plan, "motions", ())
+        if self.planned is None:
+            return None
+        goal, end = self.planned.goal, self.planned.trajectory
         if isinstance(goal, PoseGoal):
             return replace(goal, duration=None)
-        end = self.plan.trajectory
         names = end.joint_names
         last: JointState | Pose = JointState(
             names, end.positions[-1], end.velocities[-1], end.accelerations[-1]
         )
-        if isinstance(goal, SequenceGoal) and len(motions) == len(goal.targets):
+        if isinstance(goal, SequenceGoal) and len(self.planned.segments) == len(goal.targets):
             # The published motion begins with a part of the one that it continues.
-            ends = np.cumsum([motion.duration for motion in motions])
+            durations, states = zip(*self.planned.segments, strict=True)
+            ends = np.cumsum(durations)
             began = self.motion.duration - ends[-1]
             first = int(np.count_nonzero(began + ends[:-1] <= place))
             targets = [
-                target if isinstance(target, Pose) else JointState(names, motion.goal.positions)
-                for target, motion in zip(goal.targets, motions, strict=True)
+                target if isinstance(target, Pose) else JointState(names, state.positions)
+                for target, state in zip(goal.targets, states, strict=True)
             ]
             if targets[first + 1 :]:
                 stops = goal.stops[first:]
@@ -374,26 +310,23 @@ class Served:
             return PoseGoal(last, primitive=goal.primitive)
         return JointGoal(last, primitive=goal.primitive)
 
-    def answer(self, goal: Goal, start: MotionStart, model: Model) -> str:
+    def repeats(self, goal: Goal, following: Following | None) -> str:
         """Why nothing has to be published for another goal; empty if a motion is needed."""
-        following = start.following
-        if following is None or self.motion is not following.motion or self.model is not model:
+        if self.planned is None or following is None or following.motion is not self.motion:
             return ""
-        if following.is_running:
-            if not is_same_goal(goal, self.goal):
-                return ""
-            rate = max(following.progress.rate, 0.01)
-            left = (following.motion.duration - following.progress.place) / rate
+        is_same = is_same_goal(goal, self.planned.goal)
+        if following.is_running and is_same:
+            left = (following.motion.duration - following.place) / max(following.rate, 0.01)
             return f"the goal is under way: the robot arrives in {left:.2g} s"
-        if isinstance(goal, SequenceGoal):
+        if not following.is_over or isinstance(goal, SequenceGoal):
             return ""
-        if not is_same_goal(goal, self.goal):
-            if not isinstance(goal, JointGoal):
-                return ""
-            model.planner.check(goal)
-            target = model.planner.target(goal, start.state)
-            if not is_same_configuration(target, start.state):
-                return ""
+        if not is_same and isinstance(goal, JointGoal):
+            end = self.planned.trajectory
+            here = JointState(end.joint_names, end.positions[-1], end.velocities[-1])
+            if set(goal.state.joint_names) <= set(end.joint_names) and goal.primitive is None:
+                is_same = is_same_configuration(goal.state, in_order(here, goal.state.joint_names))
+        if not is_same:
+            return ""
         error = f"{following.distance:.3g} rad (or m), of joint '{following.joint}'"
         return f"the robot is at the goal: the largest error is {error}"
 

@@ -15,14 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import FloatArray, set_frozen
-from ...input_limits import INPUT_LIMITS
-from ...motion.goal import JointState
-from ...motion.interpolation import hermite_functions, interpolate_at, segment_ends
-from ...motion.trajectory import Trajectory
-from ...motion.validation import LimitCheck, check_limits
-from ...robot.limits import JointLimits
-from ...robot.model import Robot
+from ..arrays import FloatArray, set_frozen
+from ..motion.goal import JointState
+from ..motion.interpolation import interpolate_at, segment_ends
+from ..motion.trajectory import Trajectory
 
 TRANSPORT = 0.02
 """Longest time that a message takes to the controller [s]."""
@@ -33,9 +29,6 @@ USUAL_TRANSPORT = 0.001
 MIN_STEP = 3e-4
 """Shortest time between points that are joined [s]. In a shorter one, the rounding of positions
 would be a noticeable jerk."""
-
-# Duration of a displaced motion in durations of the planned one.
-_SLOWEST = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +48,6 @@ class PublishedMotion:
         When the first point of that is commanded [s], by default when the motion began.
     is_timed : bool
         Whether that point belongs to that time, not to the arrival of the message.
-    is_on_time : bool
-        Whether that time is known precisely. It is not if the motion starts on arrival or
-        continues the motion of a robot that lags.
     is_path_known : bool
         Whether the controller follows its path, not only leads to its end.
     """
@@ -67,7 +57,6 @@ class PublishedMotion:
     sent: Trajectory = None  # type: ignore[assignment]
     time: float = math.nan
     is_timed: bool = False
-    is_on_time: bool = False
     is_path_known: bool = True
 
     def __post_init__(self) -> None:
@@ -97,7 +86,7 @@ class PublishedMotion:
         if efforts is not None:
             efforts = np.vstack([efforts[:1], efforts])
         held = Trajectory(trajectory.joint_names, times, q, v, a, efforts)
-        return cls(held, time, held, time, is_timed=True, is_on_time=True)
+        return cls(held, time, held, time, is_timed=True)
 
     @property
     def stamp(self) -> float | None:
@@ -215,84 +204,3 @@ def hold(joint_names: Sequence[str], positions: FloatArray) -> Trajectory:
     """A trajectory of one point at rest."""
     zero = np.zeros((1, len(positions)))
     return Trajectory(joint_names, [0.0], [positions], zero, zero)
-
-
-def displaced(
-    motion: PublishedMotion,
-    place: float,
-    goal: JointState,
-    robot: Robot,
-    limits: JointLimits,
-    period: float,
-    planned_duration: float,
-) -> tuple[Trajectory, LimitCheck] | None:
-    """Displace the end of a motion, within the limits and without shortening it.
-
-    The displacement is the minimum-jerk polynomial from 0 to the change of the goal, similar to how
-    dynamic movement primitives adapt to changed goals. No motion starts anew, so goals that repeat
-    or drift are reached at any rate.
-
-    Parameters
-    ----------
-    motion : PublishedMotion
-        The motion.
-    place : float
-        Place on the motion at which the displacement begins [s].
-    goal : JointState
-        The new end, with its velocities; of the joints of the motion.
-    robot, limits :
-        Of the same joints.
-    period : float
-        Longest time between points [s].
-    planned_duration : float
-        Duration of the planned motion [s]. Each motion of a stream of goals displaces the one
-        before, and would take ever longer without a bound.
-
-    Returns
-    -------
-    trajectory, check :
-        The displaced motion from the place on with its efforts, and its comparison with the
-        limits; None if every displacement breaks a limit or takes too long.
-    """
-    change = np.abs(goal.positions - motion.end)
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    # Of the minimum-jerk polynomial from 0 to 1 in unit time.
-    peaks = (1.875, 5.7735, 60.0)
-    needed = [
-        float(np.max(peak * change / bound)) ** (1.0 / order)
-        for order, (peak, bound) in enumerate(zip(peaks, bounds, strict=True), start=1)
-    ]
-    # Small displacements are smooth, too, if they take a quarter of a second.
-    shortest = max(0.25, *needed)
-    duration = max(motion.duration - place, shortest)
-    longest = min(_SLOWEST * max(planned_duration, shortest), INPUT_LIMITS.longest_motion(period))
-    # Longer ones are tried, because the sum with the motion must keep the limits.
-    while duration <= longest:
-        trajectory = _displaced_in(duration, motion, place, goal, period)
-        check = check_limits(trajectory, robot, limits)
-        if not check.violations:
-            return trajectory.with_efforts(check.efforts), check
-        duration *= 1.25
-    return None
-
-
-def _displaced_in(
-    duration: float, motion: PublishedMotion, place: float, goal: JointState, period: float
-) -> Trajectory:
-    """The motion from a place on, plus the polynomial to the change of its end."""
-    # At the points of the motion: between others, a quintic over a jump of the jerk exceeds it.
-    own = motion.rest(place).times if place < motion.duration else np.zeros(1)
-    own = own[own < max(duration - MIN_STEP, MIN_STEP)]
-    n_more = max(int(np.ceil((duration - own[-1]) / period - 1e-6)), 6 - len(own), 1)
-    times = np.concatenate([own, np.linspace(own[-1], duration, n_more + 1)[1:]])
-    last = motion.state(motion.duration)
-    ends = zip(last.values, goal.values, strict=True)
-    change = [(new - old) * duration**d for d, (old, new) in enumerate(ends)]
-    boundary = np.vstack([np.zeros((3, len(goal.positions))), change])
-    columns = [
-        x + hermite_functions(times / duration, d) @ boundary / duration**d
-        for d, x in enumerate(motion.sample(place + times))
-    ]
-    for x, end in zip(columns, goal.values, strict=True):
-        x[-1] = end
-    return Trajectory(motion.trajectory.joint_names, times, *columns)

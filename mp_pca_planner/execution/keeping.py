@@ -10,21 +10,24 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from ...exceptions import GoalError
-from ...learning.refined_motion import RefinedMotion, primitive_around
-from ...planning.plan import Plan
-from ...primitives.file import save_primitive
-from .execution import Served
-from .motion_server import AdaptedPlan
+from ..exceptions import GoalError
+from ..learning.refined_motion import RefinedMotion, primitive_around
+from ..planning.plan import Plan
+from ..primitives.file import save_primitive
+from ..primitives.library import PrimitiveLibrary
 
 
-def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> Path:
+def keep_motion(
+    plan: Plan, library: PrimitiveLibrary, folder: Path, provenance: Mapping[str, Any]
+) -> Path:
     """Write a primitive of the motions around a published one to a new file.
 
     Parameters
     ----------
-    served : Served
-        The published motion.
+    plan : Plan
+        The motion.
+    library : PrimitiveLibrary
+        Has its primitive.
     folder : Path
         Folder of the file, which is named after the primitive with the first free number.
     provenance : mapping
@@ -35,14 +38,9 @@ def keep_motion(served: Served, folder: Path, provenance: Mapping[str, Any]) -> 
     PlannerError
         If the motion is a sequence, or the file can't be written.
     """
-    plan = served.plan
-    if isinstance(plan, Plan) and plan.mode:
+    if plan.mode:
         reason = "it is a sequence, and a primitive is made of the motion to a single goal"
         raise GoalError(f"the last motion can't be kept: {reason}")
-    if isinstance(plan, AdaptedPlan):
-        reason = "it continues a running motion; send the goal again when the robot is at rest"
-        raise GoalError(f"the last motion can't be kept: {reason}")
-    library = served.model.planner.primitives
     primitive = library.named(plan.primitive)
     # Names may contain any characters, a path for example.
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", primitive.name)[:100]

@@ -1,0 +1,599 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The planner of a node: set up from primitives, a robot and settings, it plans one goal at a time.
+
+It runs in a process of its own. It knows neither ROS nor the robot's present state beyond what a
+request says.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import CancelledError
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..control.law import control_statement
+from ..exceptions import GoalError, PlannerError, RobotError, quote_names, unknown_name
+from ..input_limits import INPUT_LIMITS
+from ..motion.collision import CollisionModel, package_folders
+from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
+from ..motion.interpolation import hermite_functions
+from ..motion.trajectory import Trajectory
+from ..motion.validation import LimitCheck, check_limits
+from ..planning.objectives import objective_weights, weighted_objectives
+from ..planning.path_constraints import PathConstraint, path_constraints
+from ..planning.plan import SOLVED, Plan
+from ..planning.planner import Planner
+from ..planning.report import motion_remarks
+from ..primitives.library import PrimitiveLibrary, load_primitives
+from ..primitives.primitive import MovementPrimitive
+from ..robot.limits import JointLimits, moveit_factors_note
+from ..robot.model import Robot
+from ..robot.world import World
+from .link import ModelFacts, Planned, PlanRequest, Rejected, RunningMotion, SetUp, SetUpDone
+from .motions import MIN_STEP, PublishedMotion
+from .parameters import REFUSE, Settings, check_limit_names, locked_positions
+
+LOCKED_TOLERANCE = 1e-3
+"""Distance from its position in the model up to which a locked joint counts as there [rad or m]:
+more than the noise of sensors."""
+
+# Change of the goal up to which a motion is displaced without planning, while it runs and at its
+# end [rad or m]. Planned motions would swing as the demonstrations do.
+_NEAR, _NEAR_AT_REST = 0.15, 0.03
+# Duration of a displaced motion in durations of the planned one.
+_SLOWEST = 2.0
+# Part of the time for planning that is left for what follows it [s].
+_PUBLISHING_TIME = 0.02
+
+_NEVER: Callable[[], bool] = lambda: False  # noqa: E731
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A planner with its robot, limits and settings.
+
+    Attributes
+    ----------
+    planner : Planner
+        The planner.
+    robot : Robot
+        Its robot.
+    limits : JointLimits
+        The limits of its joints.
+    settings : Settings
+        The parameters.
+    end_effector : str
+        The link of pose goals and previews.
+    urdf : str
+        The robot description.
+    collision : CollisionModel or None
+        The collision model without obstacles. None if the robot's collision geometry can't be used.
+    constraints : tuple of PathConstraint
+        Constraints on every configuration.
+    """
+
+    planner: Planner
+    robot: Robot
+    limits: JointLimits
+    settings: Settings
+    end_effector: str
+    urdf: str
+    collision: CollisionModel | None = None
+    constraints: tuple[PathConstraint, ...] = ()
+
+    @property
+    def facts(self) -> ModelFacts:
+        """What the node needs to know of it."""
+        links = {self.settings.end_effector_frame}
+        robot, notes = self.robot, []
+        if unlimited := self.limits.unlimited:
+            notes.append(
+                f"some joints have no limit of {', '.join(unlimited)}: set them with "
+                "'limits_file' before a real robot moves"
+            )
+        if note := moveit_factors_note(self.settings.limits_file):
+            notes.append(note)
+        if not self.settings.collision:
+            notes.append("self-collision is not checked: set 'collision' to true to avoid it")
+        return ModelFacts(
+            self.limits,
+            dict(robot.locked_positions),
+            robot.carrying_joints(links),
+            unknown_positions(self, World()),
+            self.end_effector,
+            tuple(notes),
+        )
+
+
+def assemble_model(
+    urdf: str,
+    primitives: Sequence[MovementPrimitive],
+    settings: Settings,
+    measured: Mapping[str, float] | None = None,
+    should_stop: Callable[[], bool] = _NEVER,
+) -> Model:
+    """Set up a planner for the joints of the primitives.
+
+    Parameters
+    ----------
+    urdf :
+        The robot description, XML text.
+    primitives :
+        At least one.
+    settings :
+        Limits and options.
+    measured :
+        Measured positions of any joints [rad or m]; those that the primitives do not move are
+        locked there.
+    should_stop :
+        Whether a plan is no longer needed.
+
+    Raises
+    ------
+    PlannerError
+        If these are inconsistent.
+    """
+    joint_names = primitives[0].joint_names
+    check_limit_names((f"limits.{joint}.max_velocity" for joint in settings.limits), joint_names)
+    robot = Robot(urdf, joint_names)
+    known = [name for name in robot.movable_joints if name not in joint_names]
+    for name in locked_positions(settings.locked_joints):
+        if name not in known:
+            reason = unknown_name("joint that the primitives do not move", name, known)
+            raise PlannerError(f"parameter 'locked_joints': {reason}")
+    if locked := _locked(robot, settings, measured or {}):
+        robot = Robot(urdf, joint_names, locked=locked)
+    limits = robot.limits(settings.limits_file or {}, settings.limits)
+    # Made now, so that no goal among the first obstacles waits for it.
+    collision = None
+    try:
+        collision = collision_model(robot, settings)
+    except RobotError:
+        if settings.collision:
+            raise
+    frame = settings.end_effector_frame or robot.end_effector
+    if frame not in robot.frame_names:
+        reason = unknown_name("link of the robot description", frame, robot.frame_names)
+        raise PlannerError(f"parameter 'end_effector_frame': {reason}")
+    weights = objective_weights(settings.objective, "parameter 'objective'")
+    options = replace(
+        settings.planner_options,
+        should_stop=should_stop,
+        objectives=weighted_objectives(weights, robot, frame),
+        constraints=path_constraints(settings.constraints, "parameter 'constraints'", robot),
+    )
+    planner = Planner(robot, primitives, limits, options)
+    if collision is not None and settings.collision:
+        planner.use_collision(collision.with_world(World()))
+    return Model(planner, robot, limits, settings, frame, urdf, collision, options.constraints)
+
+
+def is_outdated(model: Model, measured: Mapping[str, float], world: World) -> bool:
+    """Whether a joint that makes a difference was measured away from where a model locks it.
+
+    Parameters
+    ----------
+    model :
+        The model.
+    measured :
+        Measured positions of any joints [rad or m].
+    world :
+        The obstacles.
+    """
+    used = model.robot.locked_positions
+    moved = {
+        name
+        for name, position in _locked(model.robot, model.settings, measured).items()
+        if name not in used or abs(position - used[name]) > LOCKED_TOLERANCE
+    }
+    return bool(moved and moved.intersection(_relevant(model, world)))
+
+
+def unknown_positions(model: Model, world: World) -> str:
+    """Which joints make a difference and have an unknown position; empty if there are none."""
+    known, relevant = model.robot.locked_positions, _relevant(model, world)
+    if texts := model.robot.mimicry(relevant):
+        return texts[0]
+    unknown = [name for name in relevant if name not in known]
+    if not unknown:
+        return ""
+    return (
+        f"the positions of joints {quote_names(unknown)} are not known: the primitives do not move "
+        "them, but they place links with a mass or a collision shape; publish them in "
+        "joint_states, or set the parameter 'locked_joints' (name=value,…)"
+    )
+
+
+def _relevant(model: Model, world: World) -> tuple[str, ...]:
+    """The locked joints whose positions make a difference."""
+    links = {model.settings.end_effector_frame, *(obstacle.frame for obstacle in world)}
+    links |= {constraint.frame for constraint in model.constraints}
+    return model.robot.relevant_joints(pairs=model.settings.collision, links=links)
+
+
+def _locked(robot: Robot, settings: Settings, measured: Mapping[str, float]) -> dict[str, float]:
+    """Positions of the joints that do not move: those given, replaced by those measured."""
+    given = locked_positions(settings.locked_joints)
+    names = set(robot.movable_joints) - set(robot.joint_names)
+    return {
+        name: position
+        for name, position in {**given, **measured}.items()
+        if name in names and math.isfinite(position)
+    }
+
+
+def collision_model(
+    robot: Robot, settings: Settings, *, self_collision: bool | None = None
+) -> CollisionModel:
+    """The collision model of a robot without obstacles.
+
+    Parameters
+    ----------
+    robot :
+        The robot.
+    settings :
+        With the files of the geometry and the margin.
+    self_collision :
+        Whether pairs of links are checked; as the settings say unless given.
+
+    Raises
+    ------
+    RobotError
+        If the geometry can't be read.
+    """
+    return CollisionModel(
+        robot,
+        srdf=settings.srdf or None,
+        package_dirs=package_folders(settings.package_folders),
+        margin=settings.obstacle_margin,
+        self_collision=settings.collision if self_collision is None else self_collision,
+    )
+
+
+def in_world(model: Model, world: World) -> CollisionModel:
+    """The collision model of a robot among obstacles.
+
+    Raises
+    ------
+    RobotError
+        If the robot's geometry can't be used.
+    """
+    collision = model.collision or collision_model(model.robot, model.settings)
+    if len(world) and not collision.has_geometry:
+        raise RobotError(
+            "obstacles can't be avoided: the robot description has no collision geometry; add "
+            "<collision> to its links, or remove the obstacles"
+        )
+    return collision.with_world(world)
+
+
+class GoalPlanner:
+    """Plans motions for the goals of a node.
+
+    Parameters
+    ----------
+    is_cancelled : callable
+        Whether the request with a key is no longer needed.
+
+    Attributes
+    ----------
+    model : Model or None
+        The model in use.
+    world : World
+        The obstacles.
+    unplaced, missing : str
+        Why it is unknown where an obstacle is, and why one is not avoided; empty if all are.
+    settle : callable
+        Called between planning and the answer: takes the obstacles that have arrived meanwhile.
+    """
+
+    def __init__(self, is_cancelled: Callable[[int], bool] = lambda _: False) -> None:
+        self._is_cancelled = is_cancelled
+        self.model: Model | None = None
+        self.world, self.unplaced, self.missing = World(), "", ""
+        self.settle: Callable[[], None] = lambda: None
+        self._library: tuple[tuple[str, ...], PrimitiveLibrary] | None = None
+        self._key, self._deadline = 0, math.inf
+        # The newest plans, to keep one of them as a primitive.
+        self.plans: dict[int, Plan] = {}
+
+    def set_up(self, message: SetUp) -> SetUpDone:
+        """Use primitives, robot and parameters, if they fit together."""
+        paths = message.settings.primitive_paths
+        library = self._library[1] if self._library else None
+        if message.rereads or self._library is None or self._library[0] != paths:
+            try:
+                library = load_primitives(paths) if paths else None
+            except (PlannerError, OSError) as error:
+                return SetUpDone(message.number, problem=str(error), is_unreadable=True)
+        names = library.joint_names if library else ()
+        primitives = tuple(library.names) if library else ()
+        model = None
+        if library is not None and message.urdf:
+            try:
+                model = self._assembled(message.urdf, library, message.settings, message.measured)
+            except PlannerError as error:
+                return SetUpDone(message.number, names, primitives, problem=str(error))
+        self._library = (paths, library) if library is not None else None
+        self.model = model
+        facts = model.facts if model else None
+        return SetUpDone(message.number, names, primitives, facts)
+
+    def lock(self, measured: Mapping[str, float]) -> bool:
+        """Lock the joints that do not move where they are; returns whether the model is another."""
+        model = self.model
+        if model is None or self._library is None or not is_outdated(model, measured, self.world):
+            return False
+        self.model = self._assembled(model.urdf, self._library[1], model.settings, measured)
+        return True
+
+    def plan(self, request: PlanRequest) -> Planned | Rejected:
+        """Plan a motion, continue the one that is running, or say why there is none."""
+        self._key, self._deadline = request.key, math.inf
+        try:
+            if self.model is None:
+                raise GoalError("the planner is being set up; send the goal again")
+            is_other = self.lock(request.measured)
+            found = self._planned(request, self.model)
+            return replace(found, facts=self.model.facts) if is_other else found
+        except UnexecutablePlanError as error:
+            return Rejected(request.key, str(error), error.plan.summary())
+        except CancelledError:
+            return Rejected(request.key, "it is not needed any more", is_preempted=True)
+        except PlannerError as error:
+            return Rejected(request.key, str(error))
+
+    def _assembled(
+        self,
+        urdf: str,
+        library: PrimitiveLibrary,
+        settings: Settings,
+        measured: Mapping[str, float],
+    ) -> Model:
+        return assemble_model(urdf, library, settings, measured, self._should_stop)
+
+    def _should_stop(self) -> bool:
+        return time.monotonic() > self._deadline or self._is_cancelled(self._key)
+
+    def _planned(self, request: PlanRequest, model: Model) -> Planned:
+        world, settings = self.world, model.settings
+        if self.unplaced and settings.unplaced_obstacles == REFUSE:
+            raise GoalError(
+                f"{self.unplaced}; with the parameter 'unplaced_obstacles' of 'warn', goals are "
+                "served without it"
+            )
+        if unknown := unknown_positions(model, world):
+            raise GoalError(unknown)
+        self._use_world(model)
+        goal = request.goal
+        ends = time.monotonic() + request.budget - _PUBLISHING_TIME
+        running = None if isinstance(goal, SequenceGoal) else request.running
+        found = None
+        if running is not None and not isinstance(goal, SequenceGoal):
+            found = self._continued(request, goal, running, model, ends)
+        found = found or self._from_plan(request, goal, self._executable(goal, request, model))
+        self.settle()
+        if self.world is not world:
+            self._use_world(model)
+            collision = model.planner.collision
+            if collision is not None and (met := collision.collisions(found.trajectory)):
+                raise GoalError(
+                    f"the obstacles changed during planning: {met[0]}; send the goal again"
+                )
+        return found
+
+    def _use_world(self, model: Model) -> None:
+        """Give the planner the newest obstacles."""
+        collision, world = model.planner.collision, self.world
+        if len(world) if collision is None else collision.world is not world:
+            model.planner.use_collision(in_world(model, world))
+
+    def _executable(self, goal: Goal, request: PlanRequest, model: Model) -> Plan:
+        """A plan that may be executed."""
+        plan = model.planner.plan(goal, request.start)
+        if self._is_cancelled(request.key):
+            raise CancelledError
+        if not plan.is_executable:
+            raise UnexecutablePlanError(plan)
+        return plan
+
+    def _from_plan(self, request: PlanRequest, goal: Goal, plan: Plan) -> Planned:
+        assert self.model is not None
+        self.plans = {**dict(list(self.plans.items())[-3:]), request.key: plan}
+        library = self.model.planner.primitives
+        laws = {name: control_statement(library.named(name)) for name in plan.primitives}
+        segments = [(motion.duration, motion.goal) for motion in plan.motions]
+        return Planned(
+            request.key,
+            goal,
+            plan.trajectory,
+            plan.limit_check,
+            plan.message,
+            tuple(plan.remarks),
+            plan.summary(),
+            plan.primitives,
+            laws,
+            tuple(segments) if isinstance(goal, SequenceGoal) else (),
+            plan.trajectory.duration,
+            plan.solve_time,
+        )
+
+    def _continued(
+        self,
+        request: PlanRequest,
+        goal: JointGoal | PoseGoal,
+        running: RunningMotion,
+        model: Model,
+        ends: float,
+    ) -> Planned | None:
+        """Continue the running motion to another goal; None if that is impossible.
+
+        A planned motion takes no longer than the displaced one, so streams of goals do not delay
+        the arrival. Planning ends when it is time to publish. For a goal near the end of the
+        motion, the displaced motion is used.
+        """
+        began = time.monotonic()
+        stated = goal
+        if isinstance(goal, PoseGoal):
+            if running.is_over:
+                return None
+            end = self._executable(goal, request, model).trajectory.positions[-1]
+            end_state = JointState(request.start.joint_names, end)
+            goal = JointGoal(end_state, goal.duration, goal.primitive)
+        target = model.planner.target(goal, request.start)
+        if model.planner.is_too_far(goal, request.start, target):
+            return None
+        change = float(np.abs(target.positions - running.trajectory.positions[-1]).max())
+        near = _NEAR_AT_REST if running.is_over else _NEAR
+        is_near = not goal.duration and goal.primitive is None and change <= near
+        if running.is_over and not (is_near and running.is_of_goal):
+            return None
+        adapted = self._displaced(request, stated, target, running, model, began)
+        if adapted is None or is_near:
+            return adapted
+        if not goal.duration:
+            goal = replace(goal, duration=adapted.trajectory.duration)
+        self._deadline = ends
+        plan = model.planner.plan(goal, request.start)
+        self._deadline = math.inf
+        if self._is_cancelled(request.key):
+            raise CancelledError
+        is_late = time.monotonic() > ends
+        dearer = plan.trajectory.effort_cost > adapted.trajectory.effort_cost
+        if is_late or not plan.is_executable or (not stated.duration and dearer):
+            return adapted
+        return self._from_plan(request, stated, plan)
+
+    def _displaced(
+        self,
+        request: PlanRequest,
+        goal: Goal,
+        target: JointState,
+        running: RunningMotion,
+        model: Model,
+        began: float,
+    ) -> Planned | None:
+        """The running motion displaced to a target, if that keeps what motions have to."""
+        found = displaced(running, target, model.robot, model.limits, model.settings.sample_period)
+        collision = model.planner.collision
+        if found is None or (collision is not None and collision.collisions(found[0])):
+            return None
+        trajectory, check = found
+        for constraint in model.constraints:
+            if np.any(constraint.values(model.robot, trajectory.positions)[0] < 0.0):
+                return None
+        message, solve_time = "the motion is continued to the new goal", time.monotonic() - began
+        values = {
+            "status": SOLVED,
+            "message": message,
+            "primitive": ", ".join(running.primitives) or "none",
+            "duration": trajectory.duration,
+            "effort_cost": trajectory.effort_cost,
+            "solve_time_s": solve_time,
+            "iterations": 0,
+            "in_span_score": running.in_span_score,
+            "limit_violation": check.worst_excess,
+            "start_error": 0.0,
+            "goal_error": 0.0,
+        }
+        return Planned(
+            request.key,
+            goal,
+            trajectory,
+            check,
+            message,
+            tuple(motion_remarks(running.in_span_score, check)),
+            values,
+            running.primitives,
+            running.laws,
+            (),
+            running.planned_duration,
+            solve_time,
+        )
+
+
+class UnexecutablePlanError(PlannerError):
+    """A plan that must not be published."""
+
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(plan.message)
+        self.plan = plan
+
+
+def displaced(
+    running: RunningMotion, goal: JointState, robot: Robot, limits: JointLimits, period: float
+) -> tuple[Trajectory, LimitCheck] | None:
+    """Displace the end of a motion, within the limits and without shortening it.
+
+    The displacement is the minimum-jerk polynomial from 0 to the change of the goal, similar to how
+    dynamic movement primitives adapt to changed goals. No motion starts anew, so goals that repeat
+    or drift are reached at any rate.
+
+    Parameters
+    ----------
+    running : RunningMotion
+        The motion. Each motion of a stream of goals displaces the one before, and would take ever
+        longer than the planned one without a bound.
+    goal : JointState
+        The new end, with its velocities; of the joints of the motion.
+    robot, limits :
+        Of the same joints.
+    period : float
+        Longest time between points [s].
+
+    Returns
+    -------
+    trajectory, check :
+        The displaced motion from the place on with its efforts, and its comparison with the
+        limits; None if every displacement breaks a limit or takes too long.
+    """
+    motion = PublishedMotion(running.trajectory, 0.0)
+    place = min(running.place, motion.duration)
+    change = np.abs(goal.positions - motion.end)
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    # Of the minimum-jerk polynomial from 0 to 1 in unit time.
+    peaks = (1.875, 5.7735, 60.0)
+    needed = [
+        float(np.max(peak * change / bound)) ** (1.0 / order)
+        for order, (peak, bound) in enumerate(zip(peaks, bounds, strict=True), start=1)
+    ]
+    # Small displacements are smooth, too, if they take a quarter of a second.
+    shortest = max(0.25, *needed)
+    duration = max(motion.duration - place, shortest)
+    longest = _SLOWEST * max(running.planned_duration, shortest)
+    longest = min(longest, INPUT_LIMITS.longest_motion(period))
+    # Longer ones are tried, because the sum with the motion must keep the limits.
+    while duration <= longest:
+        trajectory = _displaced_in(duration, motion, place, goal, period)
+        check = check_limits(trajectory, robot, limits)
+        if not check.violations:
+            return trajectory.with_efforts(check.efforts), check
+        duration *= 1.25
+    return None
+
+
+def _displaced_in(
+    duration: float, motion: PublishedMotion, place: float, goal: JointState, period: float
+) -> Trajectory:
+    """The motion from a place on, plus the polynomial to the change of its end."""
+    # At the points of the motion: between others, a quintic over a jump of the jerk exceeds it.
+    own = motion.rest(place).times if place < motion.duration else np.zeros(1)
+    own = own[own < max(duration - MIN_STEP, MIN_STEP)]
+    n_more = max(int(np.ceil((duration - own[-1]) / period - 1e-6)), 6 - len(own), 1)
+    times = np.concatenate([own, np.linspace(own[-1], duration, n_more + 1)[1:]])
+    last = motion.state(motion.duration)
+    ends = zip(last.values, goal.values, strict=True)
+    change = [(new - old) * duration**d for d, (old, new) in enumerate(ends)]
+    boundary = np.vstack([np.zeros((3, len(goal.positions))), change])
+    columns = [
+        x + hermite_functions(times / duration, d) @ boundary / duration**d
+        for d, x in enumerate(motion.sample(place + times))
+    ]
+    for x, end in zip(columns, goal.values, strict=True):
+        x[-1] = end
+    return Trajectory(motion.trajectory.joint_names, times, *columns)

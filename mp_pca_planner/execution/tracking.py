@@ -1,0 +1,633 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the robot is: on the command that its controller states, or on the motion published last.
+
+Four rules, in this order:
+
+1. The controller states its command: that is where the robot is.
+2. Else it follows the published motion: its measured state is near where the motion was a moment
+   ago, as servos lag. Then the motion, by the clock, is the command. A robot that lags more than
+   it usually does is slowed or held by something else.
+3. Else it rests: its measured state is the command.
+4. Else it moves, and where its command is can't be known: no motion can be joined to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..exceptions import GoalError, TrajectoryError
+from ..motion.goal import JointState
+from ..motion.trajectory import Trajectory
+from .motions import TRANSPORT, USUAL_TRANSPORT, PublishedMotion, hold
+from .parameters import AUTO, MEASURED, Settings
+from .states import Clock, MeasuredState, MeasuredStates
+
+# Age of a state up to which a motion is joined, and a stated command counts [s].
+_MAX_AGE = 0.1
+# Distance from the measured state, beside the lag of the servos, up to which a stated command is
+# believed, and distance from a path up to which it is on it [rad or m].
+_BELIEVED, _ON_PATH = 0.1, 1.5e-4
+# Rate of a controller on time differs less from 1; a robot slower than this is being stopped; a
+# rate that changes faster is not joined [1/s].
+_FULL_RATE, _MIN_RATE, _MAX_CHANGE = 0.01, 0.05, 0.5
+# Distance that a robot at rest may move from the choice of a start to publishing [rad or m].
+_START_TOLERANCE = 0.005
+# Part of a motion that is kept when another one continues it [s]; more than servos lag.
+_LEAD = 0.35
+# How far states may be ahead of their time, as stamps and clocks are rounded [s].
+_AHEAD = 0.002
+# Samples of the last moments of a motion, and of a whole path.
+_N_MOMENTS, _N_PLACES = 20, 200
+# A robot's own lag is known from so many observations, at this speed [rad/s or m/s] or more; it
+# varies by so much [s].
+_FEWEST_LAGS, _MOST_LAGS, _CLEAR_SPEED, _LAG_SPREAD = 10, 100, 0.1, 0.015
+
+
+class UnconfirmedError(TrajectoryError):
+    """Where the robot is on its motion is not known yet; it may be soon."""
+
+
+class TooLateError(TrajectoryError):
+    """The robot is no longer where a planned motion starts."""
+
+
+@dataclass(frozen=True, eq=False)
+class StatedCommand:
+    """The command that a controller has stated.
+
+    Attributes
+    ----------
+    state : JointState
+        The command; velocities and accelerations are those of its trajectory, by the clock of that.
+    rate : float
+        Speed of that clock, 1 for that of the world.
+    time : float
+        When that was [s].
+    change : float
+        Rate at which the rate changes [1/s].
+    """
+
+    state: JointState
+    rate: float
+    time: float = 0.0
+    change: float = 0.0
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether a position is held."""
+        return not self.state.velocities.any()
+
+    def at(self, time: float) -> JointState:
+        """The command at a time soon after [s], if its acceleration stays."""
+        since = self.rate * (time - self.time)
+        q, v, a = self.state.positions, self.state.velocities, self.state.accelerations
+        return JointState(
+            self.state.joint_names, q + v * since + 0.5 * a * since**2, v + a * since, a
+        )
+
+
+ReadCommand = Callable[[Sequence[str]], StatedCommand]
+"""Returns the command of some joints of a message; raises a `GoalError` if it is unusable."""
+
+
+class ControllerStates:
+    """The newest state of the controller."""
+
+    def __init__(self) -> None:
+        self._message: tuple[ReadCommand, float] | None = None
+        self._last: StatedCommand | None = None
+
+    def receive(self, read: ReadCommand, time: float) -> None:
+        """Keep a message that a controller sent at a time of the node [s]."""
+        self._message = read, time
+
+    def is_fresh(self, now: float) -> bool:
+        """Whether a state was received lately."""
+        return self._message is not None and abs(now - self._message[1]) <= _MAX_AGE
+
+    def newest(self, joint_names: tuple[str, ...], now: float) -> StatedCommand | None:
+        """The command of some joints that was stated last; None if it is old, or unusable."""
+        if self._message is None or not self.is_fresh(now):
+            return None
+        (read, time), last = self._message, self._last
+        if last is not None and last.time == time and last.state.joint_names == joint_names:
+            return last
+        try:
+            found = replace(read(joint_names), time=time)
+        except GoalError:
+            return None
+        if last is not None and 0.0 < time - last.time <= _MAX_AGE:
+            found = replace(found, change=(found.rate - last.rate) / (time - last.time))
+        self._last = found
+        return found
+
+
+class How(Enum):
+    """How a robot follows a motion."""
+
+    ON_TIME = "on time"
+    SCALED = "at another speed"
+    BEHIND = "behind its motion"
+    HELD = "held"
+    OFF = "off its path"
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """How a robot follows a motion.
+
+    Attributes
+    ----------
+    motion : PublishedMotion
+        The motion.
+    how : How
+        How the robot follows it. On time, and at another speed, its command is known.
+    time, place : float
+        The place of the command on the motion at a time [s].
+    rate, change : float
+        Speed of the place, and the rate at which that changes [1/s].
+    distance : float
+        Largest distance of a joint from the motion [rad or m].
+    joint : str
+        The joint with that distance.
+    at_rest : bool
+        Whether the robot rests.
+    """
+
+    motion: PublishedMotion
+    how: How
+    time: float
+    place: float
+    rate: float
+    distance: float
+    joint: str
+    at_rest: bool
+    change: float = 0.0
+
+    def at(self, time: float) -> float:
+        """The place at another time [s]."""
+        since = time - self.time
+        if self.change < 0.0:  # a robot that slows down stops; it does not reverse
+            since = min(since, -self.rate / self.change)
+        return self.place + self.rate * since + 0.5 * self.change * since**2
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the command is the end of the motion."""
+        return self.how is How.ON_TIME and self.place >= self.motion.duration
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the command moves along the motion."""
+        return self.how in (How.ON_TIME, How.SCALED) and not self.is_over
+
+
+@dataclass(frozen=True, eq=False)
+class Where:
+    """Where a robot is.
+
+    Attributes
+    ----------
+    now : float
+        The time [s].
+    measured : MeasuredState
+        The measured state.
+    command : StatedCommand or None
+        What the controller states of its command.
+    following : Following or None
+        How the robot follows the motion that was published last, or the one before if the
+        controller has not taken that one; None if there is none.
+    """
+
+    now: float
+    measured: MeasuredState
+    command: StatedCommand | None
+    following: Following | None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the robot rests, and is commanded to."""
+        return self.measured.at_rest and (self.command is None or self.command.at_rest)
+
+
+class Tracker:
+    """Where the robot is, and which motions were published.
+
+    Parameters
+    ----------
+    measured : MeasuredStates
+        The measured states.
+    clock :
+        The clock of the node, of motions and of stamps [s].
+
+    Attributes
+    ----------
+    measured, clock
+        As given.
+    controller : ControllerStates
+        The states of the controller, if it publishes them.
+    motion : PublishedMotion or None
+        The motion that was published last.
+    """
+
+    def __init__(self, measured: MeasuredStates, clock: Clock) -> None:
+        self.measured, self.clock = measured, clock
+        self.controller = ControllerStates()
+        self.motion: PublishedMotion | None = None
+        self._previous: PublishedMotion | None = None
+        self._lags: deque[float] = deque(maxlen=_MOST_LAGS)
+        self._observed = -math.inf
+
+    def expect(self, joint_names: tuple[str, ...]) -> None:
+        """Set the joints whose state is needed; states and motions of others are forgotten."""
+        self.measured.expect(joint_names)
+        self.motion = self._previous = None
+
+    def publish(self, motion: PublishedMotion) -> None:
+        """Record that a motion was published."""
+        old, self.motion = self.motion, motion
+        if old is None or motion.began >= motion.time:
+            # A robot at rest stays there if the controller does not take the motion.
+            held = hold(motion.sent.joint_names, motion.sent.positions[0])
+            old = PublishedMotion(held, motion.time)
+        self._previous = old
+
+    def give_up(self) -> None:
+        """Record that the controller has not taken the motion that was published last."""
+        if self._previous is not None:
+            self.motion, self._previous = self._previous, None
+
+    def where(self, settings: Settings) -> Where:
+        """Where the robot is.
+
+        Raises
+        ------
+        GoalError
+            If there is no usable measured state.
+        """
+        now, measured = self.clock(), self.measured.newest(settings.state_timeout)
+        command = self.controller.newest(measured.state.joint_names, now)
+        if command is not None:
+            lag = settings.servo_lag * np.abs(command.state.velocities)
+            away = np.abs(command.state.positions - measured.positions)
+            command = command if np.all(away <= _BELIEVED + lag) else None
+        if self.motion is not None and now < self.motion.began - 1.0:
+            self.motion = self._previous = None  # time was set back
+        following = self._followed(now, measured, command, settings)
+        return Where(now, measured, command, following)
+
+    def _followed(
+        self, now: float, measured: MeasuredState, command: StatedCommand | None, settings: Settings
+    ) -> Following | None:
+        """How the newest motion is followed, or the one before if the robot is on that instead."""
+        if self.motion is None:
+            return None
+        longest = settings.servo_lag
+        if len(self._lags) >= _FEWEST_LAGS:
+            usual = sorted(self._lags)[3 * len(self._lags) // 4]
+            longest = min(longest, usual)
+        arguments = now, measured, command, settings, longest
+        found = _follow(self.motion, *arguments)
+        if found.how is How.ON_TIME and command is None:
+            self._observe_lag(found, measured, settings)
+        if self._previous is None:
+            return found
+        is_known = (How.ON_TIME, How.SCALED)
+        before = _follow(self._previous, *arguments)
+        if found.how in is_known:
+            if before.how not in is_known:
+                self._previous = None
+            return found
+        return before if before.how in is_known else found
+
+    def _observe_lag(
+        self, following: Following, measured: MeasuredState, settings: Settings
+    ) -> None:
+        """Note by how much a robot lags behind a motion that it follows."""
+        if measured.time - self._observed < _AHEAD:
+            return
+        self._observed = measured.time
+        lags = np.linspace(0.0, settings.servo_lag, 4 * _N_MOMENTS)
+        q, v, _ = following.motion.sample(measured.time - following.motion.began - lags)
+        k = int(np.square(q - measured.positions).sum(axis=1).argmin())
+        if np.abs(v[k]).max() >= _CLEAR_SPEED:
+            self._lags.append(float(lags[k]))
+
+
+def _follow(
+    motion: PublishedMotion,
+    now: float,
+    measured: MeasuredState,
+    command: StatedCommand | None,
+    settings: Settings,
+    lag: float,
+) -> Following:
+    """How a robot whose servos lag by so much at most [s] follows a motion."""
+    known = motion.is_path_known
+    if command is not None and known:
+        stated = _by_command(motion, now, measured, command)
+        if stated is not None:
+            return stated
+    # Where the motion was in the last moments, by the clock.
+    then = measured.time - motion.began
+    moments = np.linspace(then - lag - _LAG_SPREAD, then + _AHEAD, _N_MOMENTS)
+    q, _, _ = motion.sample(moments)
+    low, high = q.min(axis=0), q.max(axis=0)
+    away = np.maximum(np.maximum(low - measured.positions, measured.positions - high), 0.0)
+    place = now - motion.began
+    is_near = bool(np.all(away <= settings.following_tolerance))
+    # A controller leads to a single point by a path of its own.
+    is_there = known or (measured.at_rest and then >= motion.duration)
+    if is_near and is_there and command is None:
+        return _seen(motion, How.ON_TIME, now, place, 1.0, q, measured)
+    places = np.linspace(0.0, motion.duration, _N_PLACES)
+    path, _, _ = motion.sample(places)
+    k = int(np.abs(path - measured.positions).max(axis=1).argmin())
+    distance = float(np.abs(path[k] - measured.positions).max())
+    how = How.OFF
+    if distance <= settings.following_tolerance and known:
+        how = How.HELD if measured.at_rest else How.BEHIND
+    return _seen(motion, how, now, float(places[k]), 0.0, path[k : k + 1], measured)
+
+
+def _seen(
+    motion: PublishedMotion,
+    how: How,
+    now: float,
+    place: float,
+    rate: float,
+    near: FloatArray,
+    measured: MeasuredState,
+    change: float = 0.0,
+) -> Following:
+    """How a robot follows a motion, with its distance from the nearest of some positions."""
+    away = np.abs(near - measured.positions)
+    away = away[away.max(axis=1).argmin()]
+    worst = int(away.argmax())
+    joint, distance = measured.state.joint_names[worst], float(away[worst])
+    return Following(motion, how, now, place, rate, distance, joint, measured.at_rest, change)
+
+
+def _by_command(
+    motion: PublishedMotion, now: float, measured: MeasuredState, command: StatedCommand
+) -> Following | None:
+    """How a robot follows a motion by the command that its controller states; None if it is off."""
+    by_clock = command.time - motion.began
+    place = _nearest(motion, command.state.positions, by_clock)
+    if place is None:
+        return None
+    at_end = place >= motion.duration
+    rate = 0.0 if command.at_rest and not at_end else command.rate
+    if at_end:  # there, time goes on
+        place, rate = max(place, by_clock), 1.0
+    since = now - command.time
+    change = command.change if rate and not at_end else 0.0
+    place += rate * since + 0.5 * change * since**2
+    is_full = abs(rate - 1.0) <= _FULL_RATE
+    how = How.ON_TIME if is_full else How.SCALED
+    if not at_end and command.at_rest and measured.at_rest and by_clock > 0.0:
+        how = How.HELD
+        if place <= TRANSPORT and by_clock <= _MAX_AGE:  # its message is on its way
+            how, rate = How.ON_TIME, 1.0
+    # The measured state lags behind the command.
+    moments = np.linspace(by_clock - 0.2, by_clock, _N_MOMENTS) + (place - (now - motion.began))
+    q, _, _ = motion.sample(moments)
+    return _seen(motion, how, now, place, rate, q, measured, change)
+
+
+def _nearest(motion: PublishedMotion, positions: FloatArray, guess: float) -> float | None:
+    """The place on a motion with some positions, near a guess or elsewhere; None if none."""
+    places = np.linspace(0.0, motion.duration, _N_PLACES)
+    path, _, _ = motion.sample(places)
+    anywhere = float(places[np.square(path - positions).sum(axis=1).argmin()])
+    for first in (min(max(guess, 0.0), motion.duration), anywhere):
+        place = first
+        for _ in range(6):
+            q, v, _ = (x[0] for x in motion.sample(np.array([place])))
+            step = float(v @ (positions - q)) / max(float(v @ v), 1e-9)
+            place = min(max(place + float(np.clip(step, -0.1, 0.1)), 0.0), motion.duration)
+        if np.abs(motion.state(place).positions - positions).max() <= _ON_PATH:
+            return place
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class MotionStart:
+    """A state to plan from.
+
+    Attributes
+    ----------
+    state : JointState
+        The state.
+    following : Following or None
+        The motion that the robot follows; None at a rest off any motion.
+    last : PublishedMotion or None
+        The motion that was published last, whether the robot follows it or not.
+    place : float
+        The place of the state on the motion that is followed [s].
+    time : float
+        Time at which the robot is at the state [s].
+    measured : MeasuredState
+        The measured state at the time of the choice.
+    """
+
+    state: JointState
+    following: Following | None
+    last: PublishedMotion | None
+    place: float
+    time: float
+    measured: MeasuredState
+
+    @property
+    def deadline(self) -> float:
+        """Latest time to send a motion that starts on a running one [s]."""
+        return self.time - TRANSPORT
+
+    @property
+    def is_in_motion(self) -> bool:
+        """Whether the robot moves on a motion."""
+        return self.following is not None and self.following.is_running
+
+
+def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: float) -> MotionStart:
+    """Choose the start of the next motion by the four rules.
+
+    Parameters
+    ----------
+    where : Where
+        Where the robot is.
+    tracker : Tracker
+        Has the motion that was published last.
+    settings : Settings
+        With `start_from`.
+    latency : float
+        Time that planning may take [s].
+
+    Raises
+    ------
+    GoalError
+        If the robot moves, and not along a motion of this node.
+    UnconfirmedError
+        If the place of the robot on its motion is not known yet.
+    """
+    following, now = where.following, where.now
+    if following is not None and following.is_running:
+        if settings.start_from == MEASURED:
+            raise GoalError(_motion_refusal(where, settings))
+        check_joinable(where)
+        then = now + latency + 2.0 * TRANSPORT
+        expected = following.at(then)
+        place = following.motion.near_point(expected)
+        then += place - expected
+        state = following.motion.state(place)
+        return MotionStart(state, following, tracker.motion, place, then, where.measured)
+    measured = where.measured
+    names, here, held = measured.state.joint_names, measured.positions, None
+    if settings.start_from != MEASURED and following is not None and following.is_over:
+        here, held = following.motion.end, following
+    elif settings.start_from != MEASURED and where.command is not None and where.command.at_rest:
+        here = where.command.state.positions
+    elif not where.at_rest:
+        raise GoalError(_motion_refusal(where, settings))
+    place = following.place if held is not None and following is not None else 0.0
+    return MotionStart(JointState(names, here), held, tracker.motion, place, now, measured)
+
+
+def join(
+    rest: Trajectory, start: MotionStart, where: Where, tracker: Tracker, settings: Settings
+) -> PublishedMotion:
+    """Join a motion to the present state of the robot.
+
+    Parameters
+    ----------
+    rest : Trajectory
+        The motion from the chosen start.
+    start : MotionStart
+        Its start.
+    where : Where
+        Where the robot is now.
+    tracker : Tracker
+        Has the motion that was published last.
+    settings : Settings
+        With `stamp_trajectories`.
+
+    Raises
+    ------
+    TooLateError
+        If the robot is no longer at its start, or too near to it for a message.
+    """
+    following, old, now = where.following, start.following, where.now
+    if tracker.motion is not start.last:
+        raise TooLateError(
+            "another motion was published while this one was planned; send the goal again"
+        )
+    may_stamp = settings.stamp_trajectories and tracker.measured.stamps.is_usable
+    if old is None or following is None or (following.is_over and old.is_over):
+        if old is None or following is None:
+            _check_rest(start, where)
+        return (PublishedMotion.after_wait if may_stamp else PublishedMotion.on_receipt)(rest, now)
+    if following.how is not old.how or following.motion is not old.motion:
+        raise TooLateError(
+            f"the robot was {old.how.value} when planning began and is {following.how.value} now; "
+            "send the goal again"
+        )
+    check_joinable(where)
+    return continued(rest, start.place, following, now, stamp=may_stamp)
+
+
+def continued(
+    rest: Trajectory, place: float, following: Following, now: float, *, stamp: bool
+) -> PublishedMotion:
+    """The running motion up to a place on it [s], and the rest from there.
+
+    Raises
+    ------
+    TooLateError
+        If the robot is too near to that place for a message.
+    """
+    rate, here = following.rate, following.at(now)
+    left = place - here
+    if left < TRANSPORT * rate:
+        raise TooLateError(
+            "planning took too long: the motion should have been sent "
+            f"{TRANSPORT - left:.3g} s ago; send the goal again"
+        )
+    is_timed = stamp and rate > 0.5
+    # Until the message arrives, the robot advances at its rate. A stamped motion advances
+    # meanwhile at the rate of the clock, another one not at all.
+    here += USUAL_TRANSPORT * (rate - is_timed) * (following.how is How.SCALED)
+    if is_timed:
+        cut = following.motion.near_point(here)
+        now += cut - here
+        here = cut
+    lead = min(_LEAD, here)
+    motion = following.motion.followed_by(rest, place, here - lead)
+    sent = following.motion.followed_by(rest, place, here)
+    return PublishedMotion(motion, now - lead, sent, now, is_timed)
+
+
+def check_joinable(where: Where) -> None:
+    """Raise an `UnconfirmedError` if the place of a moving robot is not known precisely."""
+    following = where.following
+    if following is None or not following.is_running:
+        return
+    if where.measured.age > _MAX_AGE:
+        raise UnconfirmedError(
+            f"the newest joint_states message is {where.measured.age:.3g} s old, at most "
+            f"{_MAX_AGE:g} s is accepted while the robot moves; send the goal again"
+        )
+    if following.how is How.SCALED and following.rate < _MIN_RATE:
+        raise UnconfirmedError(
+            "the robot comes to rest short of the end of its motion; send the goal again when it "
+            "is at rest"
+        )
+    if abs(following.change) > _MAX_CHANGE:
+        raise UnconfirmedError(
+            "the speed of the robot changes (speed scaling); send the goal again when it is steady"
+        )
+
+
+def _check_rest(start: MotionStart, where: Where) -> None:
+    """Raise a `TooLateError` if the robot has left the rest that a motion starts from."""
+    moved = np.abs(where.measured.positions - start.measured.positions)
+    worst = int(moved.argmax())
+    if not moved[worst] <= _START_TOLERANCE or not where.measured.at_rest:
+        raise TooLateError(
+            f"planning took too long: joint '{where.measured.state.joint_names[worst]}' has moved "
+            f"{moved[worst]:.3g} rad (or m) away from the start of the motion meanwhile, at most "
+            f"{_START_TOLERANCE} at rest is accepted; send the goal again"
+        )
+
+
+def _motion_refusal(where: Where, settings: Settings) -> str:
+    """The reason why no motion can start while the robot moves."""
+    following = where.following
+    if settings.start_from == MEASURED:
+        return (
+            "the robot moves, but start_from is 'measured', which accepts goals only at rest: send "
+            f"the goal again when the robot is at rest, or set start_from to '{AUTO}'"
+        )
+    if following is None or where.command is not None:
+        return (
+            "the robot moves, and not along a motion of this node: send the goal again when it is "
+            "at rest, or call ~/stop"
+        )
+    if following.how is How.BEHIND:
+        why = "moves along the published motion, but not at its time (a slowed controller?)"
+    else:
+        why = (
+            f"moves, and not along a motion of this node (joint '{following.joint}' is "
+            f"{following.distance:.3g} rad, or m, away)"
+        )
+    return (
+        f"the robot {why}: send the goal again when it is at rest. With control_msgs and the topic "
+        "'controller_state' of the controller, goals are served then, too"
+    )

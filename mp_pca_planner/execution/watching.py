@@ -1,0 +1,76 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""The watcher: checks the running motion against the newest obstacles, in a process of its own."""
+
+from __future__ import annotations
+
+from ..exceptions import PlannerError
+from ..motion.collision import CollisionModel
+from ..robot.world import World
+from .link import Place, Verdict, Watch
+from .planning import Model, in_world
+
+
+class Watcher:
+    """Says what the motion that it watches would hit.
+
+    Attributes
+    ----------
+    model : Model or None
+        The robot.
+    world : World
+        The obstacles.
+    problem : str
+        Why motions can't be checked; empty if they can.
+    """
+
+    def __init__(self) -> None:
+        self.model: Model | None = None
+        self.world = World()
+        self.problem = ""
+        self._watch: Watch | None = None
+        self._place = 0.0
+        self._checked: tuple[object, ...] = ()
+        self._collision: tuple[Model, CollisionModel] | None = None
+
+    def receive(self, message: Watch | Place) -> None:
+        """Watch another motion, or note how far the robot is."""
+        if isinstance(message, Watch):
+            self._watch, self._place = message, message.place
+        elif self._watch is not None and message.number == self._watch.number:
+            self._place = message.place
+
+    def look(self) -> Verdict | None:
+        """Check the rest of the motion; None if neither it nor the obstacles have changed."""
+        watch, model, world = self._watch, self.model, self.world
+        if watch is None or model is None or self._checked == (watch.number, model, world):
+            return None
+        self._checked = watch.number, model, world
+        trajectory, self.problem = watch.trajectory, ""
+        if not len(world) or self._place >= trajectory.duration or trajectory.n_steps < 2:
+            return Verdict(watch.number)
+        try:
+            collision = self._in(world, model)
+        except PlannerError as error:
+            self.problem = str(error)
+            return Verdict(watch.number)
+        found = [one for one in collision.collisions(trajectory) if one.links[1] in world.names]
+        # The robot has passed what ends before its place.
+        ahead = [one for one in found if one.last_time >= self._place]
+        if not ahead:
+            return Verdict(watch.number)
+        first = min(ahead, key=lambda one: one.first_time)
+        link, obstacle = first.links
+        reason = f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
+        return Verdict(watch.number, max(first.first_time, self._place), reason)
+
+    def _in(self, world: World, model: Model) -> CollisionModel:
+        known = self._collision
+        if known is not None and known[0] is model:
+            collision = known[1]
+            if collision.world is not world:
+                collision = collision.with_world(world)
+        else:
+            collision = in_world(model, world)
+        self._collision = model, collision
+        return collision
