@@ -31,9 +31,8 @@ class InputLimits:
         Rate of recorded joint states [Hz].
     goal_items : int
         Joints, and points, of a goal of the node.
-    state_bytes, state_joints : int
-        Message of joint states to the node, and its joints: the thread that stops the robot reads
-        it.
+    goal_bytes : int
+        Message of a goal of the node, which answers nothing else while it reads one.
     primitive_bytes : int
         Content of a primitive file; thousands of demonstrations have a few MB.
     segments : int
@@ -77,8 +76,7 @@ class InputLimits:
     position: float = 1e6
     state_rate: float = 5000.0
     goal_items: int = 1000
-    state_bytes: int = 2**16
-    state_joints: int = 1000
+    goal_bytes: int = 200_000
     primitive_bytes: int = 1 << 28
     segments: int = 10_000
     segment_time: float = 1e9

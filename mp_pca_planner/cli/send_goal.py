@@ -16,18 +16,17 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ..arrays import read_numbers
 from ..exceptions import GoalError, quote_names
-from ..execution.serving.execution import MotionOutcome
+from ..execution.outcomes import MotionOutcome
 from ..motion.goal import JointState
 from ..ros.client import (
     READY,
     GoalClient,
     NoAnswerError,
     check_node_name,
-    continues,
     is_served,
     report_values,
 )
-from ..ros.goal_messages import to_pose_message, to_sequence_message
+from ..ros.goals import to_pose_message, to_sequence_message
 from .common import print_json, reported, show
 from .goal_arguments import joint_values, pose, sequence_goal
 from .options import add_node, add_targets, number
@@ -109,20 +108,15 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
         show(arguments, {"message": found.message, **reported(answer.values)})
         flush()
     status = DONE if is_served(found) else FAILED
-    margin, earlier = arguments.wait or _MARGIN, list[dict[str, str]]()
+    margin = arguments.wait or _MARGIN
     execution = None if arguments.wait == 0.0 else client.execution(answer, margin)
-    while execution is not None:
+    if execution is not None:
         values = report_values(execution)
         facts["execution"] = {"message": execution.message, **values}
         status = DONE if values["outcome"] == MotionOutcome.ARRIVED else FAILED
         if not arguments.json:
             say(execution.message)
             flush()
-        if not continues(execution):
-            break
-        earlier.append(facts["execution"])
-        facts["earlier_executions"] = earlier
-        execution = client.execution(answer, margin, len(earlier))
     if arguments.json:
         print_json(facts)
     return REFUSED if found.level == DiagnosticStatus.ERROR else status

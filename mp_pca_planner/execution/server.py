@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -120,11 +120,12 @@ class Outputs(Protocol):
     def report_goal(
         self,
         outcome: GoalOutcome,
-        request: GoalRequest,
+        name: Any,
         reason: str = "",
         planned: Planned | Rejected | None = None,
+        ignored_joints: Sequence[str] = (),
     ) -> None:
-        """Report what became of a goal."""
+        """Report what became of the goal with a name."""
 
     def report_motion(self, report: ExecutionReport) -> None:
         """Report what became of a motion."""
@@ -264,7 +265,7 @@ class MotionServer:
         """
         model = self.model
         if model is None or self.hold:
-            self._refuse(request, self.hold or "the robot model is not known yet")
+            self.refuse(request.name, self.hold or "the robot model is not known yet")
             return
         if self._waiting is not None:
             self._overtaken(self._waiting)
@@ -412,7 +413,7 @@ class MotionServer:
         if repeats and execution is not None:
             self.statistics.counts[GoalOutcome.UNDER_WAY] += 1
             planned = execution.planned
-            self._outputs.report_goal(GoalOutcome.UNDER_WAY, request, repeats, planned)
+            self._outputs.report_goal(GoalOutcome.UNDER_WAY, request.name, repeats, planned)
             self._may_cancel = True
             self._go_on()
             return
@@ -499,7 +500,9 @@ class MotionServer:
             self._outputs.log(f"{self._verdict.reason}: another motion leads to the goal")
         else:
             self.statistics.counts[GoalOutcome.SERVED] += 1
-            self._outputs.report_goal(GoalOutcome.SERVED, attempt.request, "", planned)
+            request = attempt.request
+            ignored = request.ignored_joints
+            self._outputs.report_goal(GoalOutcome.SERVED, request.name, "", planned, ignored)
         self._verdict = Verdict(self._watched)
 
     def _check_carriers(self, attempt: _Attempt) -> None:
@@ -651,7 +654,7 @@ class MotionServer:
         self._may_cancel = True
         for request in dropped:
             if request is not None and reason:
-                self._refuse(request, f"{reason}; send the goal again")
+                self.refuse(request.name, f"{reason}; send the goal again")
             elif request is not None:
                 self._overtaken(request)
 
@@ -659,19 +662,20 @@ class MotionServer:
         """No motion serves a goal, or leads around an obstacle."""
         self._may_cancel = True
         if not attempt.is_detour:
-            self._refuse(attempt.request, reason, why)
+            self.refuse(attempt.request.name, reason, why)
             return
         self._is_given_up = True
         self._outputs.log(f"{self._verdict.reason}, and no other motion was found: {reason}")
 
-    def _refuse(self, request: GoalRequest, reason: str, why: Rejected | None = None) -> None:
+    def refuse(self, name: Any, reason: str, why: Rejected | None = None) -> None:
+        """Count and report a goal that is not served."""
         self.statistics.counts[GoalOutcome.REFUSED] += 1
-        self._outputs.report_goal(GoalOutcome.REFUSED, request, reason, why)
+        self._outputs.report_goal(GoalOutcome.REFUSED, name, reason, why)
 
     def _overtaken(self, request: GoalRequest) -> None:
         self.statistics.counts[GoalOutcome.OVERTAKEN] += 1
         text = "preempted: a newer goal or a stop came before its motion was planned"
-        self._outputs.report_goal(GoalOutcome.OVERTAKEN, request, text)
+        self._outputs.report_goal(GoalOutcome.OVERTAKEN, request.name, text)
 
     def _report(self, report: ExecutionReport | None) -> None:
         if report is not None:

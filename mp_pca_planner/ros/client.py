@@ -23,10 +23,10 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, PlannerError
-from ..execution.serving.execution import GoalOutcome
+from ..execution.outcomes import GoalOutcome
 from ..files import config_file
 from ..recordings.joint_states import NS_PER_S
-from .goal_messages import GOAL_TOPICS
+from .goals import GOAL_TOPICS
 from .messages import to_stamp_text
 from .node import NODE_NAME
 
@@ -105,11 +105,6 @@ def is_served(report: DiagnosticStatus) -> bool:
     """Whether a motion was published for the reported goal, or for one that it repeats."""
     is_overtaken = report_values(report).get("status") == GoalOutcome.OVERTAKEN
     return report.level != DiagnosticStatus.ERROR and not is_overtaken
-
-
-def continues(report: DiagnosticStatus) -> bool:
-    """Whether another motion leads to the same goal around an obstacle, with a report to come."""
-    return report_values(report).get("continues") == "true"
 
 
 def report_values(report: DiagnosticStatus) -> dict[str, str]:
@@ -389,12 +384,10 @@ class GoalClient(NodeInOwnContext):
         stamp.sec, stamp.nanosec = divmod(time.time_ns(), NS_PER_S)
         return self.send(message, timeout, with_trajectory=False)
 
-    def execution(
-        self, answer: Answer, margin: float = 30.0, n_before: int = 0
-    ) -> DiagnosticStatus | None:
+    def execution(self, answer: Answer, margin: float = 30.0) -> DiagnosticStatus | None:
         """The report on the execution of a motion; None if nothing was published or none comes.
 
-        None comes of a node without such reports. Another one follows a report that `continues`.
+        None comes of a node without such reports.
 
         Parameters
         ----------
@@ -402,9 +395,6 @@ class GoalClient(NodeInOwnContext):
             The answer to its goal.
         margin : float
             Longest time from the end of the motion to its report [s].
-        n_before : int
-            Number of reports on the goal before this one; a motion after another one to the same
-            goal counts as long as the first.
 
         Raises
         ------
@@ -422,9 +412,8 @@ class GoalClient(NodeInOwnContext):
         def own() -> list[DiagnosticStatus]:
             return [one for one in self.executions if report_values(one)["goal_stamp"] == stamp]
 
-        complaint = "did not report the execution"
-        self.wait(lambda: len(own()) > n_before, duration + margin, complaint)
-        return own()[n_before]
+        self.wait(lambda: bool(own()), duration + margin, "did not report the execution")
+        return own()[0]
 
     def _on_trajectory(self, message: bytes, facts: dict[str, int]) -> None:
         self._trajectory_received = _time_received(facts)

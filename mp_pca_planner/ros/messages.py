@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -14,62 +14,13 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
-from ..control.law import control_statement
 from ..exceptions import GoalError, printable, quote_names
+from ..execution.link import Planned
+from ..execution.outcomes import ExecutionReport, GoalOutcome
 from ..execution.parameters import Declaration
-from ..execution.serving.execution import ExecutionReport, GoalOutcome
-from ..execution.serving.motion_server import AdaptedPlan
-from ..files import reading
-from ..input_limits import INPUT_LIMITS
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from ..planning.plan import Plan
-from ..primitives.primitive import MovementPrimitive
 from ..recordings.joint_states import NS_PER_S
-from .serialised import CdrReader
-
-
-def read_states(content: bytes) -> JointStateMessage:
-    """Read joint states; a message that is malformed or far too large has no joints.
-
-    To have rclpy check and read a hundred names takes twice as long, which a stop would wait for.
-    """
-    if len(content) <= INPUT_LIMITS.state_bytes:
-        with suppress(GoalError), reading("a state", GoalError):
-            reader, read = CdrReader(content), JointStateMessage()
-            read.header.stamp.sec, read.header.stamp.nanosec = reader.numbers("iI")
-            read.header.frame_id = reader.text()
-            n = reader.count(1)
-            if n <= INPUT_LIMITS.state_joints:
-                read.name = [reader.text() for _ in range(n)]
-                read.position, read.velocity, read.effort = (
-                    reader.array("f8", reader.count(8)).tolist() for _ in range(3)
-                )
-                return read
-    return JointStateMessage()
-
-
-def to_state(message: JointStateMessage, joint_names: Sequence[str]) -> JointState:
-    """Read the state of some joints, the others may hold anything.
-
-    A velocity that is NaN was not measured: it becomes 0, as without velocities, and positions
-    decide whether the robot moves.
-
-    Raises
-    ------
-    GoalError
-        If one of the joints is missing or given twice, lengths disagree, or a number that is
-        needed is not finite.
-    """
-    for name in joint_names:
-        if message.name.count(name) != 1:
-            raise GoalError(
-                f"the present state gives joint '{name}' {message.name.count(name)} times, "
-                "exactly once is accepted"
-            )
-    index = [message.name.index(name) for name in joint_names]
-    velocities = [0.0 if math.isnan(v) else v for v in message.velocity]
-    return joint_state(message, velocities, index, "present state", "present")
 
 
 def joint_state(
@@ -129,9 +80,8 @@ def to_seconds(time: Duration | Time) -> float:
 
 
 def to_plan_report(
-    plan: Plan | AdaptedPlan,
+    planned: Planned,
     goal_stamp: Time,
-    primitives: Sequence[MovementPrimitive] = (),
     ignored_joints: Sequence[str] = (),
     missing_obstacle: str = "",
 ) -> DiagnosticStatus:
@@ -139,18 +89,16 @@ def to_plan_report(
 
     Parameters
     ----------
-    plan :
-        The plan.
+    planned :
+        The motion.
     goal_stamp :
         Stamp of the goal.
-    primitives : sequence of MovementPrimitive
-        Those that were used; what is known of their control laws is reported.
     ignored_joints : sequence of str
         Joints of the goal that the primitives don't move.
     missing_obstacle : str
         Why an obstacle that was given is not avoided; empty if all are.
     """
-    found = plan.remarks
+    found = list(planned.remarks)
     if missing_obstacle:
         found.append(f"an obstacle is not avoided: {missing_obstacle}")
     if ignored_joints:
@@ -158,11 +106,9 @@ def to_plan_report(
             f"joints {quote_names(ignored_joints)} of the goal are not moved: the primitives lack "
             "them"
         )
-    laws = {f"control_law.{p.name}": control_statement(p) for p in primitives}
-    text = "; ".join(found) or plan.message
-    return to_goal_report(
-        GoalOutcome.SERVED, text, goal_stamp, plan, is_unusual=bool(found), more=laws
-    )
+    laws = {f"control_law.{name}": text for name, text in planned.laws.items()}
+    text, values = "; ".join(found) or planned.message, {**planned.values, **laws}
+    return to_goal_report(GoalOutcome.SERVED, text, goal_stamp, values, is_unusual=bool(found))
 
 
 def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
@@ -171,7 +117,6 @@ def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:
     values = {name: getattr(report, name) for name in names}
     if report.controller:
         values["controller"] = report.controller
-    values["continues"] = str(report.continues).lower()
     values["goal_stamp"] = to_stamp_text(report.goal)
     level = DiagnosticStatus.OK if report.outcome.is_good else DiagnosticStatus.ERROR
     return to_status("mp_pca_planner: execution", level, report.message, values)
@@ -181,10 +126,9 @@ def to_goal_report(
     outcome: GoalOutcome,
     text: str,
     goal_stamp: Time,
-    plan: Plan | AdaptedPlan | None = None,
+    planned: Mapping[str, Any],
     *,
     is_unusual: bool = False,
-    more: Mapping[str, str] | None = None,
 ) -> DiagnosticStatus:
     """Report a goal.
 
@@ -196,18 +140,17 @@ def to_goal_report(
         One sentence for a person.
     goal_stamp :
         Its stamp, which identifies the report.
-    plan :
-        Its plan, if there is one. Its status is reported if the plan decided the outcome.
+    planned :
+        Facts of its plan; none if there is none. Its status is reported if the plan decided the
+        outcome.
     is_unusual : bool
         Whether the report is a warning, however good the outcome is.
-    more :
-        Further values.
     """
-    values = dict(plan.summary()) if plan else {}
-    if plan is None or outcome is GoalOutcome.UNDER_WAY:
+    values = dict(planned)
+    if not values or outcome is GoalOutcome.UNDER_WAY:
         values["status"] = outcome
     level = max(outcome.level, int(is_unusual))
-    values |= {**(more or {}), "goal_stamp": to_stamp_text(goal_stamp)}
+    values["goal_stamp"] = to_stamp_text(goal_stamp)
     return to_status("mp_pca_planner: plan", bytes([level]), text, values)
 
 

@@ -1,47 +1,96 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node: callbacks that convert, call the core, and publish."""
+"""The node: what connects what. One thread; whatever takes long is for its workers."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from queue import SimpleQueue
+import traceback
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
-from ..exceptions import PlannerError, quote_names
-from ..execution.serving.assembly import unknown_positions
-from ..execution.serving.execution import ExecutionReport
-from ..execution.serving.motion_monitor import MotionMonitor
-from ..execution.serving.motion_server import GoalStatistics, MotionServer
-from ..execution.tracking.following import MotionFollower
-from ..execution.tracking.measured import MeasuredStates
-from ..execution.tracking.published_motion import PublishedMotion
-from ..robot.limits import moveit_factors_note
-from ..robot.world import World
-from .controller import ControllerAction
-from .goal_messages import GoalTopics
-from .last_motion import LastMotion
-from .messages import to_execution_report, to_status, to_text
-from .nodes import EVERY, LATCHED, LOG_PERIOD, GuardedNode
-from .obstacle_topic import ForeignFrames, ObstacleTopic
-from .planning_setup import NodeParameters, PlanningSetup
-from .safety_thread import RobotStates, SafetyThread
+from ..exceptions import GoalError, PlannerError, printable, quote_names
+from ..execution.link import (
+    ModelFacts,
+    Planned,
+    Positions,
+    Rejected,
+    SetUp,
+    SetUpDone,
+    WorkerDied,
+    WorldFacts,
+)
+from ..execution.motions import PublishedMotion
+from ..execution.outcomes import ExecutionReport, GoalOutcome, MotionOutcome
+from ..execution.parameters import Settings
+from ..execution.server import MotionServer, NodeModel
+from ..execution.states import MeasuredStates
+from ..execution.tracking import Tracker
+from ..robot.model import Robot
+from .controller import (
+    HAS_CONTROL_MSGS,
+    ControllerAction,
+    JointTrajectoryControllerState,
+    to_command,
+)
+from .goals import GOAL_TOPICS, GoalTopic, read_stamp
+from .markers import Frames, Markers
+from .messages import (
+    to_execution_report,
+    to_goal_report,
+    to_plan_report,
+    to_seconds,
+    to_status,
+    to_text,
+)
+from .nodes import EVERY, GOALS, LATCHED, LOG_PERIOD, STATES, PolledSubscription
+from .obstacles import ForeignFrames, MarkerSubscription
+from .parameters import NodeParameters
 from .serialised import serialize_trajectory
+from .worker import (
+    PLANNER,
+    WATCHER,
+    InternalError,
+    KeepMotion,
+    Kept,
+    LoseObstacles,
+    Preview,
+    ShowMotion,
+    TakeObstacles,
+    WorkerProcess,
+)
 
 NODE_NAME = "mp_pca_planner"
 
+_TICK, _TIDY = 0.05, 0.1  # periods [s]
+# Messages of markers that may wait for a worker: others wait in the middleware.
+_MOST_MARKERS = 5
+# Time after its start at which a node says that it hears no controller [s].
+_CONTROLLER_TIME = 5.0
+_NEWEST_STATE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_PENDING = "the planner has not accepted this yet"
+_RESTARTING = "the planner is being started again; send the goal again"
 
-class PlannerNode(GuardedNode):
+
+class PlannerNode(Node):
     """Plans a motion for each goal and publishes it.
 
     Missing or unusable primitive files are no error: the node reports them and waits for
@@ -65,243 +114,705 @@ class PlannerNode(GuardedNode):
         except RuntimeError as error:  # where DDS security lacks files, or support, for example
             reason = str(error).splitlines()[0]
             raise PlannerError(f"ROS refuses the node: {reason}") from error
-        self._statistics = GoalStatistics()
-        self._clocks, self._failures = (True, False), SimpleQueue[str]()
-        self._states = RobotStates(self)
-        self._follower = MotionFollower(self._states.measured)
-        self._monitor = MotionMonitor(
-            self._follower, self._send, time.perf_counter, self._report_execution
-        )
-        self._server = MotionServer(self._monitor, self._statistics)
+        self.n_internal_errors = self.n_restarts = 0
+        self._hold, self._began = hold, time.monotonic()
         self._declared = NodeParameters(self)
-        topic = self.resolve_topic_name("robot_description")
-        self._setup = PlanningSetup(self._declared, self.explain, self._monitor.expect, topic)
-        self._setup.hold = hold
+        self._settings = self._declared.settings()
         for problem in self._declared.unknown():
             self.get_logger().warning(f"ignored: {to_text(problem)}")
-        if not hold:
-            self.load()
+        self._description, self._problem, self._model_problem = "", "", ""
+        self._done = SetUpDone(0)
+        self._number = 0
+        self._set_ups: dict[int, Future] = {}
+        self._keeping: Future | None = None
+        self._others: dict[str, float] = {}
+        self._notes: tuple[str, ...] = ()
+        self._woken = self.create_guard_condition(self._receive)
+        self._planner = self._worker(PLANNER)
+        self._watcher: WorkerProcess | None = None
+        self._has_obstacles = self._watches = False
+        self._world = WorldFacts(0)
+        self._poses: dict[str, Any] = {}
+        measured = MeasuredStates(time.monotonic, self.seconds)
+        self._tracker = Tracker(measured, self.seconds)
+        self._server = MotionServer(self._tracker, _PlannerLink(self), self)
+        self._server.hold = hold
+        self._connect()
         # Registered after the declarations, because the initial values are checked together.
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        self._connect()
-        self._action = ControllerAction(self, self._monitor.hear)
-        self._use_controller()
-        frames = ForeignFrames(self)
-        self._obstacles = ObstacleTopic(self, self._setup, self._monitor.surroundings, frames)
-        self._monitor.surroundings.settle = self._obstacles.settle
-        self._goals = GoalTopics(
-            self, self._setup, self._server, self._statistics, frames, self._last_motion
-        )
-        self._safety = SafetyThread(
-            self, self._states, self._setup, self._monitor, self._goals, self._action
-        )
-        # A steady clock, because these are needed even if simulated time stands still.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
-        self.create_timer(0.1, self._tidy, clock=steady)
-        self.create_timer(0.05, self._lock_joints, clock=steady)
-        if not self._setup.problem:
-            self._log_readiness()
+        if not hold:
+            self.load()
 
-    def destroy_node(self) -> None:
-        """End the threads, then the node."""
-        self._safety.close()
-        self._obstacles.close()
-        self._goals.close()
-        self._action.close()
-        super().destroy_node()
+    # Start, end, and what a managed node needs.
 
     def load(self) -> bool:
-        """Load the primitives, if any are given; returns False if they can't be read."""
-        is_loaded = not self._setup.settings.primitive_paths or self._setup.load()
-        if not is_loaded:
-            problem = self._setup.problem
-            self.get_logger().error(f"{problem}; fix it, then call ~/reload_primitives")
-        return is_loaded
+        """Load the primitives, and wait for that; returns False if they can't be read."""
+        done = self._wait(self._set_up(self._settings, rereads=True))
+        if done.is_unreadable:
+            self._problem = done.problem
+            hint = "fix it, then call ~/reload_primitives"
+            self.get_logger().error(f"{to_text(done.problem)}; {hint}")
+            return False
+        if done.problem:
+            raise PlannerError(done.problem)
+        self._adopt(done, self._settings)
+        return True
+
+    def unload(self) -> None:
+        """Drop the primitives."""
+        self._server.use(None)
+        self._done = SetUpDone(0)
 
     def accept_goals(self) -> None:
         """Serve goals from now on."""
-        self._setup.hold = ""
+        self._hold = self._server.hold = ""
         self._log_readiness()
 
     def reject_goals(self, hold: str) -> None:
         """Cancel goals, reject further ones, with this reason, and stop a running motion."""
-        self._setup.hold = hold
-        self._goals.cancel()
-        try:
-            if self._setup.last_context is not None:
-                self._monitor.release(self._setup.last_context, hold)
-        except Exception as error:  # the transition must not fail
-            self.get_logger().error(f"the robot was not stopped: {self.explain(error)}")
+        self._hold = self._server.hold = hold
+        self._poll()
+        self._server.cancel(hold)
+        self._server.release(hold)
+
+    def destroy_node(self) -> None:
+        """End the workers, then the node."""
+        self._planner.close()
+        if self._watcher is not None:
+            self._watcher.close()
+        super().destroy_node()
+
+    def seconds(self) -> float:
+        """The time by the clock of the node [s]."""
+        return float(self.get_clock().now().nanoseconds) * 1e-9
+
+    def explain(self, error: BaseException) -> str:
+        """Describe an error in one sentence; log the traceback of an internal one."""
+        if isinstance(error, PlannerError):
+            return to_text(error)
+        if isinstance(error, OSError) and error.strerror:
+            file = f": '{error.filename!s:.80}'" if error.filename else ""
+            return to_text(f"the operating system reports: {error.strerror}{file}")
+        self.n_internal_errors += 1
+        lines = "".join(traceback.format_exception(error)).splitlines()
+        text = "\n".join(map(printable, lines))
+        self.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+        return to_text(f"internal error, please report it: {error!r}")
+
+    def failed(self, error: Exception) -> None:
+        """Log an exception of a callback."""
+        self.get_logger().error(self.explain(error), throttle_duration_sec=LOG_PERIOD)
+
+    def answering(self, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """Return a callback of a service that answers whatever happens."""
+
+        async def answer(request: Any, response: Any) -> Any:
+            try:
+                found = callback(request, response)
+                return await found if hasattr(found, "__await__") else found
+            except Exception as error:
+                text = self.explain(error)
+                if hasattr(response, "message"):
+                    response.message = text
+                return response
+
+        return answer
 
     def _connect(self) -> None:
         self._trajectories = self.create_publisher(JointTrajectory, "~/joint_trajectory", EVERY)
+        self._reports = self.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._executions = self.create_publisher(DiagnosticStatus, "~/execution_report", EVERY)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVERY)
-        previews = self.create_publisher(MarkerArray, "~/preview", LATCHED)
-        self._last_motion = LastMotion(previews.publish)
-        self.create_subscription(String, "robot_description", self._on_description, LATCHED)
-        self.create_service(Trigger, "~/reload_primitives", self._on_reload)
-        self.create_service(Trigger, "~/save_motion", self._on_save)
-
-    def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        file = self._last_motion.keep(self._setup.settings.save_folder, NODE_NAME)
-        response.success = True
-        response.message = to_text(f"saved as '{file}'; call ~/reload_primitives to use it")
-        return response
-
-    def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            response.success = self._setup.load()
-        except Exception as error:
-            self._setup.problem = self.explain(error)
-        library, problem = self._setup.library, self._setup.problem
-        response.message = (
-            f"loaded: {library}" if response.success else f"{problem}; {library} kept"
+        self._preview = _Preview(self.create_publisher(MarkerArray, "~/preview", LATCHED))
+        self._states = PolledSubscription(self, JointState, "joint_states", STATES)
+        self._polled = time.monotonic()
+        self._controller: tuple[str, PolledSubscription] | None = None
+        self._action = ControllerAction(self, self._server.hear)
+        self._frames = ForeignFrames(self)
+        self._markers = MarkerSubscription(self, "~/obstacles")
+        describe: Any = self._on_description  # a coroutine, which rclpy's types do not know
+        # Callbacks that wait for the planner must not keep others from running.
+        apart = ReentrantCallbackGroup()
+        self.create_subscription(
+            String, "robot_description", describe, LATCHED, callback_group=apart
         )
+        for topic in GOAL_TOPICS:
+            receive = partial(self._on_goal, topic)
+            name = f"~/{topic.name}"
+            self.create_subscription(topic.message_type, name, receive, GOALS, raw=True)
+        for name, callback in (
+            ("stop", self._on_stop),
+            ("reload_primitives", self._on_reload),
+            ("save_motion", self._on_save),
+        ):
+            answer = self.answering(callback)
+            self.create_service(Trigger, f"~/{name}", answer, callback_group=apart)
+        # Setting a parameter may have to wait for the planner, which these of rclpy can't.
+        for service in self.services:
+            if service.srv_type is SetParameters:
+                service.callback = self.answering(self._on_parameters)
+                service.callback_group = apart
+            elif service.srv_type is SetParametersAtomically:
+                service.callback = self.answering(self._on_parameters_at_once)
+                service.callback_group = apart
+        # A steady clock, because these are needed even if simulated time stands still.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        self.create_timer(_TIDY, self._tidy, clock=steady)
+        self.create_timer(_TICK, self._tick, clock=steady)
+        self._use_controller()
+
+    # What comes in.
+
+    def _on_goal(self, topic: GoalTopic, content: bytes) -> None:
+        self._poll()
+        self._poll_obstacles()
+        stamp, model = read_stamp(content), self._server.model
+        if model is None or self._server.hold:
+            self._server.refuse(stamp, self._server.hold or self._missing)
+            return
+        try:
+            pose_of = partial(self._frames.pose, model=model)
+            request = topic.request(content, model, pose_of)
+        except Exception as error:
+            self._server.refuse(stamp, self.explain(error))
+            return
+        self._server.goal(request)
+
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._poll()
+        is_doubtful = self._action.has_unanswered_motion
+        try:
+            response.message = self._server.stop()
+        except PlannerError as error:
+            response.message = f"nothing was published: {self.explain(error)}"
+            return response
+        response.success = True
+        if is_doubtful:
+            response.message = (
+                "a stop was sent; the controller has not answered a motion that was sent before, "
+                "which is cancelled as soon as it is accepted"
+            )
         return response
 
-    def _on_description(self, message: String) -> None:
-        if self._setup.use_description(message.data):
-            self._log_readiness()
+    def _poll(self) -> None:
+        """Read the states of robot and controller that wait, and look at the planner's answers.
+
+        Their age counts from when the middleware got them; at most from the last look, because the
+        wall clock may have been set.
+        """
+        last, self._polled = self._polled, time.monotonic()
+        longest = self._polled - last
+        now = self.seconds()
+        if self._controller is not None:
+            for content, facts in self._controller[1].poll():
+                stamp = to_seconds(read_stamp(content))
+                sent = stamp if stamp and self._tracker.measured.stamps.is_usable else 0.0
+                then = sent or now - _age(facts, longest)
+                self._tracker.controller.receive(partial(to_command, content), then)
+        for content, facts in self._states.poll():
+            message = deserialize_message(content, JointState)
+            stamp = to_seconds(message.header.stamp)
+            values = message.name, message.position, message.velocity
+            self._tracker.measured.receive(*values, stamp, _age(facts, longest))
+
+    def _tick(self) -> None:
+        """Look at the robot."""
+        self._poll()
+        self._poll_obstacles()
+        self._action.watch()
+        self._server.tick()
+        for worker in (self._planner, self._watcher):
+            if worker is not None:
+                worker.check()
+        others = self._tracker.measured.others
+        if others != self._others and self._server.is_idle and self._server.model is not None:
+            self._others = dict(others)
+            self._planner.send(Positions(self._others))
+            if self._watcher is not None:
+                self._watcher.send(Positions(self._others))
+
+    def _poll_obstacles(self) -> None:
+        """Hand the markers that have arrived to the workers."""
+        watcher = self._watcher
+        if watcher is None and self._markers.has_publisher:
+            watcher = self._start_watcher()
+        if max(self._planner.backlog, watcher.backlog if watcher else 0) > _MOST_MARKERS:
+            return
+        for content, stamp, is_late in self._markers.poll():
+            message = Markers(content, stamp, is_late, self.seconds())
+            self._has_obstacles = True
+            self._planner.send(message)
+            (watcher or self._start_watcher()).send(message)
+            watcher = self._watcher
+            if not self._watches:
+                self._server.watcher_died("it is being started")
+
+    def _follow_frames(self) -> None:
+        """Look up the frames of obstacles that are neither links nor fixed."""
+        model = self._server.model
+        if model is None or not self._world.frames:
+            return
+        poses = {frame: self._frames.pose(frame, model) for frame in self._world.frames}
+        if not _is_same(poses, self._poses):
+            self._poses = poses
+            for worker in (self._planner, self._watcher):
+                if worker is not None:
+                    worker.send(Frames(poses))
+
+    # Workers.
+
+    def _worker(self, role: str) -> WorkerProcess:
+        longest = self._settings.max_solve_time
+        return WorkerProcess(role, self._woken.trigger, longest)
+
+    def _start_watcher(self) -> WorkerProcess:
+        self._watcher, self._watches = self._worker(WATCHER), False
+        self._watcher.send(self._present_set_up(0))
+        return self._watcher
+
+    def _receive(self) -> None:
+        """Handle what the workers say."""
+        for message in self._planner.receive():
+            self._on_planner(message)
+        for message in self._watcher.receive() if self._watcher is not None else ():
+            self._on_watcher(message)
+
+    def _on_planner(self, message: object) -> None:
+        if isinstance(message, Planned | Rejected):
+            self._poll()
+            self._server.answer(message)
+        elif isinstance(message, SetUpDone):
+            future = self._set_ups.pop(message.number, None)
+            if future is not None:
+                future.set_result(message)
+            elif not self._hold:  # of a planner that was started again
+                self._server.hold = ""
+        elif isinstance(message, ModelFacts):
+            self._server.learn(message)
+        elif isinstance(message, WorldFacts):
+            if message.missing and message.missing != self._world.missing:
+                text = f"obstacles: {message.missing}"
+                self.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+            self._world = message
+            self._follow_frames()
+        elif isinstance(message, Kept) and self._keeping is not None:
+            self._keeping.set_result(message)
+        elif isinstance(message, Preview):
+            self._preview.show(message.content)
+        elif isinstance(message, TakeObstacles) and self._watcher is not None:
+            self._watcher.send(message)
+            self._watches = True
+            self._server.watch_again()
+        elif isinstance(message, InternalError):
+            self._log_internal(message)
+        elif isinstance(message, WorkerDied):
+            self._restart_planner(message)
+
+    def _on_watcher(self, message: object) -> None:
+        if isinstance(message, SetUpDone):
+            if not self._watches and not self._world.n_obstacles:
+                self._watches = True
+            elif not self._watches:
+                self._planner.send(TakeObstacles())
+            self._server.watcher = self._watcher
+            self._server.watch_again()
+        elif isinstance(message, TakeObstacles):
+            self._planner.send(message)
+        elif isinstance(message, InternalError):
+            self._log_internal(message)
+        elif isinstance(message, WorkerDied):
+            self.n_restarts += 1
+            self._server.watcher = None
+            self.get_logger().error(f"the watcher of obstacles has ended: {message.reason}")
+            self._server.watcher_died(message.reason)
+            self._start_watcher()
+        else:
+            self._server.answer(message)
+
+    def _restart_planner(self, died: WorkerDied) -> None:
+        """Start another planner, with the last set-up and the obstacles that the watcher has."""
+        self.n_restarts += 1
+        self.get_logger().error(f"the planner has ended: {died.reason}")
+        self._server.hold = self._hold or _RESTARTING
+        self._server.answer(died)
+        waiting, self._set_ups = self._set_ups, {}
+        self._planner = self._worker(PLANNER)
+        self._planner.send(self._present_set_up(0))
+        if self._has_obstacles and self._watcher is not None and self._watches:
+            self._watcher.send(TakeObstacles())
+        elif self._has_obstacles:
+            reason = "the obstacles were lost as a worker has ended: publish them again"
+            self._planner.send(LoseObstacles(reason))
+        problem = f"the planner has ended while it was set up ({died.reason})"
+        for number, future in waiting.items():
+            future.set_result(SetUpDone(number, problem=problem))
+        if self._keeping is not None and not self._keeping.done():
+            self._keeping.set_result(Kept("", "the planner has ended"))
+
+    def _log_internal(self, error: InternalError) -> None:
+        self.n_internal_errors += 1
+        self.get_logger().error(error.text, throttle_duration_sec=LOG_PERIOD)
+
+    # Set-up.
+
+    def _present_set_up(self, number: int, *, rereads: bool = False) -> SetUp:
+        return self._set_up_of(number, self._settings, rereads=rereads)
+
+    def _set_up_of(self, number: int, settings: Settings, *, rereads: bool) -> SetUp:
+        urdf = settings.robot_description or self._description
+        return SetUp(number, urdf, settings, dict(self._tracker.measured.others), rereads)
+
+    def _set_up(self, settings: Settings, *, rereads: bool = False) -> Future:
+        """Ask the planner to use other parameters, files or robots; the answer comes later."""
+        self._number += 1
+        future: Future = Future()
+        self._set_ups[self._number] = future
+        self._planner.send(self._set_up_of(self._number, settings, rereads=rereads))
+        return future
+
+    def _wait(self, future: Future) -> SetUpDone:
+        """The answer of the planner; nothing else is done meanwhile, at the start of a node."""
+        while not future.done():
+            time.sleep(0.002)
+            self._planner.check()
+            self._receive()
+        return future.result()
+
+    def _adopt(self, done: SetUpDone, settings: Settings) -> None:
+        """Use what the planner has accepted."""
+        self._declared.declare_limits(done.joint_names)
+        self._declared.forget_limits_except(done.joint_names)
+        self._settings, self._done = settings, done
+        self._problem = self._model_problem = ""
+        self._planner.longest_solve = settings.max_solve_time
+        model = None
+        if done.model is not None:
+            urdf = settings.robot_description or self._description
+            robot = Robot(urdf, done.joint_names, locked=done.model.locked)
+            model = NodeModel(robot, done.model, settings)
+        self._server.use(model)
+        if self._watcher is not None:
+            self._watcher.send(self._present_set_up(0))
+        self._use_controller()
+        self._log_readiness()
 
     def _on_set_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Accept what the planner has accepted, see `_changed`."""
         if self._declared.is_declaring:
             return SetParametersResult(successful=True)
         try:
-            self._setup.change(changes)
-            self._use_controller()
-        except Exception as error:
+            self._declared.check_names([p.name for p in changes], self._done.joint_names)
+            settings = self._declared.settings(changes)
+        except PlannerError as error:
             return SetParametersResult(successful=False, reason=self.explain(error))
-        return SetParametersResult(successful=True)
+        is_known = settings == self._settings
+        return SetParametersResult(successful=is_known, reason="" if is_known else _PENDING)
+
+    async def _on_parameters(self, request: Any, response: Any) -> Any:
+        for message in request.parameters:
+            response.results.append(await self._changed([Parameter.from_parameter_msg(message)]))
+        return response
+
+    async def _on_parameters_at_once(self, request: Any, response: Any) -> Any:
+        changes = [Parameter.from_parameter_msg(message) for message in request.parameters]
+        response.result = await self._changed(changes)
+        return response
+
+    async def _changed(self, changes: list[Parameter]) -> SetParametersResult:
+        """Set parameters, if they are well-formed and the planner accepts them."""
+        while True:
+            result = self.set_parameters_atomically(changes)
+            if result.successful or result.reason != _PENDING:
+                return result
+            settings = self._declared.settings(changes)
+            done = await self._set_up(settings)
+            # Without a usable model anyway, a fix may need several changes.
+            is_partial = bool(self._model_problem) and not done.is_unreadable
+            if done.problem and not is_partial:
+                return SetParametersResult(successful=False, reason=to_text(done.problem))
+            if self._declared.settings(changes) == settings:
+                self._adopt(done, settings)
+                self._model_problem = done.problem
+
+    async def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        done = await self._set_up(self._settings, rereads=True)
+        if not done.problem:
+            self._adopt(done, self._settings)
+        self._problem = done.problem
+        response.success, library = not done.problem, self._library
+        text = f"loaded: {library}" if response.success else f"{done.problem}; {library} kept"
+        response.message = to_text(text)
+        return response
+
+    async def _on_description(self, message: String) -> None:
+        is_new, self._description = message.data != self._description, message.data
+        if self._settings.robot_description or not is_new:
+            return
+        done = await self._set_up(self._settings)
+        if not done.problem:
+            self._adopt(done, self._settings)
+            return
+        # The robot has changed, so the old model is invalid.
+        self._server.use(None)
+        self._model_problem = done.problem
+        self.get_logger().error(to_text(done.problem))
+
+    async def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        planned, folder = self._preview.planned, self._settings.save_folder
+        if not folder:
+            raise GoalError("motions can't be saved: set the parameter 'save_folder' to a folder")
+        if planned is None:
+            raise GoalError("there is no motion to save: none was published")
+        self._keeping = Future()
+        self._planner.send(KeepMotion(planned.key, folder, NODE_NAME))
+        kept = await self._keeping
+        response.success = bool(kept.file)
+        saved = f"saved as '{kept.file}'; call ~/reload_primitives to use it"
+        response.message = to_text(kept.problem or saved)
+        return response
 
     def _use_controller(self) -> None:
         """Use the topic and the action of the controller that the parameters name."""
-        settings, parent = self._setup.settings, self._trajectories.topic_name.rpartition("/")[0]
+        settings, old = self._settings, self._controller
+        parent = self._trajectories.topic_name.rpartition("/")[0]
         topic = settings.controller_state_topic or f"{parent}/controller_state"
-        self._states.use_controller(topic, self._follower.controller)
+        if HAS_CONTROL_MSGS and (old is None or old[0] != topic):
+            kind = JointTrajectoryControllerState
+            self._controller = topic, PolledSubscription(self, kind, topic, _NEWEST_STATE)
+            if old is not None:
+                old[1].destroy()
         self._action.use(settings)
 
-    def _lock_joints(self) -> None:
-        """Lock the joints that the primitives do not move where they are measured."""
-        self._setup.lock(self._follower.measured.others, self._monitor.surroundings.world)
+    @property
+    def _library(self) -> str:
+        """The names of the primitives, for messages."""
+        return quote_names(self._done.primitives)
 
-    def _log_clocks(self) -> None:
-        """Log when the judgement of the robot's clock changes."""
-        clock = self._follower.measured.clock
-        state = clock.is_usable, clock.offset != 0.0
-        if state == self._clocks or not clock.is_certain:
-            return
-        self._clocks, logger = state, self.get_logger()
-        if not clock.is_usable:
-            logger.warning(
-                "the stamps of joint_states follow no clock with a constant difference from that "
-                f"of this node: they are {clock.estimate:.3g} s behind. Trajectories are "
-                "sent without stamps, so goals for a moving robot may cause jumps; synchronise the "
-                "clocks"
+    @property
+    def _missing(self) -> str:
+        """The reason why goals are rejected; empty if they are accepted."""
+        if self._server.hold or self._server.model is not None:
+            return self._server.hold
+        if not self._done.primitives:
+            return self._problem or (
+                "no primitives are loaded: set the parameter 'primitives' to primitive files or "
+                "folders of them"
             )
-        elif clock.offset:
-            logger.info(
-                f"the clock of the robot is {clock.offset:.3g} s behind that of this node; "
-                "trajectories are stamped with the time of the robot"
-            )
-        else:
-            logger.info("the clocks of the robot and of this node agree")
+        topic = self.resolve_topic_name("robot_description")
+        return self._model_problem or (
+            f"waiting for a robot description: nothing has arrived on '{topic}' yet, and the "
+            "parameter 'robot_description' is empty"
+        )
 
-    def _send(self, motion: PublishedMotion) -> None:
-        # Stops have no efforts.
-        with_efforts = self._setup.settings.publish_effort and motion.sent.efforts is not None
+    # What goes out (see `Outputs`).
+
+    def send(self, motion: PublishedMotion, planned: Planned | None) -> None:
+        """Send a motion to the controller."""
         content = serialize_trajectory(
             motion.sent,
-            with_efforts=with_efforts,
+            # Stops have no efforts.
+            with_efforts=self._settings.publish_effort and motion.sent.efforts is not None,
             stamp=motion.stamp,
             last_point_only=motion.last_point_only,
         )
-        is_goal = self._action.send(motion.sent, content)
+        is_goal = self._action.send(motion.sent, content, is_stop=planned is None)
         # A controller that listens to both would execute the motion twice.
         topic = self._trajectories.topic_name
         if not (is_goal and self._action.is_served_by_subscriber(topic)):
             self._trajectories.publish(content)
 
-    def _report_execution(self, report: ExecutionReport) -> None:
+    def report_goal(
+        self,
+        outcome: GoalOutcome,
+        name: Any,
+        reason: str = "",
+        planned: Planned | Rejected | None = None,
+        ignored_joints: Sequence[str] = (),
+    ) -> None:
+        """Report what became of a goal, which is named by its stamp."""
+        if outcome is GoalOutcome.SERVED and isinstance(planned, Planned):
+            self._preview.replace(planned)
+            missing = self._world.missing
+            self._reports.publish(to_plan_report(planned, name, ignored_joints, missing))
+            seconds = planned.trajectory.duration
+            times = f"{seconds:.4g} s long, planned in {1e3 * planned.solve_time:.3g} ms"
+            self.get_logger().info(to_text(f"goal served: {planned.message} ({times})"))
+            return
+        values = planned.values if planned is not None else {}
+        self._reports.publish(to_goal_report(outcome, reason, name, values))
+        if outcome is GoalOutcome.REFUSED:
+            text = f"goal rejected: {to_text(reason)}"
+            self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
+            self._preview.reject()
+
+    def report_motion(self, report: ExecutionReport) -> None:
+        """Report what became of a motion."""
         self._executions.publish(to_execution_report(report))
-        self._last_motion.end(report.outcome)
+        self._preview.end(report.outcome)
         if not report.outcome.is_good:
-            self._failures.put(to_text(report.message))
+            self.get_logger().error(to_text(report.message))
+
+    def log(self, text: str) -> None:
+        """Tell a user what was done without a goal."""
+        self.get_logger().warning(to_text(text), throttle_duration_sec=LOG_PERIOD)
 
     def _tidy(self) -> None:
-        """Do what the thread that stops the robot leaves to others: the output may block."""
-        self._last_motion.tidy()
-        self._log_clocks()
+        """Do what can wait."""
+        self._follow_frames()
+        if self._server.is_idle and (trajectory := self._preview.next()) is not None:
+            self._planner.send(ShowMotion(trajectory))
         if (state := self._action.state) not in ("none", "ready"):
             text = f"parameter 'controller_action': {state}"
             self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
-        while not self._failures.empty():
-            self.get_logger().error(self._failures.get())
+        measured, logger = self._tracker.measured, self.get_logger()
+        if measured.stamps.is_certain and not measured.stamps.is_usable:
+            logger.warning(
+                "the stamps of joint_states are no times of this node's clock: they are "
+                f"{measured.stamps.difference:.3g} s behind. Trajectories are sent without stamps, "
+                "so goals for a moving robot may cause jumps; synchronise the clocks",
+                once=True,
+            )
+        is_heard = self._tracker.controller.is_fresh(self.seconds())
+        is_due = time.monotonic() - self._began > _CONTROLLER_TIME and measured.age is not None
+        if is_due and not is_heard and self._server.model is not None:
+            why = "no message has come on" if HAS_CONTROL_MSGS else "install control_msgs to hear"
+            topic = self._controller[0] if self._controller else "controller_state"
+            logger.warning(
+                f"without the controller's state ({why} '{topic}'), the command of a moving robot "
+                "is taken from the published motion: goals for a slowed or held robot are "
+                "rejected, and one that is not noticed may jump",
+                once=True,
+            )
 
     def _publish_diagnostics(self) -> None:
-        name = f"{self.get_fully_qualified_name()}: planner"
+        measured, model = self._tracker.measured, self._server.model
+        statistics = self._server.statistics
+        age, problem = measured.age, self._missing or self._problem
+        timeout = self._settings.state_timeout
+        if not problem and age is None:
+            problem = "waiting for joint_states"
+        elif not problem and age is not None and 0.0 < timeout < age:
+            problem = f"joint_states stopped {age:.1f} s ago"
+        elif not problem and self._world.missing:
+            problem = f"an obstacle is not avoided: {self._world.missing}"
+        elif not problem and model is not None:
+            problem = model.facts.unknown
+        locked = model.robot.locked_positions if model else {}
+        is_stated = self._tracker.controller.is_fresh(self.seconds())
         values = {
+            "model": quote_names(model.robot.joint_names) if model else "none",
+            "joints": ", ".join(model.robot.described_joints) if model else "none",
+            "library": self._library,
+            **{f"goals_{outcome}": n for outcome, n in statistics.counts.items()},
             "internal_errors": self.n_internal_errors,
-            "safety_longest_gap_s": round(self._safety.longest_gap(), 4),
-            "locked_joints": self._setup.locked_joints,
+            "worker_restarts": self.n_restarts,
+            "locked_joints": ", ".join(f"{k}={x:.4g}" for k, x in locked.items()) or "none",
             "controller_action": self._action.state,
-            "controller_state": "received" if self._follower.controller.is_fresh else "none",
-            **self._obstacles.facts,
+            "controller_state": "received" if is_stated else "none",
+            "obstacles": self._world.n_obstacles,
+            "obstacle_rejected": self._world.missing or "none",
+            **statistics.solve_time_percentiles(),
+            "joint_states_age_s": "none" if age is None else round(age, 3),
+            "joint_states_incomplete": measured.n_incomplete,
+            "joint_states_unusable": measured.n_unusable,
         }
-        measured, world = self._follower.measured, self._monitor.surroundings.world
-        status = _status(name, self._setup, measured, self._statistics, world, values)
+        level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
+        name = f"{self.get_fully_qualified_name()}: planner"
+        status = to_status(name, level, problem or "ready for goals", values)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
     def _log_readiness(self) -> None:
-        self.get_logger().info(self._setup.missing or "ready for goals")
-        context = self._setup.context
-        if context is not None and (unlimited := context.limits.unlimited):
-            self.get_logger().info(
-                f"some joints have no limit of {', '.join(unlimited)}: set them with 'limits_file' "
-                "before a real robot moves"
-            )
-        if context is not None and (note := moveit_factors_note(context.settings.limits_file)):
-            self.get_logger().info(to_text(note))
-        if context is not None and not context.settings.collision:
-            self.get_logger().info(
-                "self-collision is not checked: set 'collision' to true to avoid it"
-            )
+        self.get_logger().info(to_text(self._missing or "ready for goals"))
+        model = self._server.model
+        notes = model.facts.notes if model is not None else self._notes
+        for note in notes:
+            if note not in self._notes:
+                self.get_logger().info(to_text(note))
+        self._notes = notes
 
 
-def _status(
-    name: str,
-    setup: PlanningSetup,
-    measured: MeasuredStates,
-    statistics: GoalStatistics,
-    world: World,
-    more: Mapping[str, str | float | int],
-) -> DiagnosticStatus:
-    """Diagnostics on the node's inputs and on the goals that it served."""
-    age, context, problem = measured.age, setup.context, setup.missing or setup.problem
-    if not problem and age is None:
-        problem = "waiting for joint_states"
-    elif not problem and age is not None and 0.0 < setup.settings.state_timeout < age:
-        problem = f"joint_states stopped {age:.1f} s ago"
-    elif not problem and more["obstacle_rejected"] != "none":
-        problem = f"an obstacle is not avoided: {more['obstacle_rejected']}"
-    elif not problem and context is not None:
-        problem = unknown_positions(context, world)
-    values = {
-        "model": quote_names(context.robot.joint_names) if context else "none",
-        "joints": ", ".join(context.robot.described_joints) if context else "none",
-        "library": setup.library,
-        **{f"goals_{outcome}": n for outcome, n in statistics.counts.items()},
-        **more,
-        **statistics.solve_time_percentiles(),
-        "joint_states_age_s": "none" if age is None else round(age, 3),
-        "joint_states_incomplete": measured.n_incomplete,
-        "joint_states_unusable": measured.n_unusable,
-    }
-    level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
-    return to_status(name, level, problem or "ready for goals", values)
+class _PlannerLink:
+    """The way to the present planner, which may be another one tomorrow."""
+
+    def __init__(self, node: PlannerNode) -> None:
+        self._node = node
+
+    def send(self, message: object) -> None:
+        """Send a message; it never waits."""
+        self._node._planner.send(message)
+
+    def cancel(self, key: int) -> None:
+        """Ask the planner to end its work on a request, and on all before."""
+        self._node._planner.cancel(key)
+
+
+class _Preview:
+    """The motion that was published last, as RViz shows it.
+
+    Parameters
+    ----------
+    publisher : Publisher
+        Of its markers.
+
+    Attributes
+    ----------
+    planned : Planned or None
+        The motion.
+    """
+
+    def __init__(self, publisher: Any) -> None:
+        self._publisher = publisher
+        self.planned: Planned | None = None
+        self._is_due = self._is_shown = False
+        self._is_over = True
+
+    def replace(self, planned: Planned) -> None:
+        """Record a published motion."""
+        self.planned, self._is_over, self._is_due = planned, False, True
+
+    def next(self) -> Any:
+        """The trajectory to draw, once; None if there is none."""
+        is_due, self._is_due = self._is_due, False
+        return self.planned.trajectory if is_due and self.planned is not None else None
+
+    def show(self, content: bytes) -> None:
+        """Show the markers of a motion, unless it is over."""
+        if not self._is_over:
+            self._is_shown = True
+            self._publisher.publish(content)
+
+    def end(self, outcome: MotionOutcome) -> None:
+        """Erase the motion when it is over; one that never started stays."""
+        if outcome is not MotionOutcome.REPLACED:
+            self._is_over = True
+            if outcome is not MotionOutcome.NEVER_STARTED:
+                self.reject()
+
+    def reject(self) -> None:
+        """Erase the motion, unless it is being executed."""
+        if self._is_over:
+            self._is_due = False
+            if self._is_shown:
+                self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+            self._is_shown = False
+
+
+def _age(facts: dict[str, int], longest: float) -> float:
+    """Time since the middleware got a message [s], at most that since the last look."""
+    received = facts["received_timestamp"]
+    return min(max((time.time_ns() - received) * 1e-9, 0.0), longest) if received else 0.0
+
+
+def _is_same(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether the same frames have the same poses, except for noise."""
+    return one.keys() == other.keys() and all(
+        (pose is None) == (other[name] is None)
+        and (pose is None or bool(abs(pose - other[name]).max() <= 1e-4))
+        for name, pose in one.items()
+    )
 
 
 _INACTIVE = "the node is not active: configure and activate it with ~/change_state"
@@ -338,7 +849,7 @@ class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Drop the primitives."""
-        self._setup.unload()
+        self.unload()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -5,8 +5,6 @@
 from __future__ import annotations
 
 import argparse
-import gc
-import mmap
 import os
 import signal
 import sys
@@ -15,12 +13,11 @@ from collections.abc import Sequence
 
 from ..exceptions import MissingDependencyError, PlannerError, printable
 
-DONE, FAILED, REFUSED = 0, 1, 2
+DONE, REFUSED = 0, 2
 
 _PROGRAM = "mp-pca planner_node"
 _ROS_ARGUMENTS = "--ros-args"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_SWITCH_INTERVAL = 1e-4  # [s]
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -34,24 +31,18 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     :
-        The exit status: 0 stopped by a signal, 1 too little memory or too few threads, 2 refused
-        arguments or parameters.
+        The exit status: 0 stopped by a signal, 2 refused arguments or parameters.
     """
     arguments = list(sys.argv[1:] if args is None else args)
     own = arguments[: arguments.index(_ROS_ARGUMENTS)] if _ROS_ARGUMENTS in arguments else arguments
     options, unknown = _parser().parse_known_args(own)
     # One thread, because the matrices of planning are too small for several.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # The thread that stops the robot soon gets the lock of the interpreter, whatever is computed.
-    sys.setswitchinterval(_SWITCH_INTERVAL)
     # Installed before the slow imports, which a signal may interrupt.
     stop = threading.Event()
     for number in _SIGNALS:
         signal.signal(number, lambda *_: stop.set())
     try:
-        if shortage := _shortage():
-            print(f"{_PROGRAM}: {shortage}", file=sys.stderr)
-            return FAILED
         _run(arguments, unknown, options.managed, stop)
     except PlannerError as error:
         print(f"{_PROGRAM}: {printable(str(error))}", file=sys.stderr)
@@ -61,34 +52,6 @@ def main(args: Sequence[str] | None = None) -> int:
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     return DONE
-
-
-def _shortage() -> str:
-    """What the system refuses of the memory and the threads of a node; empty if nothing.
-
-    DDS does not survive a thread that it can't start: it hangs, or aborts the process.
-    """
-    n_threads, address_space = 24, 3 * 2**29  # most of the threads are those of DDS
-    try:
-        mmap.mmap(-1, address_space, flags=mmap.MAP_PRIVATE, prot=0).close()
-    except OSError as error:
-        return (
-            f"the node needs {address_space / 2**30:g} GiB of address space, and the system "
-            f"refuses it ({error.strerror}): raise the limit (ulimit -v)"
-        )
-    end = threading.Event()
-    threads = [threading.Thread(target=end.wait, daemon=True) for _ in range(n_threads)]
-    try:
-        for thread in threads:
-            thread.start()
-    except RuntimeError:
-        return (
-            f"the node needs {n_threads} threads, and the system refuses them: raise the limits "
-            "of processes (ulimit -u, pids of the container) and of memory (ulimit -v)"
-        )
-    finally:
-        end.set()
-    return ""
 
 
 def _run(
@@ -110,23 +73,10 @@ def _run(
         from .node import LifecyclePlannerNode, PlannerNode
 
         node = LifecyclePlannerNode() if is_managed else PlannerNode()
-        # Meanwhile, the nodes of the robot discover this one.
-        threading.Thread(target=_load_slow_modules).start()
         # A message ends the wait at once; the time bounds only how long a signal waits.
-        spin_until(stop, node, lambda: 0.1)
+        spin_until(stop, node, lambda: 0.1, node.failed)
     finally:
         rclpy.try_shutdown()
-
-
-def _load_slow_modules() -> None:
-    """Import slow modules that the start does not need, so that no goal waits for them."""
-    import scipy.interpolate
-    import scipy.optimize
-    import scipy.spatial.transform  # noqa: F401
-
-    # What lives as long as the node is searched for garbage no more, not even now: that stops all
-    # threads for 50 ms each time.
-    gc.freeze()
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -13,7 +13,6 @@ import numpy as np
 import viser
 
 from ..arrays import FloatArray
-from ..execution.threads import PreemptiveWorker
 from ..motion.goal import Pose
 from ..planning.options import AUTO, TIMINGS
 from .planning import (
@@ -26,6 +25,7 @@ from .planning import (
 )
 from .robot_shapes import DrawnRobot, Rgb, add_paths, show_paths
 from .stage import Player, ShownMotion, Stage, part
+from .worker import PreemptiveWorker
 
 NAME = "Plan"
 _TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."

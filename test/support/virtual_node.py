@@ -305,12 +305,13 @@ class VirtualNode:
     def report_goal(
         self,
         outcome: GoalOutcome,
-        request: GoalRequest,
+        name: Any,
         reason: str = "",
         planned: Planned | Rejected | None = None,
+        ignored_joints: Sequence[str] = (),
     ) -> None:
         """Keep the report of a goal."""
-        self.plan_reports.append(PlanReport(request.name, outcome, reason, self.now))
+        self.plan_reports.append(PlanReport(name, outcome, reason, self.now))
 
     def log(self, text: str) -> None:
         """Keep what was logged."""

@@ -1,13 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The motion that was published last: its preview, and its storage as a primitive."""
+"""The preview of a motion in RViz: its path, and the robot at its end."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
@@ -15,88 +13,12 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray
-from ..exceptions import GoalError, PlannerError, RobotError
-from ..execution.serving.execution import MotionOutcome, Served
-from ..execution.threads import TimedLock
+from ..exceptions import RobotError
 from ..motion.trajectory import Trajectory
 from ..robot.model import Robot
 from ..robot.urdf import StatedShape, stated_shape
 
 _LAST = ColorRGBA(r=0.1, g=0.8, b=0.3, a=0.6)
-
-
-class LastMotion:
-    """The motion that was published last, and its preview.
-
-    Parameters
-    ----------
-    show : callable
-        Publishes the markers of a preview.
-    """
-
-    def __init__(self, show: Callable[[MarkerArray], None]) -> None:
-        self._show = show
-        self._served: Served | None = None
-        self._previewed: Served | None = None
-        self._is_over, self._is_shown, self._must_erase = True, False, False
-        self._lock = TimedLock()
-
-    def replace(self, served: Served) -> None:
-        """Record a published motion."""
-        self._served, self._is_over, self._must_erase = served, False, False
-
-    def end(self, outcome: MotionOutcome) -> None:
-        """Record that a motion is over; :meth:`tidy` erases its preview if it was begun.
-
-        This waits for no lock.
-        """
-        if outcome is not MotionOutcome.REPLACED:
-            self._must_erase, self._is_over = outcome is not MotionOutcome.NEVER_STARTED, True
-
-    def tidy(self) -> None:
-        """Erase the preview of a motion that is over."""
-        if self._must_erase:
-            self._must_erase = False
-            self.erase_preview()
-
-    def show_preview(self) -> None:
-        """Show the motion, if it was not shown before."""
-        with self._lock:
-            served = self._served
-            if served is None or served is self._previewed:
-                return
-            self._previewed, self._is_shown = served, True
-            context = served.model
-            robot, frame = context.planning_robot, context.end_effector
-            self._show(to_preview(served.plan.trajectory, robot, frame, context.urdf))
-
-    def erase_preview(self) -> None:
-        """Erase the preview, unless its motion is being executed."""
-        with self._lock:
-            if self._is_over:
-                self._previewed = self._served
-                if self._is_shown:
-                    self._show(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
-                self._is_shown = False
-
-    def keep(self, folder: str, kept_by: str) -> Path:
-        """Write the motion as a primitive; returns the file.
-
-        Raises
-        ------
-        PlannerError
-            If there is no folder or no motion, or the motion can't be saved.
-        """
-        if not folder:
-            raise PlannerError(
-                "motions can't be saved: set the parameter 'save_folder' to a folder"
-            )
-        # Imported late, because SciPy's optimisers are slow to import.
-        from ..execution.serving.kept_motion import keep_motion
-
-        if self._served is None:
-            raise GoalError("there is no motion to save: none was published")
-        return keep_motion(self._served, Path(folder), {"kept_by": kept_by})
 
 
 def to_preview(trajectory: Trajectory, robot: Robot, end_effector: str, urdf: str) -> MarkerArray:

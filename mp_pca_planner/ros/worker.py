@@ -1,0 +1,370 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Workers of the node: processes that may take long, take much memory, or die.
+
+The planner plans; the watcher checks the running motion. Both read the obstacles. Whatever ends a
+worker costs its work: the node starts another one.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import resource
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from ..exceptions import PlannerError, printable
+from ..execution.link import (
+    Place,
+    PlanRequest,
+    Positions,
+    Rejected,
+    SetUp,
+    SetUpDone,
+    Watch,
+    WorkerDied,
+    WorldFacts,
+)
+from ..execution.planning import GoalPlanner
+from ..execution.watching import Watcher
+from ..motion.trajectory import Trajectory
+
+PLANNER, WATCHER = "planner", "watcher"
+
+# Most memory of a worker [bytes], and its priority: the node goes first.
+_MEMORY = 6 << 30
+_NICE = 5
+# Time after which a cancelled request must be answered, any other one, beside the time for its
+# solution, and a set-up [s].
+_CANCEL_TIME, _ANSWER_TIME, _SET_UP_TIME = 2.0, 5.0, 60.0
+# Longest time without a message in which a worker looks at lifetimes [s].
+_IDLE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class KeepMotion:
+    """Keep the motion of a request as a primitive in a folder."""
+
+    key: int
+    folder: str
+    kept_by: str
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """The file of a motion that was kept, or why there is none."""
+
+    file: str
+    problem: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ShowMotion:
+    """Draw a motion."""
+
+    trajectory: Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """The serialised markers of a motion."""
+
+    content: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class TakeObstacles:
+    """Use the obstacles of another worker, pickled; an empty text asks for them."""
+
+    content: bytes = b""
+
+
+@dataclass(frozen=True, eq=False)
+class LoseObstacles:
+    """Say that the obstacles are unknown until markers come."""
+
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class InternalError:
+    """An exception that no input should cause."""
+
+    text: str
+
+
+class WorkerProcess:
+    """A worker, from the node's side; it is a link of the server.
+
+    A thread sends what waits, another one receives; they hold nothing else.
+
+    Parameters
+    ----------
+    role : str
+        `PLANNER` or `WATCHER`.
+    wake : callable
+        Called in another thread when a message has come.
+    longest_solve : float
+        Longest time for a solution [s].
+    """
+
+    def __init__(self, role: str, wake: Callable[[], None], longest_solve: float = 0.2) -> None:
+        self.role, self._wake, self.longest_solve = role, wake, longest_solve
+        context = multiprocessing.get_context("spawn")
+        self._cancelled: Any = context.Value("Q", 0, lock=False)
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(
+            target=run, args=(role, theirs, self._cancelled), name=role, daemon=True
+        )
+        self._process.start()
+        theirs.close()
+        self._outbox: SimpleQueue[object] = SimpleQueue()
+        self._inbox: deque[object] = deque()
+        # When answers are due, by what they answer [s].
+        self._due: dict[object, float] = {}
+        self._killed_for = ""
+        for name, work in (("send", self._send_all), ("receive", self._receive_all)):
+            threading.Thread(target=work, name=f"{role} {name}", daemon=True).start()
+
+    @property
+    def pid(self) -> int:
+        """The process."""
+        return self._process.pid or 0
+
+    @property
+    def backlog(self) -> int:
+        """Messages that wait to be sent."""
+        return self._outbox.qsize()
+
+    def send(self, message: object) -> None:
+        """Send a message; it never waits."""
+        now = time.monotonic()
+        if isinstance(message, PlanRequest):
+            self._due[message.key] = now + self.longest_solve + _ANSWER_TIME
+        elif isinstance(message, SetUp):
+            self._due["set-up"] = now + _SET_UP_TIME
+        self._outbox.put(message)
+
+    def cancel(self, key: int) -> None:
+        """Ask the planner to end its work on a request, and on all before."""
+        self._cancelled.value = max(self._cancelled.value, key)
+        if key in self._due:
+            self._due[key] = min(self._due[key], time.monotonic() + _CANCEL_TIME)
+
+    def receive(self) -> list[object]:
+        """The messages that have come."""
+        found = []
+        while self._inbox:
+            message = self._inbox.popleft()
+            key = getattr(message, "key", "set-up" if isinstance(message, SetUpDone) else None)
+            self._due.pop(key, None)
+            found.append(message)
+        return found
+
+    def check(self) -> None:
+        """Kill the process if it does not answer in time."""
+        if not self._killed_for and self._due and time.monotonic() > min(self._due.values()):
+            self._killed_for = "it did not answer in time"
+            self._process.kill()
+
+    def close(self) -> None:
+        """End the process."""
+        self._killed_for = self._killed_for or "it was ended"
+        self._process.kill()
+        self._process.join(5.0)
+
+    def _send_all(self) -> None:
+        with suppress(OSError):
+            while True:
+                self._connection.send(self._outbox.get())
+
+    def _receive_all(self) -> None:
+        try:
+            while True:
+                self._inbox.append(self._connection.recv())
+                self._wake()
+        except (EOFError, OSError, pickle.UnpicklingError):
+            self._process.join(5.0)
+            self._inbox.append(WorkerDied(self._killed_for or self._reason()))
+            with suppress(Exception):  # the node may be ending
+                self._wake()
+
+    def _reason(self) -> str:
+        code = self._process.exitcode
+        if code is not None and code < 0:
+            return f"signal {signal.Signals(-code).name}"
+        return f"exit status {code}"
+
+
+def run(role: str, connection: Connection, cancelled: Any) -> None:
+    """Be a worker until the node ends.
+
+    Parameters
+    ----------
+    role : str
+        `PLANNER` or `WATCHER`.
+    connection : Connection
+        The way to the node.
+    cancelled : value
+        Key of the last request that is no longer needed.
+    """
+    # A terminal sends its signals to the node, too, which ends its workers.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+    with suppress(OSError):
+        os.nice(_NICE)
+    with suppress(EOFError, OSError):
+        _Worker(role, connection, cancelled).work()
+
+
+class _Worker:
+    """What a worker does with each message."""
+
+    def __init__(self, role: str, connection: Connection, cancelled: Any) -> None:
+        from .markers import Obstacles
+
+        self._role, self._connection = role, connection
+        self._core = GoalPlanner(lambda key: bool(cancelled.value >= key))
+        self._core.settle = self._take_obstacles
+        self._watcher = Watcher()
+        self._obstacles = Obstacles()
+        self._later: deque[Any] = deque()
+        self._told = WorldFacts(0)
+
+    def work(self) -> None:
+        """Answer one message after the other."""
+        while True:
+            if self._later or self._connection.poll(_IDLE):
+                message = self._later.popleft() if self._later else self._connection.recv()
+                self._guarded(message)
+            if self._obstacles.refresh():
+                self._use_world()
+            if self._role == WATCHER and (verdict := self._watcher.look()) is not None:
+                self._connection.send(verdict)
+
+    def _guarded(self, message: Any) -> None:
+        """Handle a message; whatever goes wrong is its answer."""
+        try:
+            self._handle(message)
+        except (EOFError, OSError):
+            raise
+        except MemoryError:
+            self._fail(message, "the planner is out of memory")
+        except PlannerError as error:
+            self._fail(message, str(error))
+        except Exception as error:
+            lines = "".join(traceback.format_exception(error)).splitlines()
+            self._connection.send(InternalError("\n".join(map(printable, lines))))
+            self._fail(message, f"internal error, please report it: {error!r:.500}")
+
+    def _fail(self, message: Any, reason: str) -> None:
+        if isinstance(message, PlanRequest):
+            self._connection.send(Rejected(message.key, reason))
+        elif isinstance(message, SetUp):
+            self._connection.send(SetUpDone(message.number, problem=reason))
+        elif isinstance(message, KeepMotion):
+            self._connection.send(Kept("", reason))
+        else:
+            print(f"{self._role}: {printable(reason)}", file=sys.stderr, flush=True)
+
+    def _handle(self, message: Any) -> None:
+        from .markers import Frames, Markers
+
+        core, send = self._core, self._connection.send
+        if isinstance(message, PlanRequest):
+            self._take_obstacles()
+            send(core.plan(message))
+        elif isinstance(message, Watch | Place):
+            self._watcher.receive(message)
+        elif isinstance(message, SetUp):
+            answer = core.set_up(message)
+            self._use_model()
+            send(answer)
+        elif isinstance(message, Positions):
+            if core.lock(message.measured) and core.model is not None:
+                self._use_model()
+                if self._role == PLANNER:
+                    send(core.model.facts)
+        elif isinstance(message, Markers):
+            self._obstacles.apply(message)
+            self._use_world()
+        elif isinstance(message, Frames):
+            self._obstacles.use_frames(message)
+            self._use_world()
+        elif isinstance(message, KeepMotion):
+            self._keep(message)
+        elif isinstance(message, ShowMotion):
+            self._show(message)
+        elif isinstance(message, TakeObstacles):
+            if not message.content:
+                send(TakeObstacles(pickle.dumps(self._obstacles)))
+                return
+            self._obstacles = pickle.loads(message.content)
+            self._use_model()
+        elif isinstance(message, LoseObstacles):
+            self._obstacles.lose(message.reason)
+            self._use_world()
+
+    def _take_obstacles(self) -> None:
+        """Take the obstacles that have arrived; other messages wait."""
+        from .markers import Frames, Markers
+
+        while self._connection.poll(0):
+            message = self._connection.recv()
+            if isinstance(message, Markers | Frames):
+                self._guarded(message)
+            else:
+                self._later.append(message)
+
+    def _use_model(self) -> None:
+        self._watcher.model = self._core.model
+        self._obstacles.use(self._core.model)
+        self._use_world()
+
+    def _use_world(self) -> None:
+        """Use the newest obstacles, and tell the node about them."""
+        obstacles = self._obstacles
+        self._core.world = self._watcher.world = obstacles.world
+        self._core.unplaced, self._core.missing = obstacles.unplaced, obstacles.missing
+        facts = obstacles.facts
+        if self._role == PLANNER and facts != self._told:
+            self._told = facts
+            self._connection.send(facts)
+
+    def _keep(self, message: KeepMotion) -> None:
+        from ..execution.keeping import keep_motion
+
+        plan, model = self._core.plans.get(message.key), self._core.model
+        if plan is None or model is None:
+            raise PlannerError(
+                "the last motion can't be kept: it continues a running motion; send the goal again "
+                "when the robot is at rest"
+            )
+        arguments = model.planner.primitives, Path(message.folder), {"kept_by": message.kept_by}
+        self._connection.send(Kept(str(keep_motion(plan, *arguments))))
+
+    def _show(self, message: ShowMotion) -> None:
+        from rclpy.serialization import serialize_message
+
+        from .preview import to_preview
+
+        model = self._core.model
+        if model is not None:
+            arguments = model.robot, model.end_effector, model.urdf
+            markers = to_preview(message.trajectory, *arguments)
+            self._connection.send(Preview(serialize_message(markers)))
