@@ -29,8 +29,8 @@ from tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.serving.assembly import assemble_model
-from mp_pca_planner.execution.serving.execution import MotionOutcome
+from mp_pca_planner.execution.planning import assemble_model
+from mp_pca_planner.execution.outcomes import MotionOutcome
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.build import build_primitive

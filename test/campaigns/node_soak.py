@@ -49,7 +49,7 @@ from support.node_setup import (
 )
 from trajectory_msgs.msg import JointTrajectory
 
-from mp_pca_planner.execution.serving.execution import GoalOutcome
+from mp_pca_planner.execution.outcomes import GoalOutcome
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.ros.client import is_served, report_values, this_machine_only
 from mp_pca_planner.ros.messages import to_stamp_text

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import pickle
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,19 +23,20 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import ColorRGBA
+from support.arm import arm_primitive
 from support.domains import set_domain
-from support.nodes import ros_node
+from support.nodes import URDF, ros_node
 from support.patience import HANG
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.exceptions import WorldError
-from mp_pca_planner.robot.world import World
-from mp_pca_planner.ros.obstacle_markers import (
-    MarkerMessage,
-    MarkerMessages,
-    MarkerSubscription,
-)
-from mp_pca_planner.ros.serialised import MarkerData, read_markers
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.planning import assemble_model
+from mp_pca_planner.ros import markers
+from mp_pca_planner.ros.markers import MarkerData, Markers, Obstacles, read_markers
+from mp_pca_planner.ros.obstacles import MarkerMessage, MarkerSubscription
+
+MODEL = assemble_model(URDF, [arm_primitive()], Settings())
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABLE = QoSProfile(depth=5)
@@ -105,89 +107,75 @@ def test_damaged_messages_are_rejected_or_read_and_never_raise_anything_else() -
 
 
 class Kept:
-    """The world of a series of markers, at times of the test's own."""
+    """The obstacles of a series of markers, at times of the test's own."""
 
-    def __init__(self) -> None:
-        self.messages, self.world, self.now, self._stamp = MarkerMessages(), World(), 0.0, 0
-        self.problems: list[str] = []
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.obstacles, self.now, self._stamp = Obstacles(), 0.0, 0
+        self.obstacles.use(MODEL)
+        monkeypatch.setattr(markers.time, "monotonic", lambda: self.now)
 
-    def send(self, *markers: Marker) -> None:
+    def send(self, *sent: Marker) -> None:
         self._stamp += 1
-        message = written(*markers), self._stamp, False
-        self._use(self.messages.apply(self.world, message, folders=(), now=self.now))
-
-    def refresh(self) -> None:
-        self._use(self.messages.refresh(self.world, self.now))
-
-    def wait_for_meshes(self) -> None:
-        deadline = time.monotonic() + HANG
-        while len(set(self.messages.meshes)) > 1:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-            self.refresh()
+        self.obstacles.apply(Markers(written(*sent), self._stamp, False, 0.0))
 
     @property
     def names(self) -> list[str]:
-        return sorted(one.name for one in self.world)
-
-    def _use(self, applied: tuple[list, list[str]] | None) -> None:
-        if applied is not None:
-            self.world, self.problems = World(applied[0]), applied[1]
+        return sorted(one.name for one in self.obstacles.world)
 
 
 @pytest.fixture
-def kept() -> Iterator[Kept]:
-    kept = Kept()
-    yield kept
-    kept.messages.close()
+def kept(monkeypatch: pytest.MonkeyPatch) -> Kept:
+    return Kept(monkeypatch)
 
 
 def test_obstacle_vanishes_at_the_end_of_its_lifetime_unless_it_is_sent_again(kept: Kept) -> None:
     kept.send(box(1, lifetime=Duration(sec=2)), box(2, lifetime=Duration(sec=1)), box(3))
     kept.now = 0.9
-    kept.refresh()
+    assert not kept.obstacles.refresh()
     assert kept.names == ["test/1", "test/2", "test/3"]
     kept.send(box(1, lifetime=Duration(sec=2)))
     kept.now = 2.5
-    kept.refresh()
+    assert kept.obstacles.refresh()
     assert kept.names == ["test/1", "test/3"]
     kept.send(box(1))  # without a lifetime now
     kept.now = 1e9
-    kept.refresh()
+    assert not kept.obstacles.refresh()
     assert kept.names == ["test/1", "test/3"]
 
 
-def test_large_meshes_appear_when_they_are_ready_and_others_do_not_wait(
-    kept: Kept, tmp_path: Path
-) -> None:
-    write_stl(tmp_path / "mesh.stl", soup(20_000))
+def test_meshes_are_obstacles_and_one_that_is_missing_is_named(kept: Kept, tmp_path: Path) -> None:
+    write_stl(tmp_path / "mesh.stl", soup(2000))
     mesh = f"file://{tmp_path / 'mesh.stl'}"
     kept.send(box(1, type=Marker.MESH_RESOURCE, mesh_resource=mesh), box(2))
-    assert kept.names == ["test/2"]
     kept.send(box(3, type=Marker.MESH_RESOURCE, mesh_resource="file:///no/such/mesh.stl"))
-    kept.send(box(4, type=Marker.MESH_RESOURCE, mesh_resource=mesh))
-    kept.send(box(4))  # in its place
-    kept.send(box(5, type=Marker.MESH_RESOURCE, mesh_resource=mesh))
-    kept.send(box(5, action=Marker.DELETE))
-    kept.wait_for_meshes()
-    assert kept.names == ["test/1", "test/2", "test/4"]
-    (problem,) = kept.messages.rejected.values()
-    assert problem.startswith("marker 'test/3': mesh 'file:///no/such/mesh.stl'")
-    assert len({one.name: one for one in kept.world}["test/4"].shapes) == 1
+    assert kept.names == ["test/1", "test/2"]
+    missing = "marker 'test/3': mesh 'file:///no/such/mesh.stl'"
+    assert kept.obstacles.facts.missing.startswith(missing)
+    kept.send(box(3))
+    assert kept.names == ["test/1", "test/2", "test/3"]
+    assert not kept.obstacles.facts.missing
 
 
-def test_mesh_that_is_sent_again_and_again_becomes_an_obstacle(kept: Kept, tmp_path: Path) -> None:
-    write_stl(tmp_path / "mesh.stl", soup(5000))
-    one = box(type=Marker.MESH_RESOURCE, mesh_resource=f"file://{tmp_path / 'mesh.stl'}")
-    deadline = time.monotonic() + HANG
-    while not kept.names:
-        kept.send(one)
-        kept.refresh()
-        assert time.monotonic() < deadline
-    assert not kept.problems
+def test_obstacles_survive_the_way_to_another_worker(kept: Kept, tmp_path: Path) -> None:
+    write_stl(tmp_path / "mesh.stl", soup(2000))
+    mesh = f"file://{tmp_path / 'mesh.stl'}"
+    kept.send(box(1, type=Marker.MESH_RESOURCE, mesh_resource=mesh), box(2))
+    other = pickle.loads(pickle.dumps(kept.obstacles))
+    other.use(MODEL)
+    assert [one.name for one in other.world] == [one.name for one in kept.obstacles.world]
+    other.apply(Markers(written(box(2, action=Marker.DELETE)), 9, False, 0.0))
+    assert [one.name for one in other.world] == ["test/1"]
 
 
-# Receiving
+def test_lost_obstacles_are_unknown_until_markers_come(kept: Kept) -> None:
+    kept.obstacles.lose("they were lost")
+    kept.obstacles.use(MODEL)
+    assert kept.obstacles.unplaced == "they were lost"
+    kept.send(box(1))
+    assert not kept.obstacles.unplaced
+
+
+# Over the middleware
 
 
 class Publisher:

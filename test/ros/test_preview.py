@@ -17,7 +17,7 @@ from visualization_msgs.msg import Marker
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.ros.last_motion import shape_markers, to_preview
+from mp_pca_planner.ros.preview import shape_markers, to_preview
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MESHES = """

@@ -11,7 +11,7 @@ from support.referee import judge
 from support.virtual_node import VirtualNode
 
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.serving.assembly import assemble_model
+from mp_pca_planner.execution.planning import assemble_model
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, SequenceGoal
 

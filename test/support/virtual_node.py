@@ -23,7 +23,6 @@ from mp_pca_planner.execution.link import (
     Planned,
     PlanRequest,
     Rejected,
-    Verdict,
     Watch,
 )
 from mp_pca_planner.execution.motions import PublishedMotion
