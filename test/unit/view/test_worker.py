@@ -12,10 +12,7 @@ from concurrent.futures import CancelledError
 import pytest
 from support.patience import HANG
 
-from mp_pca_planner.execution.threads import (
-    IsCancelled,
-    PreemptiveWorker,
-)
+from mp_pca_planner.view.worker import IsCancelled, PreemptiveWorker
 
 TIMEOUT = HANG
 
