@@ -4,7 +4,7 @@
 
 import pytest
 
-from mp_pca_planner.execution.serving.motion_server import GoalStatistics
+from mp_pca_planner.execution.server import GoalStatistics
 from mp_pca_planner.motion.goal import JointGoal, SequenceGoal
 
 
@@ -12,15 +12,6 @@ def test_nothing_is_known_before_the_first_goal() -> None:
     statistics = GoalStatistics()
     assert statistics.expected_latency(JointGoal) > 0.0
     assert statistics.solve_time_percentiles() == {}
-
-
-def test_served_refused_and_overtaken_goals_are_counted_apart() -> None:
-    statistics = GoalStatistics()
-    statistics.count("overtaken")
-    statistics.served(JointGoal, 0.1, 0.2)
-    statistics.count("refused")
-    statistics.count("refused")
-    assert statistics.counts == {"served": 1, "refused": 2, "under_way": 0, "overtaken": 1}
 
 
 def test_nine_of_ten_latencies_are_shorter_than_expected() -> None:
@@ -50,9 +41,8 @@ def test_percentiles_are_those_of_the_solve_times() -> None:
     }
 
 
-def test_old_times_are_forgotten_and_counts_are_not() -> None:
+def test_old_times_are_forgotten() -> None:
     statistics = GoalStatistics()
     for solve_time in [9.0] * 1000 + [1.0] * 1000:
         statistics.served(JointGoal, solve_time, solve_time)
     assert 1.0 <= statistics.expected_latency(JointGoal) < 9.0
-    assert statistics.counts["served"] == 2000

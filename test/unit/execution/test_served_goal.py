@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mp_pca_planner.execution.serving.execution import is_same_configuration, is_same_goal
+from mp_pca_planner.execution.outcomes import is_same_configuration, is_same_goal
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 
 STATE = JointState(("a", "b"), [0.1, 0.2])

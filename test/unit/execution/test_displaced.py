@@ -12,8 +12,9 @@ from scipy.integrate import simpson
 from support.arm import JOINTS, arm_robot
 from support.dense import assert_keeps, minimum_jerk_motion, spline
 
-from mp_pca_planner.execution.serving.motion_server import AdaptedPlan
-from mp_pca_planner.execution.tracking.published_motion import PublishedMotion, displaced
+from mp_pca_planner.execution.link import RunningMotion
+from mp_pca_planner.execution.motions import PublishedMotion
+from mp_pca_planner.execution.planning import displaced
 from mp_pca_planner.motion.goal import JointState
 
 ROBOT = arm_robot()
@@ -29,7 +30,12 @@ CHANGE = np.array([0.05, -0.1, 0.08, 0.02])
 
 def adapt(change, place=PLACE, limits=LIMITS):
     goal = JointState(JOINTS, START + SHIFT + change)
-    return displaced(MOTION, place, goal, ROBOT, limits, PERIOD, DURATION)
+    return displaced(running(MOTION.trajectory, place), goal, ROBOT, limits, PERIOD)
+
+
+def running(trajectory, place):
+    """A motion that was planned for the same duration."""
+    return RunningMotion(trajectory, place, False, DURATION)
 
 
 def test_displacement_is_the_minimum_jerk_polynomial_to_the_change_of_the_goal():
@@ -75,14 +81,14 @@ def test_displaced_motion_starts_on_the_old_one_ends_at_the_goal_and_keeps_the_l
 def test_a_stream_of_goals_does_not_make_a_motion_slower_and_slower():
     tight = {"max_velocity": 0.9, "max_acceleration": 1.9, "max_jerk": 13.0}
     limits = ROBOT.limits(dict.fromkeys(JOINTS, tight))
-    motion, durations = MOTION, list[float]()
+    motion, durations = MOTION.trajectory, list[float]()
     for k in range(1, 20):
         goal = JointState(JOINTS, START + SHIFT * (1.0 + 0.01 * k))
-        found = displaced(motion, 0.05, goal, ROBOT, limits, PERIOD, DURATION)
+        found = displaced(running(motion, 0.05), goal, ROBOT, limits, PERIOD)
         if found is None:  # another motion is planned
             break
         durations.append(found[0].duration)
-        motion = PublishedMotion(found[0], 0.0)
+        motion = found[0]
     assert durations and max(durations) <= 2.0 * DURATION
 
 
@@ -93,19 +99,15 @@ def test_goal_that_no_displacement_reaches_within_the_limits_gets_none():
 def test_goal_may_have_a_velocity():
     v = np.array([0.1, 0.0, -0.1, 0.2])
     goal = JointState(JOINTS, START + SHIFT, v)
-    trajectory, _ = displaced(MOTION, PLACE, goal, ROBOT, LIMITS, PERIOD, DURATION)
+    trajectory, _ = displaced(running(MOTION.trajectory, PLACE), goal, ROBOT, LIMITS, PERIOD)
     np.testing.assert_array_equal(trajectory.velocities[-1], v)
     assert_keeps(spline(trajectory), LIMITS)
 
 
 def test_efforts_are_those_of_the_motion_and_their_cost_is_its_integral():
-    trajectory, check = adapt(CHANGE)
+    trajectory, _ = adapt(CHANGE)
     states = zip(trajectory.positions, trajectory.velocities, trajectory.accelerations, strict=True)
     efforts = [M @ a + h for q, v, a in states for M, h in [ROBOT.motion_equation(q, v)]]
     np.testing.assert_allclose(trajectory.efforts, efforts, atol=1e-9)
     integral = simpson(np.square(efforts).sum(axis=1), x=trajectory.times)
     assert trajectory.effort_cost == pytest.approx(0.5 * integral, rel=1e-4)
-    plan = AdaptedPlan(trajectory, check, ("reach",), 0.5, DURATION, 0.01)
-    summary = plan.summary()
-    assert summary["effort_cost"] == trajectory.effort_cost
-    assert (summary["status"], summary["limit_violation"]) == ("solved", 0.0)

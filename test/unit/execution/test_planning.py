@@ -5,23 +5,32 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from support.arm import JOINTS, arm_demonstrations, arm_primitive
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 
 from mp_pca_planner.exceptions import GoalError, LimitsError, PlannerError, RobotError
+from mp_pca_planner.execution.link import Planned, PlanRequest, Rejected, RunningMotion, SetUp
+from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.serving.assembly import (
+from mp_pca_planner.execution.planning import (
+    GoalPlanner,
     Model,
     assemble_model,
     collision_model,
+    displaced,
     is_outdated,
     unknown_positions,
 )
 from mp_pca_planner.files import config_file
+from mp_pca_planner.motion.goal import JointGoal, JointState, SequenceGoal
 from mp_pca_planner.planning.objectives import effort, time
+from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
@@ -32,6 +41,8 @@ MESHED = URDF.replace(
     '<child link="tool"/></joint></robot>',
 )
 PRIMITIVES = (arm_primitive(),)
+START = PRIMITIVES[0].boundary_states[0][0]
+GOAL = JointGoal(JointState(JOINTS, PRIMITIVES[0].boundary_states[0][3]))
 
 
 def test_limits_of_parameters_win_over_the_file_and_the_file_over_the_urdf(tmp_path: Path) -> None:
@@ -204,3 +215,201 @@ def test_positions_of_the_parameter_count_until_others_are_measured() -> None:
         assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints="gripp=0.05"))
     with pytest.raises(PlannerError, match="no joint that the primitives do not move"):
         assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints=f"{JOINTS[0]}=0.05"))
+
+
+# Set-ups and requests of the node
+
+
+@pytest.fixture
+def library(tmp_path: Path) -> str:
+    save_primitive(PRIMITIVES[0], tmp_path / "reach.npz")
+    return str(tmp_path / "reach.npz")
+
+
+@pytest.fixture
+def planner(library: str) -> GoalPlanner:
+    planner = GoalPlanner()
+    done = planner.set_up(SetUp(1, FINGERED, Settings(primitives=(library,)), {"grip": 0.02}))
+    assert (done.number, done.problem, done.joint_names) == (1, "", JOINTS)
+    assert done.model is not None
+    assert dict(done.model.locked) == {"grip": 0.02}
+    return planner
+
+
+def request(key: int = 1, goal: Any = GOAL, **others: Any) -> PlanRequest:
+    return PlanRequest(key, goal, JointState(JOINTS, START), **others)
+
+
+def test_parts_of_a_set_up_may_come_one_after_the_other(library: str) -> None:
+    planner = GoalPlanner()
+    none = planner.set_up(SetUp(1, URDF, Settings()))
+    assert (none.joint_names, none.model, none.problem) == ((), None, "")
+    without_robot = planner.set_up(SetUp(2, "", Settings(primitives=(library,))))
+    assert (without_robot.joint_names, without_robot.model) == (JOINTS, None)
+    rejected = planner.plan(request())
+    assert isinstance(rejected, Rejected) and "being set up" in rejected.reason
+    assert planner.set_up(SetUp(3, URDF, Settings(primitives=(library,)))).model is not None
+    assert isinstance(planner.plan(request()), Planned)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "settings", "is_unreadable"),
+    [
+        ("<robot", {}, False),
+        (URDF, {"primitives": ("/nowhere.npz",)}, True),
+        (URDF, {"limits": {"elbow": {"max_velocity": -1.0}}}, False),
+        (URDF, {"end_effector_frame": "hend"}, False),
+    ],
+)
+def test_set_up_that_is_refused_leaves_the_one_before(
+    planner: GoalPlanner, library: str, urdf: str, settings: dict[str, Any], is_unreadable: bool
+) -> None:
+    model = planner.model
+    refused = SetUp(2, urdf, Settings(**{"primitives": (library,), **settings}))
+    done = planner.set_up(refused)
+    assert done.model is None and done.problem
+    assert done.is_unreadable == is_unreadable
+    assert planner.model is model
+    assert isinstance(planner.plan(request(measured={"grip": 0.02})), Planned)
+
+
+def test_primitives_are_read_again_only_when_that_is_asked_for(
+    planner: GoalPlanner, library: str
+) -> None:
+    Path(library).unlink()
+    settings = Settings(primitives=(library,), naturalness=0.5)
+    assert not planner.set_up(SetUp(2, FINGERED, settings)).problem
+    again = planner.set_up(SetUp(3, FINGERED, settings, rereads=True))
+    assert again.is_unreadable and library in again.problem
+
+
+def test_joint_that_makes_a_difference_is_locked_where_it_was_measured_last(
+    planner: GoalPlanner,
+) -> None:
+    unchanged = planner.plan(request(1, measured={"grip": 0.02}))
+    moved = planner.plan(request(2, measured={"grip": 0.09}))
+    assert isinstance(unchanged, Planned) and unchanged.facts is None
+    assert isinstance(moved, Planned) and moved.facts is not None
+    assert dict(moved.facts.locked) == {"grip": 0.09}
+
+
+def test_goal_is_rejected_while_a_joint_that_makes_a_difference_is_not_known(library: str) -> None:
+    planner = GoalPlanner()
+    done = planner.set_up(SetUp(1, FINGERED, Settings(primitives=(library,))))
+    assert done.model is not None and "'grip'" in done.model.unknown
+    rejected = planner.plan(request())
+    assert isinstance(rejected, Rejected) and "'grip'" in rejected.reason
+    assert isinstance(planner.plan(request(2, measured={"grip": 0.0})), Planned)
+
+
+@pytest.mark.parametrize(("action", "is_served"), [("refuse", False), ("warn", True)])
+def test_obstacle_of_unknown_place_rejects_goals_unless_it_only_warns(
+    library: str, action: str, is_served: bool
+) -> None:
+    planner = GoalPlanner()
+    planner.set_up(SetUp(1, URDF, Settings(primitives=(library,), unplaced_obstacles=action)))
+    planner.unplaced = "obstacle 'box' is stated in the frame 'map'"
+    found = planner.plan(request())
+    assert isinstance(found, Planned) == is_served
+    if isinstance(found, Rejected):
+        assert found.reason.startswith(planner.unplaced)
+
+
+def test_obstacle_that_comes_during_planning_is_not_hit(planner: GoalPlanner) -> None:
+    robot = arm_robot()
+    hand = robot.frame_positions(GOAL.state.positions[None], [robot.frame_names[-1]])[0, 0]
+    ball = World([Obstacle("ball", Sphere(0.05, hand))])
+    planner.settle = lambda: setattr(planner, "world", ball)
+    rejected = planner.plan(request(measured={"grip": 0.0}))
+    assert isinstance(rejected, Rejected)
+    assert "the obstacles changed during planning" in rejected.reason and "'ball'" in rejected.reason
+
+
+@pytest.mark.parametrize("is_sequence", [False, True])
+def test_goal_that_is_cancelled_during_the_solve_ends_it(library: str, is_sequence: bool) -> None:
+    asked: list[int] = []
+
+    def is_cancelled(key: int) -> bool:
+        asked.append(key)
+        return len(asked) > 1
+
+    planner = GoalPlanner(is_cancelled)
+    planner.set_up(SetUp(1, URDF, Settings(primitives=(library,))))
+    asked.clear()
+    goal = SequenceGoal((GOAL.state, JointState(JOINTS, START))) if is_sequence else GOAL
+    rejected = planner.plan(request(7, goal))
+    assert isinstance(rejected, Rejected) and rejected.is_preempted
+    assert set(asked) == {7} and len(asked) < 10
+
+
+def under_way(planned: Planned, **others: Any) -> RunningMotion:
+    """A planned motion whose middle is reached when the next one begins."""
+    motion, values = planned.trajectory, {"is_of_goal": True, **others}
+    place = 0.5 * motion.duration
+    return RunningMotion(motion, place, False, motion.duration, planned.primitives, **values)
+
+
+def on(running: RunningMotion) -> JointState:
+    return PublishedMotion(running.trajectory, 0.0).state(running.place)
+
+
+def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPlanner) -> None:
+    first = planner.plan(request(measured={"grip": 0.02}))
+    assert isinstance(first, Planned)
+    running = under_way(first)
+    goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 0.5))
+    assert isinstance(found, Planned)
+    assert found.message == "the motion is continued to the new goal"
+    assert found.primitives == first.primitives
+    assert found.values["effort_cost"] == found.trajectory.effort_cost
+    np.testing.assert_array_equal(found.trajectory.positions[-1], goal.state.positions)
+
+
+def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
+    class Forbidden:
+        """A constraint that no configuration keeps."""
+
+        frame = "wrist"
+
+        def values(self, robot: Robot, q: np.ndarray) -> tuple[np.ndarray, None]:
+            return -np.ones((len(q), 1)), None
+
+    first = planner.plan(request(measured={"grip": 0.02}))
+    assert isinstance(first, Planned) and planner.model is not None
+    planner.model = replace(planner.model, constraints=(Forbidden(),))
+    running = under_way(first)
+    goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 0.5))
+    assert not isinstance(found, Planned) or "continued" not in found.message
+
+
+def test_motion_that_leads_elsewhere_is_planned_and_takes_no_longer_than_a_displaced_one(
+    planner: GoalPlanner,
+) -> None:
+    first = planner.plan(request(measured={"grip": 0.02}))
+    assert isinstance(first, Planned) and planner.model is not None
+    running = under_way(first)
+    goal = JointGoal(JointState(JOINTS, START))
+    bounds = planner.model.robot, planner.model.limits, 0.01
+    longest = displaced(running, goal.state, *bounds)
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 10.0))
+    assert isinstance(found, Planned) and longest is not None
+    assert found.trajectory.duration <= longest[0].duration + 1e-9
+    # Without time to plan, the displaced motion is used.
+    hasty = planner.plan(PlanRequest(3, goal, on(running), {}, running, 0.0))
+    assert isinstance(hasty, Planned) and "continued" in hasty.message
+
+
+def test_goal_unlike_the_demonstrations_is_rejected_in_motion_as_at_rest(library: str) -> None:
+    planner = GoalPlanner()
+    planner.set_up(SetUp(1, URDF, Settings(primitives=(library,))))
+    first = planner.plan(request())
+    assert isinstance(first, Planned)
+    most = float(first.values["in_span_score"]) + 1.0
+    planner.set_up(SetUp(2, URDF, Settings(primitives=(library,), max_in_span_score=most)))
+    away = JointGoal(JointState(JOINTS, GOAL.state.positions + [0.0, 0.9, -0.6, 0.0]))
+    running = under_way(first)
+    for one in (request(2, away), PlanRequest(3, away, on(running), {}, running, 0.5)):
+        found = planner.plan(one)
+        assert isinstance(found, Rejected) and "in-span score is" in found.reason

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
-from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
+from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
 
