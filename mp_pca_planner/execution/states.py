@@ -179,7 +179,7 @@ class _Source:
         moving = np.abs(slope) > _REST_SLOPE
         if moving.any():
             # For a decelerating robot, the mean slope differs from the present velocity.
-            newest = times >= times[-1] - _MIN_SPAN
+            newest = times >= min(times[-1] - _MIN_SPAN, np.sort(times)[-3])
             now = np.linalg.pinv(np.vander(times[newest] - times[-1], 3))[1] @ q[newest]
             slope = np.where(moving, now, 0.0)
         return np.where(np.abs(v) > _CLEAR_VELOCITY, v, np.where(moving, slope, rough))
@@ -317,7 +317,7 @@ class MeasuredStates:
         newest = max((one.newest.received for one in every), default=0.0)
         live = sorted(
             (one for one in every if newest - one.newest.received <= _WINDOW),
-            key=lambda one: -len(one.joint_names),
+            key=lambda one: (-len(one.joint_names), -one.newest.received),
         )
         chosen, missing = list[_Source](), list[str]()
         for name in self.joint_names:

@@ -15,12 +15,11 @@ from support.dense import assert_keeps, minimum_jerk_motion, spline
 
 from mp_pca_planner.execution.stopping import (
     braking_ends,
-    ends_at,
     ends_on_path,
     stop_on_path,
     stops_at_points,
 )
-from mp_pca_planner.execution.motions import PublishedMotion, hold
+from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import check_limits
@@ -171,15 +170,6 @@ def test_braking_has_a_constant_jerk_as_a_quintic_and_brakes_evenly_as_a_cubic()
 def test_stop_at_a_point_does_not_exist_where_none_keeps_the_limits():
     state = JointState(JOINTS, LIMITS.upper - 1e-3, np.full(4, 1.5))
     assert stop_at_point([state], braking_ends(state), ROBOT, LIMITS) is None
-
-
-def test_resting_robot_stays_where_it_is():
-    state = JointState(JOINTS, START)
-    stop = stop_at_point([state], ends_at(START), ROBOT, LIMITS)
-    np.testing.assert_array_equal(stop.positions, [START, START])
-    one = hold(JOINTS, START)
-    assert (one.n_steps, one.positions[0].tolist()) == (1, START.tolist())
-    assert not one.velocities.any() and not one.accelerations.any()
 
 
 class CountingRobot:
