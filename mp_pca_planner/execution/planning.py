@@ -297,7 +297,9 @@ class GoalPlanner:
         self.model: Model | None = None
         self.world, self.unplaced, self.missing = World(), "", ""
         self.settle: Callable[[], None] = lambda: None
-        self._library: tuple[tuple[str, ...], PrimitiveLibrary] | None = None
+        # The files that were read last, and their primitives; none if they can't be read.
+        self._paths: tuple[str, ...] = ()
+        self._library: PrimitiveLibrary | None = None
         self._key, self._deadline = 0, math.inf
         # The newest plans, to keep one of them as a primitive.
         self.plans: dict[int, Plan] = {}
@@ -305,11 +307,13 @@ class GoalPlanner:
     def set_up(self, message: SetUp) -> SetUpDone:
         """Use primitives, robot and parameters, if they fit together."""
         paths = message.settings.primitive_paths
-        library = self._library[1] if self._library else None
-        if message.rereads or self._library is None or self._library[0] != paths:
+        library = self._library
+        if message.rereads or self._paths != paths:
             try:
                 library = load_primitives(paths) if paths else None
             except (PlannerError, OSError) as error:
+                if message.rereads:
+                    self._paths = paths
                 return SetUpDone(message.number, problem=str(error), is_unreadable=True)
         names = library.joint_names if library else ()
         primitives = tuple(library.names) if library else ()
@@ -319,8 +323,7 @@ class GoalPlanner:
                 model = self._assembled(message.urdf, library, message.settings, message.measured)
             except PlannerError as error:
                 return SetUpDone(message.number, names, primitives, problem=str(error))
-        self._library = (paths, library) if library is not None else None
-        self.model = model
+        self._paths, self._library, self.model = paths, library, model
         facts = model.facts if model else None
         return SetUpDone(message.number, names, primitives, facts)
 
@@ -329,7 +332,7 @@ class GoalPlanner:
         model = self.model
         if model is None or self._library is None or not is_outdated(model, measured, self.world):
             return False
-        self.model = self._assembled(model.urdf, self._library[1], model.settings, measured)
+        self.model = self._assembled(model.urdf, self._library, model.settings, measured)
         return True
 
     def plan(self, request: PlanRequest) -> Planned | Rejected:

@@ -484,7 +484,7 @@ class PlannerNode(Node):
         self._declared.declare_limits(done.joint_names)
         self._declared.forget_limits_except(done.joint_names)
         self._settings, self._done = settings, done
-        self._problem = self._model_problem = ""
+        self._problem, self._model_problem = self._problem * (not done.primitives), ""
         self._planner.longest_solve = settings.max_solve_time
         model = None
         if done.model is not None:

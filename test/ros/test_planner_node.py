@@ -270,7 +270,7 @@ def test_request_unlike_the_demonstrations_is_served_with_a_warning(
 ) -> None:
     rest_at(client, primitives, GOAL)
     answer = client.send(goal_message(START))
-    assert answer.report.level == WARN
+    assert answer.report.level == WARN, answer.report.message
     assert "unlike the demonstrations" in answer.report.message
     assert answer.trajectory is not None
 
@@ -693,7 +693,7 @@ def test_state_that_is_too_old_is_refused(client: NodeClient) -> None:
         (JointState(name=JOINTS, position=[*START[:3], float("nan")]), ["elbow", "nan"]),
         (JointState(name=JOINTS, position=START[:3]), ["4 joints", "3 positions"]),
         (JointState(name=JOINTS, position=START, velocity=[0.0]), ["4 joints", "1 velocities"]),
-        (JointState(name=[*JOINTS, "elbow"], position=[*START, 0.0]), ["elbow", "2 times"]),
+        (JointState(name=[*JOINTS, "elbow"], position=[*START, 0.0]), ["elbow", "each once"]),
         (JointState(name=JOINTS, position=[*START[:3], 1.0]), ["elbow", "outside its limits"]),
     ],
 )

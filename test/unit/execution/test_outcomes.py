@@ -8,12 +8,25 @@ import numpy as np
 import pytest
 from support.dense import minimum_jerk_motion
 
-from mp_pca_planner.execution.serving.execution import Execution
-from mp_pca_planner.execution.tracking.estimation import Progress
-from mp_pca_planner.execution.tracking.following import Following, How
-from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
+from mp_pca_planner.execution.link import Planned
+from mp_pca_planner.execution.motions import PublishedMotion
+from mp_pca_planner.execution.outcomes import (
+    ACCEPTED,
+    Execution,
+    MotionOutcome,
+    is_same_configuration,
+    is_same_goal,
+)
+from mp_pca_planner.execution.tracking import Following, How
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 
 DURATION, PERIOD = 2.0, 0.05
+
+
+def planned(motion, goal=None, segments=()):
+    """What the planner answered, as far as reports of it depend on that."""
+    goal = goal or JointGoal(JointState(("a", "b"), motion.end))
+    return Planned(1, goal, motion.trajectory, None, "", (), {}, (), {}, segments, DURATION, 0.0)
 
 
 class World:
@@ -32,9 +45,10 @@ class World:
         self.reports += [] if report is None else [report]
 
     def begin(self, goal="goal"):
-        old, self.execution = self.execution, Execution(goal, self.motion())
+        old, motion = self.execution, self.motion()
+        self.execution = Execution(goal, motion, planned(motion))
         if old is not None:
-            self.note(old.replaced(self.execution))
+            self.note(old.replaced())
 
     def stop(self):
         self.execution = Execution.of_stop(self.execution, self.motion())
@@ -46,9 +60,9 @@ class World:
             motion = motion or self.current
             there = self.now - motion.began if place is None else place
             at_rest = how is How.HELD or there >= DURATION
-            progress = Progress(motion, self.now, there)
-            following = Following(how, progress, distance, "b", at_rest)
-            self.note(self.execution.update(following, self.now))
+            seen = Following(motion, how, self.now, there, 1.0, distance, "b", at_rest)
+            self.note(self.execution.update(seen, self.now))
+            self.is_lost = self.execution.is_lost(seen, self.now)
 
     def silence(self, duration):
         for _ in range(round(duration / PERIOD)):
@@ -82,7 +96,7 @@ def test_motion_that_is_followed_to_its_end_has_arrived_with_its_error(world):
 
 
 def test_motion_that_lags_arrives_when_it_comes_to_its_end(world):
-    world.run(20.0, How.LAGGING, place=1.5)
+    world.run(20.0, How.SCALED, place=1.5)
     assert not world.reports
     world.run(PERIOD)
     assert world.only_report().outcome == "arrived"
@@ -157,16 +171,16 @@ def test_robot_that_is_held_on_its_path_for_long_does_not_follow(world):
 def test_robot_that_is_released_in_time_arrives(world):
     world.run(1.0)
     world.run(9.0, How.HELD, place=1.0)
-    world.run(0.5, How.LAGGING, place=1.5)
+    world.run(0.5, How.SCALED, place=1.5)
     world.run(9.0, How.HELD, place=1.7)
     world.run(PERIOD)
     assert world.only_report().outcome == "arrived"
 
 
 def test_motion_at_whose_start_the_robot_rests_never_started(world):
-    world.run(1.6, How.HELD, place=0.0)  # at a tenth of the speed, it would not have left
+    world.run(0.95, How.HELD, place=0.0)
     assert not world.reports
-    world.run(0.3, How.HELD, place=0.0)
+    world.run(0.2, How.HELD, place=0.0)
     report = world.only_report()
     assert (report.outcome, report.outcome.is_good, report.progress) == (
         "never_started",
@@ -210,10 +224,155 @@ def test_every_motion_of_a_random_history_gets_exactly_one_report():
             elif event == 1:
                 world.silence(random.uniform(0.0, 15.0))
             else:
-                how = (How.ON_TIME, How.LAGGING, How.HELD, How.OFF)[event - 2]
+                how = (How.ON_TIME, How.SCALED, How.HELD, How.OFF)[event - 2]
                 world.run(random.uniform(0.0, 3.0), how, distance=random.uniform(0.0, 0.1))
     world.begin("last")
     assert [report.goal for report in world.reports] == list(range(200))
     outcomes = {report.outcome for report in world.reports}
     assert outcomes == {"arrived", "replaced", "stopped", "not_followed"}
     assert {r.goal for r in world.reports if r.outcome == "stopped"} <= stopped
+
+
+# Stops that are lost
+
+
+def test_stop_that_the_robot_does_not_follow_is_lost_until_it_rests(world):
+    before = world.current
+    world.run(0.5)
+    world.stop()
+    world.run(0.05)
+    assert not world.is_lost
+    world.run(0.05, motion=before)
+    assert world.is_lost  # it goes on along the old motion
+    world.run(0.05, How.OFF)
+    assert not world.is_lost
+    world.run(0.2, How.OFF)
+    assert world.is_lost
+    world.run(0.05, How.HELD)
+    assert not world.is_lost
+
+
+def test_robot_that_moves_long_after_the_end_of_a_stop_has_lost_it(world):
+    world.stop()
+    world.run(DURATION + 0.2, How.SCALED, place=1.9)
+    assert not world.is_lost
+    world.run(0.2, How.SCALED, place=1.9)
+    assert world.is_lost
+
+
+# Answers of a controller
+
+
+def test_answers_of_a_controller_are_in_the_report(world):
+    world.note(world.execution.answer(ACCEPTED, None))
+    world.run(DURATION + 0.5)
+    assert not world.reports  # its result comes soon
+    world.note(world.execution.answer("reached the goal", None))
+    world.run(0.1)
+    report = world.only_report()
+    assert (report.outcome, report.controller) == ("arrived", "accepted the goal; reached the goal")
+
+
+@pytest.mark.parametrize("failure", [MotionOutcome.NEVER_STARTED, MotionOutcome.NOT_FOLLOWED])
+def test_failure_that_a_controller_states_ends_the_motion(world, failure):
+    world.run(0.2)
+    world.note(world.execution.answer("aborted", failure))
+    report = world.only_report()
+    assert report.outcome == failure and report.message.endswith("the controller aborted")
+
+
+# Rest of a goal
+
+
+def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(world):
+    motion = world.motion()
+    names, zero = ("a", "b"), np.zeros(2)
+    targets = JointState(names, [0.5, -0.2]), Pose("hand", [0.1, 0.2, 0.3]), JointState(("a",), [1])
+    ends = [JointState(names, q) for q in ([0.5, -0.2], [0.7, 0.0], [1.0, -0.5])]
+    goal = SequenceGoal(targets, times=(0.5, 1.0, 1.5), stops=(True, False, False))
+    # The published motion begins with half a second of the one before.
+    segments = tuple(zip((0.5, 0.5, 0.5), ends, strict=True))
+    execution = Execution("goal", motion, planned(motion, goal, segments))
+    for place, n_left in ((0.3, 3), (0.9, 3), (1.1, 2), (1.6, 1), (1.9, 1)):
+        rest = execution.rest_of_goal(place)
+        if n_left == 1:
+            assert rest == JointGoal(rest.state) and rest.duration is None
+            np.testing.assert_array_equal(rest.state.positions, motion.end)
+            continue
+        assert len(rest.targets) == n_left and rest.stops == goal.stops[-n_left:]
+        assert rest.targets[-2] is targets[1] and not any(rest.times)
+        np.testing.assert_array_equal(rest.targets[-1].positions, motion.end)
+    assert zero.tolist() == execution.rest_of_goal(1.9).state.velocities.tolist()
+
+
+def test_joints_that_the_goal_leaves_out_end_where_they_were_to(world):
+    motion = world.motion()
+    part = JointGoal(JointState(("a",), [1.0]), duration=4.0, primitive="reach")
+    rest = Execution("goal", motion, planned(motion, part)).rest_of_goal(0.8)
+    assert (rest.duration, rest.primitive) == (None, "reach")
+    np.testing.assert_array_equal(rest.state.positions, motion.end)
+
+
+def test_stop_has_no_goal(world):
+    world.stop()
+    assert world.execution.rest_of_goal(0.1) is None
+
+
+# Goals that ask for the same
+
+STATE = JointState(("a", "b"), [0.1, 0.2])
+HALF = np.sqrt(0.5)
+POSE = Pose("hand", [0.1, 0.2, 0.3], [HALF, 0.0, 0.0, HALF])
+
+
+def turned(angle):
+    return Pose(
+        "hand",
+        [0.1, 0.2, 0.3],
+        [np.sin(np.pi / 4 + angle / 2), 0.0, 0.0, np.cos(np.pi / 4 + angle / 2)],
+    )
+
+
+SAME = [
+    (JointGoal(STATE), JointGoal(JointState(("b", "a"), [0.2, 0.1]))),
+    (JointGoal(STATE), JointGoal(JointState(("a", "b"), [0.10009, 0.2]))),
+    (PoseGoal(POSE), PoseGoal(Pose("hand", POSE.position, -POSE.orientation))),
+    (PoseGoal(POSE), PoseGoal(turned(0.9e-4))),
+    (PoseGoal(Pose("hand", [0, 0, 1])), PoseGoal(Pose("hand", [0, 0, 1.00009]))),
+    (SequenceGoal((STATE, POSE), (None, 2.0)), SequenceGoal((STATE, POSE), (None, 2.0))),
+]
+DIFFERENT = [
+    (JointGoal(STATE), JointGoal(JointState(("a", "b"), [0.10011, 0.2]))),
+    (JointGoal(STATE), JointGoal(JointState(("a", "c"), [0.1, 0.2]))),
+    (JointGoal(STATE), JointGoal(JointState(("a",), [0.1]))),
+    (JointGoal(STATE), JointGoal(JointState(("a", "b"), [0.1, 0.2], [0.0, 0.1]))),
+    (JointGoal(STATE), JointGoal(JointState(("a", "b"), [0.1, 0.2], None, [0.0, 0.1]))),
+    (JointGoal(STATE), JointGoal(STATE, duration=2.0)),
+    (JointGoal(STATE), JointGoal(STATE, primitive="reach")),
+    (JointGoal(STATE), PoseGoal(POSE)),
+    (JointGoal(STATE), SequenceGoal((STATE,))),
+    (PoseGoal(POSE), PoseGoal(Pose("hand", POSE.position))),
+    (PoseGoal(POSE), PoseGoal(Pose("elbow", POSE.position, POSE.orientation))),
+    (PoseGoal(POSE), PoseGoal(turned(1.1e-4))),
+    (PoseGoal(Pose("hand", [0, 0, 1])), PoseGoal(Pose("hand", [0, 0, 1.00011]))),
+    (SequenceGoal((STATE, POSE)), SequenceGoal((POSE, STATE))),
+    (SequenceGoal((STATE, POSE)), SequenceGoal((STATE,))),
+    (SequenceGoal((STATE, POSE)), SequenceGoal((STATE, POSE), (None, 2.0))),
+    (SequenceGoal((STATE, POSE)), SequenceGoal((STATE, POSE), stops=(True, False))),
+]
+
+
+@pytest.mark.parametrize(("one", "other"), SAME)
+def test_goals_that_ask_for_the_same_but_for_rounding_are_the_same(one, other):
+    assert is_same_goal(one, other) and is_same_goal(other, one)
+
+
+@pytest.mark.parametrize(("one", "other"), DIFFERENT)
+def test_goals_that_ask_for_something_else_are_not_the_same(one, other):
+    assert not is_same_goal(one, other) and not is_same_goal(other, one)
+
+
+def test_configurations_are_compared_by_name_and_with_their_velocities():
+    assert is_same_configuration(STATE, JointState(("b", "a"), [0.2, 0.1]))
+    assert not is_same_configuration(STATE, JointState(("b", "a"), [0.1, 0.2]))
+    assert not is_same_configuration(STATE, JointState(("a", "b"), [0.1, 0.2], [1e-3, 0.0]))
