@@ -35,9 +35,9 @@ _MAX_AGE = 0.1
 # Distance from the measured state, beside the lag of the servos, up to which a stated command is
 # believed, and distance from a path up to which it is on it [rad or m].
 _BELIEVED, _ON_PATH = 0.1, 1.5e-4
-# Rate of a controller on time differs less from 1; a robot slower than this is being stopped; a
-# rate that changes faster is not joined [1/s].
-_FULL_RATE, _MIN_RATE, _MAX_CHANGE = 0.01, 0.05, 0.5
+# Rate of a controller on time differs less from 1; a robot slower than this is being stopped, or
+# held; a rate that changes faster is not joined [1/s].
+_FULL_RATE, _MIN_RATE, _HELD_RATE, _MAX_CHANGE = 0.01, 0.05, 1e-3, 0.5
 # Distance that a robot at rest may move from the choice of a start to publishing [rad or m].
 _START_TOLERANCE = 0.005
 # Part of a motion that is kept when another one continues it [s]; more than servos lag.
@@ -83,7 +83,7 @@ class StatedCommand:
     @property
     def at_rest(self) -> bool:
         """Whether a position is held."""
-        return not self.state.velocities.any()
+        return self.rate < _HELD_RATE or not self.state.velocities.any()
 
     def at(self, time: float) -> JointState:
         """The command at a time soon after [s], if its acceleration stays."""

@@ -286,8 +286,8 @@ def test_failure_that_a_controller_states_ends_the_motion(world, failure):
 
 def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(world):
     motion = world.motion()
-    names, zero = ("a", "b"), np.zeros(2)
-    targets = JointState(names, [0.5, -0.2]), Pose("hand", [0.1, 0.2, 0.3]), JointState(("a",), [1])
+    names = ("a", "b")
+    targets = JointState(names, [0.5, -0.2]), Pose("hand", [0.1, 0.2, 0.3]), JointState(("a",), [1.0])
     ends = [JointState(names, q) for q in ([0.5, -0.2], [0.7, 0.0], [1.0, -0.5])]
     goal = SequenceGoal(targets, times=(0.5, 1.0, 1.5), stops=(True, False, False))
     # The published motion begins with half a second of the one before.
@@ -296,13 +296,12 @@ def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(world):
     for place, n_left in ((0.3, 3), (0.9, 3), (1.1, 2), (1.6, 1), (1.9, 1)):
         rest = execution.rest_of_goal(place)
         if n_left == 1:
-            assert rest == JointGoal(rest.state) and rest.duration is None
+            assert isinstance(rest, JointGoal) and rest.duration is None
             np.testing.assert_array_equal(rest.state.positions, motion.end)
             continue
         assert len(rest.targets) == n_left and rest.stops == goal.stops[-n_left:]
         assert rest.targets[-2] is targets[1] and not any(rest.times)
         np.testing.assert_array_equal(rest.targets[-1].positions, motion.end)
-    assert zero.tolist() == execution.rest_of_goal(1.9).state.velocities.tolist()
 
 
 def test_joints_that_the_goal_leaves_out_end_where_they_were_to(world):

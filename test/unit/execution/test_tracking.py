@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where motions start, with a robot of which the tests say how it follows its motion."""
+"""Where a robot is and where its motions start; the tests say how it follows its motion."""
 
 from __future__ import annotations
 
@@ -10,58 +10,68 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.dense import minimum_jerk_motion, spline
-from support.virtual_node import receive
 
-from mp_pca_planner.exceptions import GoalError, TrajectoryError
-from mp_pca_planner.execution.options import Tracking
+from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.tracking.following import How, MotionFollower, UnconfirmedError
-from mp_pca_planner.execution.tracking.measured import MeasuredStates
-from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
-from mp_pca_planner.execution.tracking.start_state import TooLateError, choose_start, join
+from mp_pca_planner.execution.states import MeasuredStates
+from mp_pca_planner.execution.tracking import (
+    How,
+    StatedCommand,
+    TooLateError,
+    Tracker,
+    UnconfirmedError,
+    choose_start,
+    join,
+)
+from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")
-TIMEOUT = 0.5
-SETTINGS = Settings(state_timeout=TIMEOUT, commanded_tolerance=0.1)
+SETTINGS = Settings(state_timeout=0.5)
 TRANSPORT, PLANNED_TRANSPORT = 0.02, 0.04  # of a message, and of one that is still to be planned
-SERVO = 0.003  # by which the robot lags behind its commands [s]
+START_TOLERANCE = 0.005  # of a robot at rest, while a motion is planned [rad]
 DURATION = 2.0
 
 
 class World:
-    """A robot, and what is known of where its motions start."""
+    """A robot, and what is known of where its motions start.
 
-    def __init__(self):
-        self.now = 1000.0
-        self.load = np.zeros(2)
-        self.clock_ahead = 0.0
-        self.here = np.zeros(2)
-        self.set_back = 0.0  # time by which the clock of motions was set back
-        self.follower = MotionFollower(
-            MeasuredStates(lambda: self.now + self.set_back, lambda: self.now)
+    Its servos lag by a time [s] and, under a load, by a distance [rad]. Its clock is ahead of that
+    of the node by a time [s]. It may state its command.
+    """
+
+    def __init__(self, lag=0.003, *, states_command=False):
+        self.now, self.lag, self.states_command = 1000.0, lag, states_command
+        self.load, self.here = np.zeros(2), np.zeros(2)
+        self.clock_ahead = self.set_back = 0.0
+        self.tracker = Tracker(
+            MeasuredStates(lambda: self.now + self.set_back, lambda: self.now), lambda: self.now
         )
-        self.follower.expect(JOINTS)
+        self.tracker.expect(JOINTS)
+        self.rest()
 
     def measure(self, positions, velocities=(0.0, 0.0)):
         self.here = np.asarray(positions)
         stamp = self.now + self.clock_ahead
-        receive(self.follower.measured, stamp, self.here + self.load, velocities)
+        self.tracker.measured.receive(JOINTS, self.here + self.load, velocities, stamp)
 
-    def rest(self, duration=0.4, *, see=True):
-        self.run(duration, lambda _: self.here, see=see)
+    def state_command(self, state, rate=1.0):
+        if self.states_command:
+            self.tracker.controller.receive(lambda _: StatedCommand(state, rate), self.now)
 
-    def run(self, duration, where, *, see=True):
-        """The robot is where the function of time says, and the node sees how it follows.
-
-        It may be moved there at once: for a moment its states contradict each other.
-        """
+    def run(self, duration, where):
+        """The robot is where the function of time says, off its motion."""
         for k in range(round(duration / 0.004)):
             self.now += 0.004
             self.measure(where(self.now))
-            if see and k % 10 == 9:
+            self.state_command(JointState(JOINTS, self.here))
+            if k % 10 == 9:
                 with suppress(GoalError):
-                    self.follower.follow(SETTINGS)
+                    self.where()
+
+    def rest(self, duration=0.4):
+        self.run(duration, lambda _: self.here)
 
     def begin(self, goal=(1.0, -1.0)):
         """Publish a motion from here."""
@@ -69,39 +79,43 @@ class World:
         self.publish(PublishedMotion.after_wait(trajectory, self.now))
 
     def publish(self, motion):
-        self.follower.command(motion)
+        self.tracker.publish(motion)
         self.motion = motion
 
-    def follow(self, duration, rate=lambda _: 1.0):
-        """The robot follows the motion at a rate; returns its place at last."""
-        place = self.now - self.motion.began
+    def follow(self, duration, rate=lambda _: 1.0, motion=None):
+        """The robot follows a motion at a rate; returns its place at last."""
+        motion = motion or self.motion
+        place = self.now - motion.began
         for k in range(round(duration / 0.004)):
             self.now += 0.004
             place += 0.004 * rate(self.now)
-            self.measure(self.motion.state(place - SERVO * rate(self.now)).positions)
+            self.measure(motion.state(place - self.lag * rate(self.now)).positions)
+            self.state_command(motion.state(place), rate(self.now))
             if k % 10 == 9:
-                self.follower.follow(SETTINGS)
+                self.where()
         return place
 
-    def choose(self, start_from="auto", latency=0.05, **options):
-        return choose_start(
-            self.follower, replace(SETTINGS, start_from=start_from), latency, **options
-        )
+    def where(self):
+        return self.tracker.where(SETTINGS)
 
-    def join(self, rest, start, may_stamp=True):
-        return join(self.follower, rest, start, replace(SETTINGS, stamp_trajectories=may_stamp))
+    def choose(self, start_from="auto", latency=0.05):
+        settings = replace(SETTINGS, start_from=start_from)
+        return choose_start(self.tracker.where(settings), self.tracker, settings, latency)
+
+    def join(self, rest, start, *, stamp=True):
+        settings = replace(SETTINGS, stamp_trajectories=stamp)
+        return join(rest, start, self.tracker.where(settings), self.tracker, settings)
 
 
 @pytest.fixture
 def world():
-    world = World()
-    world.rest()
-    return world
+    return World()
 
 
-@pytest.fixture
-def moving(world):
+@pytest.fixture(params=[False, True], ids=["seen", "stated"])
+def moving(request):
     """Half a second into a motion."""
+    world = World(states_command=request.param)
     world.begin()
     world.follow(0.5)
     return world
@@ -125,7 +139,7 @@ def continuing(start):
 
 @pytest.mark.parametrize("start_from", ["auto", "measured", "commanded"])
 def test_resting_robot_that_was_never_commanded_starts_where_it_is_measured(world, start_from):
-    world.measure([0.3, 0.4])
+    world.here = np.array([0.3, 0.4])
     world.rest()
     start = world.choose(start_from)
     assert start.state.positions.tolist() == [0.3, 0.4]
@@ -133,9 +147,12 @@ def test_resting_robot_that_was_never_commanded_starts_where_it_is_measured(worl
     assert not start.is_in_motion
 
 
-def test_velocity_below_the_noise_counts_as_rest(world):
-    world.measure([0.0, 0.0], [0.009, -0.009])
-    assert not world.choose("measured").state.velocities.any()
+def test_resting_robot_starts_where_its_controller_says_though_a_load_pulls():
+    world = World(states_command=True)
+    world.load = np.array([0.0, -0.01])
+    world.rest()
+    assert world.choose().state.positions.tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(world.choose("measured").state.positions, world.load)
 
 
 @pytest.mark.parametrize("start_from", ["auto", "measured", "commanded"])
@@ -145,37 +162,16 @@ def test_robot_that_moves_by_itself_is_refused(world, start_from):
         world.choose(start_from)
 
 
-def test_held_end_is_where_the_next_motion_starts_whatever_a_load_pulls(moving):
-    moving.follow(2.0)
-    moving.load = np.array([0.0, -0.01])
-    moving.rest()
-    start = moving.choose()
+@pytest.mark.parametrize("lag", [0.0, 0.02, 0.05, 0.1])
+def test_held_end_is_where_the_next_motion_starts_whatever_a_load_pulls(lag):
+    world = World(lag)
+    world.begin()
+    world.load = np.array([0.0, -0.01])
+    world.follow(2.5)
+    start = world.choose()
     assert start.state.positions.tolist() == [1.0, -1.0]
     assert not start.is_in_motion
-    np.testing.assert_allclose(moving.follower.servo.load, moving.load)
-    np.testing.assert_allclose(moving.choose("measured").state.positions, [1.0, -1.01])
-
-
-def test_robot_that_its_load_pulls_back_along_the_path_has_arrived(world):
-    world.load = np.array([0.002, -0.002])
-    world.begin()
-    world.follow(DURATION + 0.2)
-    world.rest()
-    world.choose()
-    world.begin(goal=(0.0, 0.0))
-    world.follow(DURATION - 0.04)
-    world.load = 1.9 * world.load
-    world.follow(0.3)
-    world.rest()
-    np.testing.assert_allclose(world.choose().state.positions, [0.0, 0.0], atol=1e-9)
-
-
-def test_load_that_is_known_is_taken_off_where_a_robot_rests_off_its_motion(moving):
-    moving.load = np.array([0.0, -0.01])
-    moving.follow(2.0)
-    moving.choose()
-    moving.run(0.4, lambda _: np.array([0.5, -0.5]))
-    np.testing.assert_allclose(moving.choose().state.positions, [0.5, -0.5])
+    np.testing.assert_allclose(world.choose("measured").state.positions, [1.0, -1.01], atol=1e-6)
 
 
 def test_robot_that_rests_away_from_its_motion_starts_where_it_is(moving):
@@ -188,55 +184,32 @@ def test_robot_that_rests_away_from_its_motion_starts_where_it_is(moving):
 
 @pytest.mark.parametrize(("moved", "accepted"), [(0.9, True), (1.1, False)])
 def test_measured_start_may_move_by_the_tolerance_while_planning(world, moved, accepted):
-    start = world.choose("measured")
-    world.measure([0.0, moved * Tracking.start_tolerance])
+    start = world.choose()
+    world.measure([0.0, moved * START_TOLERANCE])
     if accepted:
         world.join(standing(start), start)
     else:
-        with pytest.raises(TrajectoryError, match="joint 'b'"):
+        with pytest.raises(TooLateError, match="joint 'b'"):
             world.join(standing(start), start)
-
-
-def test_start_is_refused_when_the_state_became_too_old(world):
-    start = world.choose()
-    world.now += TIMEOUT + 0.1
-    with pytest.raises(GoalError, match="old"):
-        world.join(standing(start), start)
 
 
 def test_motion_from_rest_waits_as_long_as_a_message_may_take(world):
     start = world.choose()
     joined = world.join(standing(start), start)
-    assert (joined.is_timed, joined.time) == (True, world.now)
+    assert (joined.is_timed, joined.stamp) == (True, world.now)
     assert joined.sent.times.tolist() == [0.0, TRANSPORT, 1.0 + TRANSPORT]
     assert joined.sent.positions.tolist() == [[0.0, 0.0]] * 3
     assert not joined.sent.velocities[:2].any()
 
 
-def test_motion_is_not_stamped_unless_that_is_enabled(world):
-    start = world.choose()
-    joined = world.join(standing(start), start, False)
-    assert not joined.is_timed
-    assert joined.sent.times.tolist() == [0.0, 1.0]
-
-
-@pytest.mark.parametrize("clock_ahead", [5.0, -5.0, 0.02])
-def test_stamp_is_a_time_of_the_robots_clock(clock_ahead):
-    world = World()
+@pytest.mark.parametrize(("stamp", "clock_ahead"), [(False, 0.0), (True, 5.0), (True, -5.0)])
+def test_motion_is_not_stamped_unless_that_is_enabled_and_clocks_agree(world, stamp, clock_ahead):
     world.clock_ahead = clock_ahead
-    world.rest()
+    world.rest(2.0)
     start = world.choose()
-    joined = world.join(standing(start), start)
-    assert joined.stamp == pytest.approx(world.now + clock_ahead)
-
-
-def test_motion_is_not_stamped_if_the_stamps_of_states_are_no_times():
-    world, random = World(), np.random.default_rng(0)
-    for _ in range(100):
-        world.clock_ahead = random.uniform(-1000.0, 1000.0)
-        world.rest(0.004)
-    start = world.choose()
-    assert not world.join(standing(start), start).is_timed
+    joined = world.join(standing(start), start, stamp=stamp)
+    assert joined.stamp is None
+    assert joined.sent.times.tolist() == [0.0, 1.0]
 
 
 # In motion
@@ -245,12 +218,26 @@ def test_motion_is_not_stamped_if_the_stamps_of_states_are_no_times():
 @pytest.mark.parametrize("start_from", ["auto", "commanded"])
 def test_start_is_on_the_running_motion_ahead_by_the_latency(moving, start_from):
     start = moving.choose(start_from, 0.1)
-    place = moving.now + 0.1 + PLANNED_TRANSPORT - moving.motion.began
-    found = [getattr(start.state, k) for k in ("positions", "velocities", "accelerations")]
+    # At a point of the motion that is nearer than 0.3 ms.
+    assert start.time == pytest.approx(moving.now + 0.1 + PLANNED_TRANSPORT, abs=3e-4)
     path = spline(moving.motion.trajectory)
-    np.testing.assert_allclose(found, [path(place, d) for d in range(3)], atol=1e-9)
+    expected = [path(start.time - moving.motion.began, order) for order in range(3)]
+    np.testing.assert_allclose(start.state.values, expected, atol=1e-6)
     assert start.is_in_motion
-    assert start.deadline == pytest.approx(moving.now + 0.1 + PLANNED_TRANSPORT - TRANSPORT)
+    assert start.deadline == pytest.approx(start.time - TRANSPORT)
+
+
+@pytest.mark.parametrize("lag", [0.02, 0.05, 0.1])
+@pytest.mark.parametrize("sag", [0.0, 0.006])
+def test_robot_whose_servos_lag_is_on_time(lag, sag):
+    world = World(lag)
+    world.load = np.array([sag, -sag])
+    world.begin()
+    for _ in range(10):
+        world.follow(0.17)
+        following = world.where().following
+        assert following.how is How.ON_TIME
+        assert following.place == pytest.approx(world.now - world.motion.began)
 
 
 def test_measured_refuses_a_robot_that_moves_and_says_what_to_do(moving):
@@ -265,20 +252,43 @@ def test_start_beyond_the_end_of_the_running_motion_is_its_goal_at_rest(moving):
     assert not start.state.velocities.any()
 
 
-def test_robot_that_moves_at_the_end_of_its_motion_is_waited_for(world):
+def test_robot_that_moves_away_from_the_running_motion_is_refused(world):
     world.begin()
-    world.follow(DURATION + 0.5)
-    world.measure(world.here, (0.2, 0.0))
-    with pytest.raises(UnconfirmedError, match="is coming to rest"):
+    world.follow(0.5)
+    world.run(0.5, lambda time: [0.3 - 0.5 * (time - world.motion.began), 0.6])
+    with pytest.raises(GoalError, match=r"not along a motion of this node \(joint '.' is 0\.\d+"):
         world.choose()
-    with pytest.raises(GoalError, match="start_from is 'measured'"):
-        world.choose("measured")
 
 
-def test_robot_that_moves_away_from_the_running_motion_is_refused(moving):
-    moving.run(0.5, lambda time: [0.3 - 0.5 * (time - moving.motion.began), 0.6])
-    with pytest.raises(GoalError, match="joint '.' is .* commanded_tolerance"):
-        moving.choose()
+@pytest.mark.parametrize("rate", [0.1, 0.5, 0.8])
+def test_slowed_robot_is_refused_unless_its_controller_states_its_command(rate):
+    seen, stated = World(), World(states_command=True)
+    for world in (seen, stated):
+        world.begin()
+        place = world.follow(1.0 / rate, lambda _: rate)
+    with pytest.raises(GoalError, match="With control_msgs and the topic 'controller_state'"):
+        seen.choose()
+    start = stated.choose(latency=0.1)
+    assert start.is_in_motion and start.following.how is How.SCALED
+    assert start.following.rate == pytest.approx(rate)
+    assert start.place == pytest.approx(place + rate * (0.1 + PLANNED_TRANSPORT), abs=5e-4)
+    assert stated.join(continuing(start), start).is_timed == (rate > 0.5)
+
+
+def test_robot_whose_speed_changes_waits():
+    world = World(states_command=True)
+    world.begin()
+    world.follow(0.7, lambda time: 1.0 - 0.9 * (time - world.motion.began))
+    with pytest.raises(UnconfirmedError, match="speed of the robot changes"):
+        world.choose()
+
+
+def test_held_robot_starts_where_it_rests(moving):
+    began = moving.motion.began
+    moving.follow(0.9, lambda time: max(1.75 - 1.5 * (time - began), 0.0))
+    start = moving.choose()
+    assert not start.is_in_motion
+    np.testing.assert_allclose(start.state.positions, moving.here, atol=1e-3)
 
 
 def test_motion_leads_to_the_start_along_the_running_one(moving):
@@ -292,10 +302,10 @@ def test_motion_leads_to_the_start_along_the_running_one(moving):
     old, new, rest = (
         spline(one) for one in (moving.motion.trajectory, joined.sent, continuing(start))
     )
+    here = joined.time - moving.motion.began
     for order in range(3):
         for since in np.linspace(0.0, lead - 1e-6, 20):
-            expected = old(moving.now - moving.motion.began + since, order)
-            np.testing.assert_allclose(new(since, order), expected, atol=1e-4)
+            np.testing.assert_allclose(new(since, order), old(here + since, order), atol=1e-4)
         for since in np.linspace(0.0, 1.0, 20):
             np.testing.assert_allclose(new(lead + since, order), rest(since, order), atol=1e-4)
 
@@ -311,15 +321,14 @@ def test_start_is_refused_when_no_message_can_be_there_in_time(moving):
 
 def test_start_is_refused_when_another_motion_was_published_meanwhile(moving):
     start = moving.choose()
-    moving.follower.command(moving.join(continuing(start), start))
+    moving.publish(moving.join(continuing(start), start))
     with pytest.raises(TooLateError, match="another motion"):
         moving.join(continuing(start), start)
 
 
 def test_start_is_refused_when_the_robot_was_held_meanwhile(moving):
     start = moving.choose(latency=0.5)
-    here = moving.here
-    moving.run(0.4, lambda _: here)
+    moving.follow(0.4, lambda _: 0.0)
     with pytest.raises(TooLateError, match="on time when planning began and is held now"):
         moving.join(continuing(start), start)
 
@@ -328,28 +337,19 @@ def test_stale_state_waits_in_motion_and_is_refused_after_the_timeout(moving):
     moving.now += 0.11
     with pytest.raises(UnconfirmedError, match="0.11 s old"):
         moving.choose()
-    moving.now += TIMEOUT
+    moving.now += 0.5
     with pytest.raises(GoalError, match="old"):
         moving.choose()
 
 
-def test_motion_that_may_not_have_been_taken_is_not_continued_until_it_is_seen(moving):
-    start = moving.choose()
-    joined = moving.join(continuing(start), start)
-    moving.publish(joined)
-    with pytest.raises(UnconfirmedError, match="has taken the motion before"):
-        moving.choose(latency=0.3)
-    moving.follow(0.5)
-    assert moving.choose(latency=0.3).following.motion is moving.motion
-
-
-def test_robot_that_was_seen_on_the_motion_before_is_continued_there(moving):
+def test_robot_that_is_seen_on_the_motion_before_is_continued_there(moving):
     old = moving.motion
     start = moving.choose()
-    moving.follower.command(moving.join(continuing(start), start))
-    moving.follow(0.6)
-    assert moving.follower.commanded.motion is old
+    moving.publish(moving.join(continuing(start), start))
+    moving.follow(0.6, motion=old)
     assert moving.choose().following.motion is old
+    moving.tracker.give_up()
+    assert moving.tracker.motion is old
 
 
 def test_motion_that_was_never_begun_leaves_the_start_as_it_was(world):
@@ -358,62 +358,41 @@ def test_motion_that_was_never_begun_leaves_the_start_as_it_was(world):
     assert world.choose().state.positions.tolist() == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("rate", [0.1, 0.5, 0.8])
-def test_slowed_robot_starts_at_its_own_place_and_rate(world, rate):
-    world.begin()
-    place = world.follow(0.7 / rate, lambda _: rate)
-    start = world.choose(latency=0.1)
-    assert start.is_in_motion and start.following.how is How.LAGGING
-    then = place + rate * (0.1 + PLANNED_TRANSPORT)
-    assert start.place == pytest.approx(then, abs=2e-3)
-    assert start.following.progress.rate == pytest.approx(rate, abs=0.02)
-    joined = world.join(continuing(start), start)
-    assert joined.is_timed == (rate > 0.5)
-
-
-def test_robot_whose_speed_changes_waits(world):
-    world.begin()
-    world.follow(0.7, lambda time: 1.0 - 0.9 * (time - world.motion.began))
-    with pytest.raises(UnconfirmedError, match="speed of the robot changes"):
-        world.choose()
-    assert world.choose(at_once=True).is_in_motion
-
-
-def test_held_robot_starts_where_it_rests(world):
-    world.begin()
-    world.follow(1.2, lambda time: max(1.0 - 1.5 * (time - world.motion.began), 0.0))
-    start = world.choose()
-    assert not start.is_in_motion
-    np.testing.assert_allclose(start.state.positions, world.here, atol=1e-3)
-
-
-def test_robot_that_is_led_to_a_point_is_not_continued(moving):
-    start = moving.choose()
-    stop = PublishedMotion.to_last_point(continuing(start), moving.now)
-    moving.publish(stop)
-    moving.follow(0.3)
-    with pytest.raises(UnconfirmedError, match="being stopped"):
-        moving.choose()
-
-
-@pytest.mark.parametrize(("away", "is_reached"), [(0.004, True), (0.006, False), (0.011, False)])
-def test_robot_that_rests_short_of_a_single_point_has_not_reached_it(moving, away, is_reached):
-    moving.publish(PublishedMotion.to_last_point(continuing(moving.choose()), moving.now))
-    # Beside the path that the node assumes.
-    rest, since = moving.motion.end + away * np.array([-1.0, 1.0]), moving.now
-    moving.run(2.0, lambda time: rest + (moving.here - rest) * (time < since + 0.5))
-    assert moving.follower.follow(SETTINGS).is_over == is_reached
-    np.testing.assert_allclose(moving.choose().state.positions, rest, atol=1e-4)
-
-
 def test_motion_counts_no_longer_when_time_was_set_back(moving):
     moving.now -= 10.0
     moving.set_back = 10.0
     moving.rest()
-    assert moving.follower.commanded is None
+    assert moving.tracker.motion is None
     np.testing.assert_allclose(moving.choose().state.positions, moving.here)
 
 
 def test_what_is_known_of_former_joints_is_forgotten(moving):
-    moving.follower.expect(("a",))
-    assert moving.follower.commanded is None
+    moving.tracker.expect(("a",))
+    assert moving.tracker.motion is None
+
+
+# The stated command
+
+
+def test_stated_command_that_is_old_or_far_from_the_robot_does_not_count():
+    world = World(states_command=True)
+    world.state_command(JointState(JOINTS, [0.09, 0.0]))
+    assert world.where().command is not None
+    world.now += 0.004
+    world.state_command(JointState(JOINTS, [0.11, 0.0]))
+    assert world.where().command is None
+    world.now += 0.004
+    world.state_command(JointState(JOINTS, [0.0, 0.0]))
+    assert world.where().command is not None
+    world.states_command = False
+    world.rest(0.12)
+    assert world.where().command is None
+
+
+def test_message_without_a_usable_command_does_not_count(world):
+    def unusable(_):
+        raise GoalError("no reference")
+
+    world.tracker.controller.receive(unusable, world.now)
+    assert world.where().command is None
+    assert world.choose().state.positions.tolist() == [0.0, 0.0]
