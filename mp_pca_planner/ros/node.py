@@ -481,6 +481,7 @@ class PlannerNode(Node):
 
     def _adopt(self, done: SetUpDone, settings: Settings) -> None:
         """Use what the planner has accepted."""
+        self._poll()  # states of the joints before, which wait, must not be taken for new ones
         self._declared.declare_limits(done.joint_names)
         self._declared.forget_limits_except(done.joint_names)
         self._settings, self._done = settings, done

@@ -33,7 +33,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.ros import controller
-from mp_pca_planner.ros.nodes import GuardedNode
 
 START = (0.1, 0.2, 0.0, 0.8)
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
@@ -195,81 +194,124 @@ def test_stop_replaces_the_goal_and_brings_the_robot_to_rest_on_its_path(bench):
     bench.arrive(REST)
 
 
-@pytest.mark.parametrize("is_silent", [False, True])
-def test_goal_before_a_stop_that_is_rejected_or_not_answered_is_cancelled(monkeypatch, is_silent):
-    from control_msgs.action import FollowJointTrajectory
+class Server:
+    """A controller that answers goals when it is told to, and a node that sends them."""
 
-    # Where the module was imported before there were the interfaces, it has none.
-    monkeypatch.setattr(controller, "FollowJointTrajectory", FollowJointTrajectory)
-    cancelled, answers, heard = threading.Event(), threading.Event(), []
+    def __init__(self, monkeypatch):
+        from control_msgs.action import FollowJointTrajectory
 
-    def on_goal(request):
-        if request.trajectory.points[-1].time_from_start.sec:  # the motion
-            return GoalResponse.ACCEPT
-        if is_silent:
-            answers.wait(HANG)
-        return GoalResponse.REJECT
+        # Where the module was imported before there were the interfaces, it has none.
+        monkeypatch.setattr(controller, "FollowJointTrajectory", FollowJointTrajectory)
+        self.cancelled, self.heard = threading.Event(), []
+        self.answers = {True: threading.Event(), False: threading.Event()}  # to stops, to motions
+        self.accepts = {True: False, False: True}
+        self._result = FollowJointTrajectory.Result
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._robot, self._node = (
+            rclpy.create_node(name, context=self._context) for name in ("robot", "user")
+        )
+        self._server = ActionServer(
+            self._robot,
+            FollowJointTrajectory,
+            "follow",
+            self._execute,
+            goal_callback=self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+        self._executor = MultiThreadedExecutor(4, context=self._context)
+        self._executor.add_node(self._robot)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+        self._own = SingleThreadedExecutor(context=self._context)
+        self._own.add_node(self._node)
+        self.action = controller.ControllerAction(self._node, self._hear)
+        self.action.use(SimpleNamespace(controller_action="follow"))
+        self.wait(lambda: self.action.state == "ready")
 
-    def execute(handle):
+    def send(self, name, duration):
+        is_stop = duration < 1.0
+        content = serialize_message(motion(START, duration=duration))
+        assert self.action.send(name, content, is_stop=is_stop)
+
+    def wait(self, is_done):
+        deadline = time.monotonic() + HANG
+        while not is_done():
+            assert time.monotonic() < deadline, "in vain"
+            self._own.spin_once(0.02)
+
+    def close(self):
+        for answer in self.answers.values():
+            answer.set()
+        self._executor.shutdown()
+        self._own.shutdown()
+        self._thread.join(HANG)
+        self._server.destroy()
+        self._node.destroy_node()
+        self._robot.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def _hear(self, sent, text, failure):
+        self.heard.append((sent, text))
+
+    def _on_goal(self, request):
+        is_stop = not request.trajectory.points[-1].time_from_start.sec
+        self.answers[is_stop].wait(HANG)
+        return GoalResponse.ACCEPT if self.accepts[is_stop] else GoalResponse.REJECT
+
+    def _execute(self, handle):
         deadline = time.monotonic() + HANG
         while not handle.is_cancel_requested and time.monotonic() < deadline:
             time.sleep(0.01)
         handle.canceled()
-        cancelled.set()
-        return FollowJointTrajectory.Result()
+        self.cancelled.set()
+        return self._result()
 
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    robot, node = rclpy.create_node("robot", context=context), GuardedNode("user", context=context)
-    server = ActionServer(
-        robot,
-        FollowJointTrajectory,
-        "follow",
-        execute,
-        goal_callback=on_goal,
-        cancel_callback=lambda _: CancelResponse.ACCEPT,
-        callback_group=ReentrantCallbackGroup(),
+
+@pytest.fixture
+def server(monkeypatch):
+    server = Server(monkeypatch)
+    yield server
+    server.close()
+
+
+@pytest.mark.parametrize("is_silent", [False, True])
+def test_goal_before_a_stop_that_is_rejected_or_not_answered_is_cancelled(server, is_silent):
+    server.answers[False].set()
+    server.send("motion", 20.0)
+    server.wait(lambda: ("motion", "accepted the goal") in server.heard)
+    server.action.watch()
+    assert not server.cancelled.is_set()
+    if not is_silent:
+        server.answers[True].set()
+    sent_at = time.monotonic()
+    server.send("stop", 0.2)
+
+    def is_cancelled():
+        server.action.watch()
+        return server.cancelled.is_set()
+
+    server.wait(is_cancelled)
+    if is_silent:
+        assert time.monotonic() >= sent_at + server.action.answer_time
+    else:
+        assert ("stop", "rejected the goal") in server.heard
+
+
+def test_motion_that_is_accepted_after_a_stop_is_cancelled_at_once(server):
+    server.accepts[True] = True
+    server.send("motion", 20.0)
+    assert server.action.has_unanswered_motion
+    server.answers[True].set()
+    server.send("stop", 0.2)
+    server.wait(lambda: ("stop", "accepted the goal") in server.heard)
+    assert server.action.has_unanswered_motion
+    server.answers[False].set()
+    server.wait(server.cancelled.is_set)
+    server.wait(lambda: not server.action.has_unanswered_motion)
+    server.wait(
+        lambda: any(
+            name == "motion" and text.startswith("cancelled") for name, text in server.heard
+        )
     )
-    executor = MultiThreadedExecutor(4, context=context)
-    executor.add_node(robot)
-    thread = threading.Thread(target=executor.spin, daemon=True)
-    thread.start()
-    moving, stop = object(), object()
-
-    def hear(sent, text, failure):
-        heard.append((sent, text))
-        return sent is stop
-
-    action = controller.ControllerAction(node, hear)
-    try:
-        action.use(SimpleNamespace(controller_action="follow"))
-        wait_until(lambda: action.state == "ready")
-        assert action.send(moving, serialize_message(motion(START, duration=20.0)))
-        wait_until(lambda: (moving, "accepted the goal") in heard)
-        action.watch()
-        assert not cancelled.is_set()
-        sent_at = time.monotonic()
-        assert action.send(stop, serialize_message(motion(START, duration=0.2)))
-        while not cancelled.wait(0.02):
-            action.watch()
-            assert time.monotonic() < sent_at + HANG
-        if is_silent:
-            assert time.monotonic() >= sent_at + action.answer_time
-        else:
-            assert (stop, "rejected the goal") in heard
-    finally:
-        answers.set()
-        action.close()
-        executor.shutdown()
-        thread.join(HANG)
-        server.destroy()
-        node.destroy_node()
-        robot.destroy_node()
-        rclpy.try_shutdown(context=context)
-
-
-def wait_until(is_done):
-    deadline = time.monotonic() + HANG
-    while not is_done():
-        assert time.monotonic() < deadline, "in vain"
-        time.sleep(0.02)
