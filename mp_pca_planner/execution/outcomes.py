@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import starmap
@@ -20,11 +21,13 @@ from .tracking import Following, How
 # Time away from the path after which a motion is not followed, at rest at its start after which it
 # never started, and at rest on the path, or in silence after its end [s].
 _AWAY, START_DELAY, _MAX_HOLD = 0.2, 1.0, 10.0
-# Distance at which a joint has left the start [rad or m].
-_LEFT_START = 0.006
+# Distance at which a joint has left the start [rad or m], and the speed of the slowest robot that
+# is told from one that never started.
+_LEFT_START, _SLOWEST = 0.006, 0.1
 # Time after the end of a stop by which the robot rests, and off its path before, after which the
-# stop is sent again [s].
-_STOP_MARGIN, _STOP_AWAY = 0.25, 0.1
+# stop is sent again [s]; time before that, which doubles up to the longest: on a busy machine,
+# messages are late, and each moves the robot.
+_STOP_MARGIN, _STOP_AWAY, _FIRST_WAIT, _LONGEST_WAIT = 0.25, 0.1, 0.04, 1.0
 # Goals closer than this are the same [rad or m]: controllers and encoders resolve no more.
 _SAME = 1e-4
 
@@ -124,6 +127,7 @@ class Execution:
     _controller: str = ""
     _how: How | None = None
     _since: float = 0.0
+    _wait: float = _FIRST_WAIT
 
     @classmethod
     def of_stop(
@@ -134,6 +138,8 @@ class Execution:
             return cls(None, motion, reason=reason, is_reported=True)
         stop = cls(stopped.name, motion, reason=reason, is_reported=stopped.is_reported)
         stop._last = stopped._last
+        if stopped.is_stop:
+            stop._wait = min(2.0 * stopped._wait, _LONGEST_WAIT)
         return stop
 
     @property
@@ -190,7 +196,7 @@ class Execution:
             text = f"stopped: the robot was seen at rest {since}"
             return self._end(MotionOutcome.STOPPED, "; ".join(filter(None, [text, self.reason])))
         if following.motion is not self.motion:
-            if now <= self.motion.time + START_DELAY:
+            if now <= self.motion.time + START_DELAY or not self._would_have_left(now):
                 return None  # on a busy machine, the message comes late
             return self._end(
                 MotionOutcome.NEVER_STARTED,
@@ -209,6 +215,8 @@ class Execution:
         """Whether this is a stop that the controller has not taken: it is sent again."""
         if not self.is_stop or following is None or following.at_rest:
             return False
+        if now < self.motion.time + self._wait:
+            return False
         if following.motion is not self.motion:
             return True
         if following.is_over:  # its servos follow
@@ -226,7 +234,13 @@ class Execution:
             if self._controller == ACCEPTED and late < START_DELAY:
                 return None  # the result of the controller comes a little later
             return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
-        if self._how is How.HELD and duration > START_DELAY and self._is_at_start(following):
+        is_at_start = not self._has_left(following.place) and self._has_left(math.inf)
+        if (
+            self._how is How.HELD
+            and duration > START_DELAY
+            and is_at_start
+            and self._would_have_left(now)
+        ):
             return self._end(
                 MotionOutcome.NEVER_STARTED,
                 "never started: the robot rests at the start of the motion; check that the "
@@ -246,12 +260,20 @@ class Execution:
             )
         return None
 
-    def _is_at_start(self, following: Following) -> bool:
-        """Whether the robot rests at the start of the motion, which leads away from there."""
-        began = max(self.motion.time - self.motion.began, 0.0)
-        start, here = self.motion.sample(np.array([began, following.place]))[0]
-        leaves = np.abs(self.motion.end - start).max() > _LEFT_START
-        return bool(np.abs(here - start).max() <= _LEFT_START and leaves)
+    def _would_have_left(self, now: float) -> bool:
+        """Whether even a slow robot would have left the start of the motion by now."""
+        due = self._start + _SLOWEST * (now - self.motion.time)
+        return self._has_left(due) or now > self.motion.time + _MAX_HOLD
+
+    def _has_left(self, place: float) -> bool:
+        """Whether a place on the motion is away from its start."""
+        start, there = self.motion.sample(np.array([self._start, place]))[0]
+        return bool(np.abs(there - start).max() > _LEFT_START)
+
+    @property
+    def _start(self) -> float:
+        """The place at which the motion was published [s]."""
+        return max(self.motion.time - self.motion.began, 0.0)
 
     @property
     def _share(self) -> float:
@@ -269,7 +291,7 @@ class Execution:
             self.name,
             outcome,
             message,
-            self._share,
+            0.0 if outcome is MotionOutcome.NEVER_STARTED else self._share,
             0.0 if self._last is None else self._last.distance,
             self._largest_deviation,
             self._deviation_time,

@@ -492,18 +492,17 @@ class MotionServer:
         except PlannerError as error:
             self._failed(attempt, str(error))
             return
-        self._may_cancel = True
+        self._may_cancel, reason = True, self._verdict.reason
         execution = Execution(attempt.request.name, motion, planned)
         self._publish(execution, is_detour=attempt.is_detour)
         self.statistics.served(type(planned.goal), planned.solve_time, now - attempt.began)
         if attempt.is_detour:
-            self._outputs.log(f"{self._verdict.reason}: another motion leads to the goal")
+            self._outputs.log(f"{reason}: another motion leads to the goal")
         else:
             self.statistics.counts[GoalOutcome.SERVED] += 1
             request = attempt.request
             ignored = request.ignored_joints
             self._outputs.report_goal(GoalOutcome.SERVED, request.name, "", planned, ignored)
-        self._verdict = Verdict(self._watched)
 
     def _check_carriers(self, attempt: _Attempt) -> None:
         """Raise a `TooLateError` if a joint that carries the arm has moved since the request."""

@@ -96,7 +96,7 @@ def find_stop(
     if where.at_rest or is_over:
         held = where.measured.positions
         if command is not None:
-            held = command.state.positions
+            held = command.held
         elif following is not None and is_over:
             held = following.motion.end
         said = "the robot is at rest and holds its position"

@@ -85,6 +85,11 @@ class StatedCommand:
         """Whether a position is held."""
         return self.rate < _HELD_RATE or not self.state.velocities.any()
 
+    @property
+    def held(self) -> FloatArray:
+        """Where a controller at rest holds the robot [rad or m]: it is a cycle ahead of its state."""
+        return self.state.positions + USUAL_TRANSPORT * self.state.velocities
+
     def at(self, time: float) -> JointState:
         """The command at a time soon after [s], if its acceleration stays."""
         since = self.rate * (time - self.time)
@@ -494,7 +499,7 @@ def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: fl
     if settings.start_from != MEASURED and following is not None and following.is_over:
         here, held = following.motion.end, following
     elif settings.start_from != MEASURED and where.command is not None and where.command.at_rest:
-        here = where.command.state.positions
+        here = where.command.held
     elif not where.at_rest:
         raise GoalError(_motion_refusal(where, settings))
     place = following.place if held is not None and following is not None else 0.0
