@@ -28,7 +28,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..arrays import FloatArray, frozen_array, set_frozen
-from ..control.law import with_gains_only
+from ..control.law import without_bound
 from ..exceptions import LearningError, PlannerError
 from ..motion.interpolation import hermite_functions, quintics
 from ..motion.trajectory import Trajectory
@@ -279,7 +279,7 @@ def primitive_around(
     return replace(
         primitive,
         name=name,
-        metadata=with_gains_only(primitive.metadata)
+        metadata=without_bound(primitive.metadata)
         | {"refined_from": {"name": primitive.name, **provenance}},
         mean_coefficients=mean,
         durations=primitive.durations * slower,
