@@ -214,12 +214,13 @@ def _predictions(
     """Predictions by minimum jerk, by the primitive and, with a robot, by the planner."""
     start, goal = motion.positions[[0, -1]]
     basis = primitive.paced_basis(start, goal, fit_paces(primitive.warps).mean(axis=0))
-    straight, mean = minimum_jerk_motion(motion), np.zeros(primitive.n_components)
+    ends, mean = motion.positions[[0, -1]], np.zeros(primitive.n_components)
+    straight = minimum_jerk_motion(*ends)
     found = {
         MINIMUM_JERK: Prediction(straight),
         MEAN_SHAPE: Prediction(straight + basis.shape(mean, FINE_PHASES)),
         RIDGE: Prediction(straight + basis.shape(_ridge_weights(primitive, motion), FINE_PHASES)),
-        EXPECTED: Prediction(expected_motion(primitive, motion)),
+        EXPECTED: Prediction(expected_motion(primitive, *ends, motion.duration)),
     }
     if robot is not None:
         for rho in sorted({*rhos, DEFAULT_RHO}):

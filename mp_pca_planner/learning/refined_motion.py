@@ -38,6 +38,7 @@ from ..primitives.basis import (
     legendre_derivatives,
     legendre_values,
 )
+from ..primitives.differences import FINE_PHASES, expected_motion, path_difference
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.timing import time_scaling
 from ..robot.model import Robot
@@ -232,6 +233,24 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
         x3 * rate**3 + 3.0 * x2 * rate * bend + x1 * third,
     ]
     return np.asarray(by_phase / duration ** np.arange(4.0)[:, None, None])
+
+
+def demonstrated_distance(motion: RefinedMotion, primitives: Sequence[MovementPrimitive]) -> float:
+    """Distance of a motion from what its primitives predict between the ends of its segments.
+
+    The predictions are what would be demonstrated. The distance is the RMS over the paths, the
+    joints and the segments [rad or m]; the timing does not count.
+    """
+    squares = []
+    for segment, part, primitive in zip(
+        motion.segments, motion.parameters, primitives, strict=True
+    ):
+        alone = RefinedMotion([segment], part)
+        path, _, _ = alone.evaluate(alone.duration * FINE_PHASES)
+        ends = segment.start.positions, segment.goal.positions
+        expected = expected_motion(primitive, *ends, alone.duration)
+        squares.append(path_difference(path, expected) ** 2)
+    return float(np.sqrt(np.mean(squares)))
 
 
 def primitive_around(

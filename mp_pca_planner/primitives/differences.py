@@ -42,14 +42,21 @@ def differences(prediction: FloatArray, truth: FloatArray) -> FloatArray:
     differences : array, shape (3,)
         By the `MEASURES`, in the same order [rad or m].
     """
-    in_path = by_way(prediction) - by_way(truth)
     return np.array(
         [
             np.sqrt(np.mean((prediction[::10] - truth[::10]) ** 2)),
             _after_alignment(prediction[::2], truth[::10]),
-            np.sqrt(np.mean(in_path**2)),
+            path_difference(prediction, truth),
         ]
     )
+
+
+def path_difference(first: FloatArray, second: FloatArray) -> float:
+    """RMS difference of two motions at equal shares of the path [rad or m].
+
+    Each has the shape (1001, n_joints), at the fine phases.
+    """
+    return float(np.sqrt(np.mean((by_way(first) - by_way(second)) ** 2)))
 
 
 def by_way(positions: FloatArray) -> FloatArray:
@@ -137,10 +144,15 @@ def _errors(
     motion: Demonstration, others: Sequence[Demonstration], options: PrimitiveOptions
 ) -> FloatArray:
     primitive = build_primitive(others, "others", options)
-    straight = minimum_jerk_motion(motion)
+    start, goal = motion.positions[[0, -1]]
+    straight = minimum_jerk_motion(start, goal)
     mean = primitive.basis.shape(np.zeros(primitive.n_components), FINE_PHASES)
     truth = motion.time_normalised(FINE_PHASES.size)
-    predictions = (straight, straight + mean, expected_motion(primitive, motion))
+    predictions = (
+        straight,
+        straight + mean,
+        expected_motion(primitive, start, goal, motion.duration),
+    )
     return np.array([differences(x, truth) for x in predictions])
 
 
@@ -155,20 +167,21 @@ def prediction_errors(primitive: MovementPrimitive, motions: Sequence[Demonstrat
                 f"{quote_names(primitive.joint_names)}, in this order"
             )
         truth = motion.time_normalised(FINE_PHASES.size)
-        difference = by_way(expected_motion(primitive, motion)) - by_way(truth)
-        errors.append(np.sqrt(np.mean(difference**2)))
+        start, goal = motion.positions[[0, -1]]
+        expected = expected_motion(primitive, start, goal, motion.duration)
+        errors.append(path_difference(expected, truth))
     return np.array(errors)
 
 
-def minimum_jerk_motion(motion: Demonstration) -> FloatArray:
-    """The minimum-jerk motion between the ends of a motion, at the fine phases."""
-    start, goal = motion.positions[[0, -1]]
+def minimum_jerk_motion(start: FloatArray, goal: FloatArray) -> FloatArray:
+    """The minimum-jerk motion between two positions at the fine phases, (1001, n_joints)."""
     return np.asarray(start + hermite_functions(FINE_PHASES)[:, 3:4] * (goal - start))
 
 
-def expected_motion(primitive: MovementPrimitive, motion: Demonstration) -> FloatArray:
-    """The prediction of a primitive between the ends of a motion, at the fine phases."""
-    start, goal = motion.positions[[0, -1]]
-    expected = primitive.model.predict(start, goal, motion.duration)
+def expected_motion(
+    primitive: MovementPrimitive, start: FloatArray, goal: FloatArray, duration: float
+) -> FloatArray:
+    """The prediction of a primitive for a request, at the fine phases, (1001, n_joints)."""
+    expected = primitive.model.predict(start, goal, duration)
     basis = primitive.paced_basis(start, goal, expected.pace)
-    return minimum_jerk_motion(motion) + basis.shape(expected.weights, FINE_PHASES)
+    return minimum_jerk_motion(start, goal) + basis.shape(expected.weights, FINE_PHASES)

@@ -69,5 +69,5 @@ def test_motions_to_leave_out_can_be_chosen():
 def test_the_expected_motion_goes_from_end_to_end():
     motions = arm_demonstrations()
     primitive = build_primitive(motions[1:], "others")
-    found = expected_motion(primitive, motions[0])
+    found = expected_motion(primitive, *motions[0].positions[[0, -1]], motions[0].duration)
     np.testing.assert_allclose(found[[0, -1]], motions[0].positions[[0, -1]], atol=1e-9)
