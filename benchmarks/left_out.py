@@ -27,18 +27,22 @@ from mp_pca_planner.planning.request import NATURAL
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import (
     FINE_PHASES,
-    MEASURES,
     PHASES,
     by_way,
-    differences,
     expected_motion,
     minimum_jerk_motion,
+    path_difference,
 )
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.primitives.timing import fit_paces
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
+
+MEASURES = ("time", "aligned", "path")
+"""RMS differences over phases and joints: at equal shares of the time; at each instant of the
+motion after the best warp of the prediction; at equal shares of the path. Only the first depends on
+the timing."""
 
 QUANTITIES = (
     *(*MEASURES, "tip", "peak", "deviation", "effort", "solve_time"),
@@ -280,6 +284,38 @@ def _quantities(
     deviation = _deviation(positions, motion, primitive)
     rest = effort, prediction.solve_time, *_highest(positions, motion.duration)
     return np.array([*differences(positions, truth), distance, peak, deviation, *rest])
+
+
+def differences(prediction: FloatArray, truth: FloatArray) -> FloatArray:
+    """RMS differences of a prediction from a motion.
+
+    Parameters
+    ----------
+    prediction, truth : array, shape (1001, n_joints)
+        Positions at the fine phases [rad or m].
+
+    Returns
+    -------
+    differences : array, shape (3,)
+        By the `MEASURES`, in the same order [rad or m].
+    """
+    return np.array(
+        [
+            np.sqrt(np.mean((prediction[::10] - truth[::10]) ** 2)),
+            _after_alignment(prediction[::2], truth[::10]),
+            path_difference(prediction, truth),
+        ]
+    )
+
+
+def _after_alignment(prediction: FloatArray, truth: FloatArray) -> float:
+    """Least RMS difference over monotone matches of both ends, by dynamic programming."""
+    squares = np.mean((truth[:, None] - prediction[None]) ** 2, axis=2)
+    sums = np.full(len(prediction), np.inf)
+    sums[0] = squares[0, 0]
+    for row in squares[1:]:
+        sums = row + np.minimum.accumulate(sums)
+    return float(np.sqrt(sums[-1] / len(truth)))
 
 
 def _highest(positions: FloatArray, duration: float) -> tuple[float, float, float]:

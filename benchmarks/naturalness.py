@@ -28,6 +28,7 @@ from pathlib import Path
 import numpy as np
 from left_out import (
     BSPLINES,
+    MEASURES,
     RHOS,
     Comparison,
     Prediction,
@@ -42,7 +43,7 @@ from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.primitives.basis import legendre_values
 from mp_pca_planner.primitives.build import PrimitiveOptions
-from mp_pca_planner.primitives.differences import FINE_PHASES, MEASURES, by_way
+from mp_pca_planner.primitives.differences import FINE_PHASES, by_way
 from mp_pca_planner.primitives.timing import arc_length_warp, fit_paces, time_scaling
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from arm_figure import arm_figure
-from left_out import BSPLINES, QUANTITIES, Comparison, Prediction
+from left_out import BSPLINES, MEASURES, QUANTITIES, Comparison, Prediction
 from paper_method import (
     FREE_BSPLINES,
     FREE_ENDS,
@@ -35,7 +35,6 @@ from mp_pca_planner.plotting.style import (
     picture,
 )
 from mp_pca_planner.plotting.text import Table, percent, percents, variance_table
-from mp_pca_planner.primitives.differences import MEASURES
 from mp_pca_planner.robot.model import Robot
 
 TABLE_2 = {

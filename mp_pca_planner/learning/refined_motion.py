@@ -294,12 +294,14 @@ def primitive_around(
     expected = model.predict(start, goal, motion.duration)
     beyond = np.tensordot(expected.weights, primitive.component_coefficients, axes=1)
     mean = _shape_coefficients(motion, primitive, expected.pace, phases) - beyond
+    # The errors of left-out motions are those of the original.
+    metadata = without_bound(primitive.metadata) | {"left_out_error": None}
+    metadata.pop("minimum_jerk_error", None)
     moved = legendre_values(mean - primitive.mean_coefficients, phases)
     return replace(
         primitive,
         name=name,
-        metadata=without_bound(primitive.metadata)
-        | {"refined_from": {"name": primitive.name, **provenance}},
+        metadata=metadata | {"refined_from": {"name": primitive.name, **provenance}},
         mean_coefficients=mean,
         durations=primitive.durations * slower,
         # The triangle inequality: the old residual, and the displacement of the mean.

@@ -13,8 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
 from ..plotting.text import DEGREES, Unit, unit_of
-from ..primitives.build import PrimitiveOptions
-from ..primitives.differences import leave_one_out
+from ..primitives.build import build_primitive
 from ..recordings.demonstration import Demonstration
 from ..recordings.segmentation import extent
 from ..robot.model import Robot
@@ -102,10 +101,6 @@ def hold_dialogue(
             say(f"'{key}' does nothing: {KEYS}")
 
 
-# Largest number of demonstrations that are left out, one by one.
-_MAX_LEFT_OUT = 20
-
-
 class SessionWords:
     """Describes motions and what they teach; places of the end effector with a robot only.
 
@@ -145,18 +140,18 @@ class SessionWords:
         if len(motions) < 2:
             yield "  nothing is learned yet: two motions are needed"
             return
-        every = -(-len(motions) // _MAX_LEFT_OUT)
         try:
-            errors = leave_one_out(motions, PrimitiveOptions(), range(0, len(motions), every)).rms()
+            facts = build_primitive(motions, "taught").summary()
         except PlannerError as error:
             yield f"  nothing is learned yet: {error}"
             return
         names = motions[0].joint_names
         unit, goals = self._unit(names), np.array([motion.positions[-1] for motion in motions])
-        yield (
-            f"  left-out error {unit.number(errors[2, 0])} {unit.name} (straight motions: "
-            f"{unit.number(errors[0, 0])} {unit.name})"
+        left_out, straight = (
+            f"{unit.number(facts[name])} {unit.name}"
+            for name in ("left_out_error", "minimum_jerk_error")
         )
+        yield f"  left-out error {left_out} (straight motions: {straight})"
         yield f"  goals shown {self._si(names)}: {_ranges(names, goals)}"
         if self._robot is not None:
             frame, places = self._places(names, goals)
