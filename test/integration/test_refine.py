@@ -69,14 +69,6 @@ def test_refined_motion_is_written_and_kept_as_a_primitive(primitive, tmp_path):
     assert after < before
 
 
-def test_motion_that_gains_too_little_is_not_kept(primitive, tmp_path, monkeypatch):
-    monkeypatch.setattr("mp_pca_planner.cli.refine._LEAST_GAIN", 0.9)
-    new = tmp_path / "new.npz"
-    facts = refine(primitive, "--output", new, ok=False)
-    assert not facts["kept"]
-    assert not new.exists()
-
-
 def by_share_of_path(q):
     """Positions at the shares of a minimum-jerk motion of the path."""
     path = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)))
@@ -141,11 +133,3 @@ def test_nonsense_is_refused_in_one_line(primitive, tmp_path, monkeypatch, optio
     options = [option.format(tight=tight) for option in options]
     line = refusal("refine", primitive, "--robot", URDF, "--start", START, "--goal", GOAL, *options)
     assert words in line
-
-
-def test_existing_files_are_not_lost(primitive, tmp_path):
-    kept = tmp_path / "new.npz"
-    kept.write_text("precious")
-    request = ("--robot", URDF, "--start", START, "--goal", GOAL)
-    assert "exists already" in refusal("refine", primitive, *request, "--output", kept)
-    assert kept.read_text() == "precious"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import command_line
+from support import commands
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import PrimitiveError, RecordingError
@@ -20,8 +20,8 @@ from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.reading import inspect_recording
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
 
-build = partial(command_line.result, "build_primitives")
-refusal = partial(command_line.refusal, "build_primitives")
+build = partial(commands.result, "build_primitives")
+refusal = partial(commands.refusal, "build_primitives")
 URDF = mp.config_file("human_arm.urdf")
 RECORDING = continuous_recording(generate_motions(6, 1), seed=1)
 SECONDS = (RECORDING.stamps - RECORDING.stamps[0]) / 1e9
@@ -64,7 +64,7 @@ def test_a_csv_file_is_built_inspected_and_refused_in_degrees(tmp_path: Path) ->
     table, output = write_csv(tmp_path / "table.csv"), tmp_path / "reach.npz"
     facts = build(table, "--robot", URDF, "--output", output)
     assert facts["joint_names"] == list(JOINT_NAMES)
-    (found,) = command_line.result("inspect", table)["files"]
+    (found,) = commands.result("inspect", table)["files"]
     assert (found["format"], found["joint_names"]) == ("csv", list(JOINT_NAMES))
     degrees = write_csv(tmp_path / "deg.csv", positions=np.rad2deg(RECORDING.positions))
     words = (degrees, "--robot", URDF, "--output", tmp_path / "deg.npz")

@@ -24,7 +24,7 @@ from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from support.arm import JOINTS
 from support.bench import benched
-from support.command_line import with_folder
+from support.commands import with_folder
 from support.domains import set_domain
 from support.nodes import GOAL, ros_node
 from support.nodes import START as REST
