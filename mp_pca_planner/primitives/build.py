@@ -135,19 +135,18 @@ def build_primitive(
     )
 
 
-def check_demonstrations(values: Any, what: str) -> None:
+def check_demonstrations(values: Sequence[Any], what: str) -> None:
     """Reject values that are not demonstrations, with what can't be done."""
-    for one in values if isinstance(values, Sequence) else [values]:
-        if isinstance(one, Demonstration):
-            continue
+    for one in values:
         if isinstance(one, np.ndarray | list | tuple) or _has_columns(one):
             raise PrimitiveError(
                 f"{what}: arrays need times=, the times of their samples [s]; joint_names= names "
                 "their columns"
             )
-        raise PrimitiveError(
-            f"{what}: {shown(one)} is not a demonstration; load_demonstrations reads recordings"
-        )
+        if not isinstance(one, Demonstration):
+            raise PrimitiveError(
+                f"{what}: {shown(one)} is not a demonstration; load_demonstrations reads recordings"
+            )
 
 
 def demonstrations_of(

@@ -9,6 +9,7 @@ import json
 import math
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,7 @@ _ANY = 1e15
 _ARRAYS: dict[str, tuple[tuple[str | int, ...], float, float]] = {
     "mean_coefficients": (("joints", "degrees"), -_POSITION, _POSITION),
     "component_coefficients": (("weights", "joints", "degrees"), -_POSITION, _POSITION),
-    "explained_variance": (("weights",), 0.0, _ANY),
+    "explained_variance": (("weights",), 1e-30, _ANY),
     "total_variance": (("joints",), 0.0, _ANY),
     "weights": (("demonstrations", "weights"), -_ANY, _ANY),
     "boundary_states": (("demonstrations", 6, "joints"), -_ANY, _ANY),
@@ -198,6 +199,9 @@ def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
             worst = array[~((array >= low) & (array <= high))][0]
             raise PrimitiveError(f"array '{name}' holds {worst:g}, expected {low:g} to {high:g}")
         sizes |= dict(zip(shape, array.shape, strict=True))
+    for name in ("weight_covariance", "weight_precision", "request_precision"):
+        if not _is_positive(arrays[name]):
+            raise PrimitiveError(f"matrix '{name}' is not positive definite")
     degree, log_times = sizes["degrees"] - 1, np.abs(arrays["requests"][:, -1])
     if not N_END_CONDITIONS <= degree <= MAX_DEGREE:
         expected = f"{N_END_CONDITIONS} to {MAX_DEGREE}"
@@ -208,3 +212,11 @@ def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
         raise PrimitiveError(f"array 'requests' holds durations that are not up to {_TIME:g} s")
     if metadata["checksum"] != checksum(arrays, metadata):
         raise PrimitiveError("its content does not match its checksum: it was damaged")
+
+
+def _is_positive(matrix: FloatArray) -> bool:
+    """Whether a matrix is positive definite."""
+    with suppress(np.linalg.LinAlgError):
+        np.linalg.cholesky(matrix + matrix.T)
+        return True
+    return False
