@@ -19,7 +19,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import trapezoid
-from tables import benchmark_parser, show
+from support.tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.files import config_file

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from problems import Scene, scene_of
+from support.problems import Scene, scene_of
 
 from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.exceptions import PlannerError

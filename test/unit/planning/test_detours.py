@@ -7,9 +7,9 @@ import sys
 
 import numpy as np
 import pytest
-from referee import RigidArm, SceneReferee
 from support.arm import JOINTS, arm_primitive, arm_robot
 from support.dense import assert_keeps, spline
+from support.motion_referee import RigidArm, SceneReferee
 from support.obstacle_scenes import WALL, write_scene
 from support.worlds import TRAY
 
