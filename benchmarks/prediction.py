@@ -45,7 +45,7 @@ from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import (
     FINE_PHASES,
     PHASES,
-    by_way,
+    by_path_share,
     expected_motion,
     minimum_jerk_motion,
     path_difference,
@@ -291,7 +291,9 @@ def _quantities(
     truth = motion.time_normalised(FINE_PHASES.size)
     distance = effort = np.nan
     if robot is not None and tip is not None:
-        there, here = (robot.frame_positions(by_way(x), [tip])[:, 0] for x in (positions, truth))
+        there, here = (
+            robot.frame_positions(by_path_share(x), [tip])[:, 0] for x in (positions, truth)
+        )
         distance = float(np.sqrt(np.mean(np.sum((there - here) ** 2, axis=1))))
     if robot is not None:
         effort = prediction.effort or _effort(positions, motion, robot)
@@ -356,7 +358,7 @@ def _deviation(positions: FloatArray, motion: Demonstration, primitive: Movement
     if not basis.n_weights:
         return float("nan")
     straight = start + hermite_functions(PHASES)[:, 3:4] * (goal - start)
-    rest = by_way(positions) - straight - basis.shape(np.zeros(basis.n_weights), PHASES)
+    rest = by_path_share(positions) - straight - basis.shape(np.zeros(basis.n_weights), PHASES)
     functions = basis.functions(PHASES).reshape(-1, basis.n_weights)
     weights = np.linalg.lstsq(functions, rest.ravel(), rcond=None)[0] - expected.weights
     return float(np.sqrt(weights @ expected.precision @ weights / basis.n_weights))
@@ -426,7 +428,7 @@ def promp(motion: Demonstration, others: Sequence[Demonstration]) -> Prediction:
     module = require("movement_primitives.promp", "peers", "ProMP; or give --no-peers")
     phases = FINE_PHASES[::10]
     model = module.ProMP(n_dims=motion.n_joints, n_weights_per_dim=10)
-    paths = [by_way(d.time_normalised(FINE_PHASES.size)) for d in others]
+    paths = [by_path_share(d.time_normalised(FINE_PHASES.size)) for d in others]
     weights = np.array([model.weights(phases, path) for path in paths])
     model.from_weight_distribution(weights.mean(axis=0), ledoit_wolf(weights))
     for phase, end in ((0.0, 0), (1.0, -1)):

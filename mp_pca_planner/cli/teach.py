@@ -86,7 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     with Keys() as keys:
         session, is_finished = _taught(arguments, joints, keys, words)
         if not is_finished:
-            say(f"{session.recording} holds the recording; the same command continues it")
+            kept = f"{session.recording} holds the recording; the same command continues it"
+            say(kept if session.n_messages else "nothing was recorded")
             return DONE
         status = _build(arguments, session)
         is_live = status == DONE and arguments.play is None

@@ -27,10 +27,10 @@ def path_difference(first: FloatArray, second: FloatArray) -> float:
 
     Each has the shape (1001, n_joints), at the fine phases.
     """
-    return float(np.sqrt(np.mean((by_way(first) - by_way(second)) ** 2)))
+    return float(np.sqrt(np.mean((by_path_share(first) - by_path_share(second)) ** 2)))
 
 
-def by_way(positions: FloatArray) -> FloatArray:
+def by_path_share(positions: FloatArray) -> FloatArray:
     """Positions along the path with the timing of a minimum-jerk motion.
 
     Parameters
