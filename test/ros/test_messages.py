@@ -27,7 +27,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from mp_pca_planner.control.law import control_statement
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.parameters import DECLARATIONS
-from mp_pca_planner.execution.serving.execution import GoalOutcome
+from mp_pca_planner.execution.serving.execution import (
+    ExecutionReport,
+    GoalOutcome,
+    MotionOutcome,
+)
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
@@ -41,6 +45,7 @@ from mp_pca_planner.ros.goal_messages import (
 )
 from mp_pca_planner.ros.messages import (
     to_descriptor,
+    to_execution_report,
     to_goal_report,
     to_plan_report,
     to_state,
@@ -292,6 +297,20 @@ def test_refusal_is_an_error_with_the_plan_if_there_is_one(plan: Plan) -> None:
     assert without.message == refused.message == "because"
     assert values(without) == {"status": "refused", "goal_stamp": "5.000000007"}
     assert values(refused)["effort_cost"] == str(plan.solution.effort_cost)
+
+
+@pytest.mark.parametrize("outcome", MotionOutcome)
+def test_report_of_a_motion_is_an_error_unless_it_went_as_was_asked(outcome: MotionOutcome) -> None:
+    report = to_execution_report(ExecutionReport(STAMP, outcome, "so", 0.5, 0.1, 0.2, 0.3))
+    failed = outcome in ("not_followed", "never_started")
+    assert report.level == (DiagnosticStatus.ERROR if failed else DiagnosticStatus.OK)
+    found = values(report)
+    assert (found["outcome"], found["goal_stamp"]) == (outcome, "5.000000007")
+    assert [float(found[name]) for name in ("progress", "error", "deviation_time")] == [
+        0.5,
+        0.1,
+        0.3,
+    ]
 
 
 def test_refusal_is_one_line_of_bounded_length_whatever_names_it_quotes() -> None:

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states are read, ignored or refused, whatever their bytes are."""
 
+import time
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,6 +16,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.ros import safety_thread
 from mp_pca_planner.ros.messages import read_states, to_state
 
 WANTED = ("elbow", "shoulder")
@@ -83,3 +87,28 @@ def test_velocity_that_is_nan_was_not_measured():
     message.velocity = [np.nan, np.inf, np.nan]
     with pytest.raises(GoalError, match="velocity of joint 'shoulder' is inf"):
         to_state(message, WANTED)
+
+
+@pytest.mark.parametrize("clock_set", [-3600.0, 0.0, 3600.0])
+def test_age_of_a_state_survives_that_the_wall_clock_is_set(monkeypatch, clock_set):
+    waiting = []
+
+    class Subscription:
+        def __init__(self, *_):
+            pass
+
+        def poll(self):
+            return [waiting.pop()] if waiting else []
+
+    monkeypatch.setattr(safety_thread, "PolledSubscription", Subscription)
+    states = safety_thread.RobotStates(SimpleNamespace(seconds=lambda: time.monotonic()))
+    states.measured.expect(WANTED)
+    states.poll()
+    began = time.monotonic()
+    time.sleep(0.05)
+    facts = {"received_timestamp": time.time_ns() - 20_000_000 - round(1e9 * clock_set)}
+    message = JointState(name=list(WANTED), position=[1.0, 2.0])
+    waiting.append((bytes(serialize_message(message)), facts))
+    states.poll()
+    age = states.measured.age
+    assert (0.02 if clock_set >= 0.0 else 0.0) <= age <= time.monotonic() - began

@@ -15,10 +15,12 @@ from support.virtual_node import receive
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.options import Tracking
 from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.tracking.estimation import StatedCommand
 from mp_pca_planner.execution.tracking.following import How, MotionFollower, UnconfirmedError
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
 from mp_pca_planner.execution.tracking.start_state import TooLateError, choose_start, join
+from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")
@@ -369,6 +371,28 @@ def test_slowed_robot_starts_at_its_own_place_and_rate(world, rate):
     assert start.following.progress.rate == pytest.approx(rate, abs=0.02)
     joined = world.join(continuing(start), start)
     assert joined.is_timed == (rate > 0.5)
+    # When its message arrives, the robot has gone on at its rate, and the command continues that.
+    arrival = world.now + 1e-3
+    here = start.following.progress.at(arrival)
+    sent = joined.sent.states[0][0]
+    if joined.is_timed:
+        sent = spline(joined.sent)(arrival - joined.time)
+    np.testing.assert_allclose(sent, start.following.motion.state(here).positions, atol=1e-4)
+
+
+def test_command_that_is_on_no_motion_is_waited_for_only_while_a_message_may_be_on_its_way(world):
+    world.begin(goal=(0.01, -0.01))
+    elsewhere = np.array([0.05, 0.05])
+    state = StatedCommand(JointState(JOINTS, elsewhere), 10.0, 1.0)
+    found = []
+    for _ in range(60):
+        world.now += 0.01
+        world.measure(elsewhere)
+        world.follower.controller.receive(lambda _: state, world.now)
+        found.append(world.follower.follow(SETTINGS).how)
+    late = round(Tracking.visible_time / 0.01)
+    assert set(found[: late - 2]) == {How.ON_TIME}
+    assert set(found[late + 1 :]) == {How.OFF}
 
 
 def test_robot_whose_speed_changes_waits(world):

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from support.patience import HANG
@@ -31,3 +32,17 @@ def test_lock_that_another_thread_holds_is_given_up() -> None:
     thread.join()
     with lock, lock.within(), lock:  # it is free, and reentrant
         pass
+
+
+def test_lock_is_free_for_others_after_an_error() -> None:
+    lock = TimedLock()
+
+    def take() -> None:
+        with lock, lock.within():
+            pass
+
+    for hold in (lock, lock.within()):
+        with pytest.raises(ValueError, match="within"), hold:
+            raise ValueError("within")
+        with ThreadPoolExecutor(1) as other:
+            other.submit(take).result(HANG)
