@@ -29,7 +29,7 @@ from mp_pca_planner.learning.refinement import (
 )
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.motion.validation import LimitCheck, Violation, check_limits
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.planner import Planner
 
@@ -85,6 +85,16 @@ def test_ends_are_kept_to_the_last_bit_whatever_the_durations(n_segments):
             np.testing.assert_array_equal(q[k], state.positions)
             np.testing.assert_array_equal(v[k], state.velocities)
             np.testing.assert_array_equal(a[k], state.accelerations)
+
+
+def test_limits_are_watched_where_a_motion_broke_them():
+    first, second = joined_motions()
+    constraints = Constraints(ExecutableMotions((first, second), ROBOT, LIMITS))
+    broken = [Violation("velocity", "elbow", time, 9.0, 1.0, 8.0) for time in (0.2371, 1.2345)]
+    before = [set(phases) for phases in constraints.phases]
+    constraints.add(RefinedMotion((first, second)), LimitCheck(tuple(broken)), ())
+    added = [sorted({*now} - then) for now, then in zip(constraints.phases, before, strict=True)]
+    np.testing.assert_allclose(added, [[0.2371 / 1.1], [(1.2345 - 1.1) / 0.8]])
 
 
 @pytest.mark.parametrize("seed", range(5))

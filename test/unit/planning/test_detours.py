@@ -4,6 +4,7 @@
 
 import math
 import sys
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -134,6 +135,18 @@ def test_end_inside_a_mesh_has_no_path_and_is_named(end):
     message = planner.plan(ends[1], ends[0]).message
     assert "'tray' collide" in message
     assert f"the {'goal' if end else 'start'} is in collision" in message
+
+
+def test_search_for_paths_lasts_until_its_time_is_over(post):
+    pytest.importorskip("ompl", reason="OMPL is not installed")
+    _, planner, start, goal = post
+    found = list(islice(paths(planner._context, (start, goal), Budget(math.inf)), 20))
+    assert len(found) == 20
+    over: list[bool] = []
+    budget = Budget(math.inf, lambda: len(over) > 1)
+    for _ in paths(planner._context, (start, goal), budget):
+        over.append(True)
+    assert len(over) == 2
 
 
 def test_same_problem_gives_the_same_detour(post):
