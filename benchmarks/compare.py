@@ -30,7 +30,8 @@ from methods import (
     promp_method,
 )
 from peers import crocoddyl_method, ompl_method
-from problems import (
+from support.motion_referee import RigidArm, SceneReferee, judge
+from support.problems import (
     Problem,
     Scene,
     demonstrations_in,
@@ -41,8 +42,7 @@ from problems import (
     scene_problem,
     scenes_in,
 )
-from referee import RigidArm, SceneReferee, judge
-from tables import Table, benchmark_parser, show
+from support.tables import Table, benchmark_parser, show
 
 from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.cli.example_robots import (

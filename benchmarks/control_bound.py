@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from tables import benchmark_parser, show
+from support.tables import benchmark_parser, show
 
 from mp_pca_planner.cli.example_robots import DEMONSTRATIONS_SEED, robot_file
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, verify

@@ -5,7 +5,8 @@
 Off-line: motions of the human-like arm between random end points like the demonstrations',
 planned once and then refined with the same duration. Trials: the planner's model has the true
 limits, but each mass and inertia tensor is wrong by up to 30 %. The cost of a trial is its effort
-on the true robot. The optimum is that of an off-line refinement with the true model. Primitives:
+on the true robot, without noise and with 10 %. The optimum is that of an off-line refinement with
+the true model. Primitives:
 goals near refined motions, planned with the old primitive and with the new one.
 
     python benchmarks/learning.py [--problems 100] [--seeds 10] [--trials 60]
@@ -14,10 +15,11 @@ goals near refined motions, planned with the old primitive and with the new one.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import trapezoid
-from tables import benchmark_parser, show
+from support.tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.files import config_file
@@ -34,6 +36,7 @@ from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.robot.model import Robot
 
 MODEL_ERROR = 0.3
+NOISE = 0.1
 N_NEIGHBOURS = 5
 NEIGHBOURHOOD = 0.1
 
@@ -91,26 +94,34 @@ def learn_by_trials(
 ) -> dict[str, list[float]]:
     """Effort above the optimum before and after trials on robots unlike the model [%]."""
     found: dict[str, list[float]] = {}
+    known = refine([plan.motion], planner.robot, planner.limits).trajectory
     for seed in range(n_seeds):
         robot = perturbed_robot(seed)
         optimum = refine([plan.motion], robot, planner.limits).effort
-        costs: list[float] = []
 
-        def run(trajectory: Trajectory, robot: Robot = robot, costs: list[float] = costs) -> float:
+        def effort(trajectory: Trajectory, robot: Robot = robot) -> float:
             if check_limits(trajectory, planner.robot, planner.limits).violations:
                 raise SystemExit("a trial breaks limits")
-            states = trajectory.positions, trajectory.velocities, trajectory.accelerations
-            squares = np.sum(robot.inverse_dynamics(*states) ** 2, axis=1)
-            costs.append(0.5 * float(trapezoid(squares, trajectory.times)))
-            return costs[-1]
+            squares = np.sum(robot.inverse_dynamics(*trajectory.states) ** 2, axis=1)
+            return 0.5 * float(trapezoid(squares, trajectory.times))
 
-        improve_by_trials(plan, run, n_trials, seed)
-        for when, effort in (
-            ("first trial", costs[0]),
-            (f"best of {n_trials} trials", min(costs)),
-        ):
-            name = f"from the one shot: {when} above the optimum [%]"
-            found.setdefault(name, []).append(100.0 * (effort / optimum - 1.0))
+        motions = {"planned": plan.trajectory, "refined by the wrong model": known}
+        for noise in (0.0, NOISE):
+            rng = np.random.default_rng(seed)
+
+            def run(
+                trajectory: Trajectory,
+                noise: float = noise,
+                rng: np.random.Generator = rng,
+                effort: Callable[[Trajectory], float] = effort,
+            ) -> float:
+                return effort(trajectory) * (1.0 + noise * float(rng.normal()))
+
+            best = improve_by_trials(plan, run, n_trials, seed)
+            motions[f"after {n_trials} trials with noise of {noise:.0%}"] = best.trajectory
+        for name, motion in motions.items():
+            above = 100.0 * (effort(motion) / optimum - 1.0)
+            found.setdefault(f"{name}: above the optimum [%]", []).append(above)
     return found
 
 

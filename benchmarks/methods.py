@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from problems import Problem, Scene
-from referee import Verdict
 from scipy.interpolate import make_interp_spline
+from support.motion_referee import Verdict
+from support.problems import Problem, Scene
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import require

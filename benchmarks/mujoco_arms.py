@@ -10,7 +10,7 @@ none. The controller is that of the simulated robot. Its drives replace those of
 their damping: they are stiff, compensate gravity, and give no more than Menagerie's limits. Efforts
 are those of the drives, relative to the planned ones. Node and arm are stepped in virtual time.
 
-    PYTHONPATH=.:test:benchmarks python3 benchmarks/mujoco_arms.py [--goals 20]
+    PYTHONPATH=.:test python3 benchmarks/mujoco_arms.py [--goals 20]
         [--arms panda,ur5e,iiwa14] [--models FOLDER] [--json]
 """
 
@@ -24,13 +24,13 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import trapezoid
+from support.tables import benchmark_parser, show
 from support.virtual_node import VirtualNode
-from tables import benchmark_parser, show
 
 from mp_pca_planner.arrays import FloatArray
+from mp_pca_planner.execution.outcomes import MotionOutcome
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.planning import assemble_model
-from mp_pca_planner.execution.outcomes import MotionOutcome
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.build import build_primitive

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from paper_method import study
 from paper_tables import draw_pictures, facts, notes, titled_tables
-from tables import benchmark_parser, show
+from support.tables import benchmark_parser, show
 
 from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.exceptions import PlannerError

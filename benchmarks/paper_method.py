@@ -22,8 +22,16 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from left_out import BSPLINES, DEFAULT_RHO, Comparison, Prediction, Predictor, compare, planned
 from numpy.polynomial import legendre
+from prediction import (
+    BSPLINES,
+    LEAST_EFFORT,
+    PLANNED,
+    Comparison,
+    Prediction,
+    Predictor,
+    compare,
+)
 from scipy.linalg import null_space
 
 from mp_pca_planner.arrays import FloatArray
@@ -188,8 +196,7 @@ def _polynomials(curves: FloatArray) -> FloatArray:
 PAPER = "components as in the paper"
 FREE_BSPLINES = "B-splines, free end velocities"
 REST_BSPLINES = "B-splines, many starts"
-OURS = planned(DEFAULT_RHO)
-TABLE_3_METHODS = (BSPLINES, REST_BSPLINES, FREE_BSPLINES, PAPER, planned(0.0), OURS)
+TABLE_3_METHODS = (BSPLINES, REST_BSPLINES, FREE_BSPLINES, PAPER, LEAST_EFFORT, PLANNED)
 SAME_ENDS = {REST_BSPLINES: REST_BSPLINES, FREE_BSPLINES: FREE_BSPLINES, PAPER: FREE_BSPLINES}
 """Methods with many starts, and the B-splines with the same ends."""
 FREE_ENDS = (FREE_BSPLINES, PAPER)
@@ -228,7 +235,7 @@ class CaseStudy:
 
     def closer_than_bsplines(self, quantity: str) -> float:
         """Share of the motions for which the plan is nearer to the demonstration than B-splines."""
-        ours, theirs = (self.held_out.column(name, quantity) for name in (OURS, BSPLINES))
+        ours, theirs = (self.held_out.column(name, quantity) for name in (PLANNED, BSPLINES))
         return float(np.mean(ours < theirs))
 
     def time_ratio(self, method: str) -> float:

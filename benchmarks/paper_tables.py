@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 from arm_figure import arm_figure
-from left_out import BSPLINES, QUANTITIES, Comparison, Prediction
 from paper_method import (
     FREE_BSPLINES,
     FREE_ENDS,
     MAX_ROUNDS,
     N_COMPONENTS,
-    OURS,
     PAPER,
     REST_BSPLINES,
     SAME_ENDS,
@@ -25,6 +23,7 @@ from paper_method import (
     n_agreeing,
     variance_shares,
 )
+from prediction import BSPLINES, MEASURES, PLANNED, QUANTITIES, Comparison, Prediction, error_table
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.plotting.style import (
@@ -35,7 +34,6 @@ from mp_pca_planner.plotting.style import (
     picture,
 )
 from mp_pca_planner.plotting.text import Table, percent, percents, variance_table
-from mp_pca_planner.primitives.differences import MEASURES
 from mp_pca_planner.robot.model import Robot
 
 TABLE_2 = {
@@ -71,10 +69,10 @@ def tables(study: CaseStudy) -> dict[str, Table]:
         "table_3": table_3(study),
         "table_3_all_motions": table_3_all_motions(study),
         "starts": starts_table(study),
-        "naturalness": naturalness(study.held_out),
+        "naturalness": error_table(study.held_out),
     }
     if study.other_activities is not None:
-        found["naturalness_other_activities"] = naturalness(study.other_activities)
+        found["naturalness_other_activities"] = error_table(study.other_activities)
     return found
 
 
@@ -188,27 +186,6 @@ def starts_table(study: CaseStudy) -> Table:
     return ["method", "ends", "starts", *columns], rows
 
 
-def naturalness(comparison: Comparison) -> Table:
-    """Errors by method, with the interval of their difference from those of the default."""
-    rows = []
-    for name in comparison.results:
-        row = [name]
-        for measure in MEASURES:
-            low, high = np.rad2deg(comparison.interval(name, measure))
-            difference = "–" if name == comparison.reference else f"{low:+.2f} … {high:+.2f}"
-            row += [f"{np.rad2deg(comparison.rms(name, measure)):.2f}", difference]
-        row += [
-            f"{1e3 * comparison.rms(name, 'tip'):.0f}",
-            f"{np.mean(comparison.column(name, 'peak')):.3f}",
-            f"{np.median(comparison.column(name, 'deviation')):.2f}",
-            f"{comparison.effort_ratio(name):.2f}",
-        ]
-        rows.append(row)
-    errors = ["in time [deg]", "aligned [deg]", "in path [deg]"]
-    columns = [name for error in errors for name in (error, "interval")]
-    return ["method", *columns, "tip [mm]", "peak", "deviation", "effort ratio"], rows
-
-
 def notes(study: CaseStudy) -> list[str]:
     """What columns and rows of the tables mean, in sentences."""
     numbers = sorted({len(starts) for name in SAME_ENDS for starts in study.searches(name)})
@@ -308,6 +285,6 @@ def _chains(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, 
     """Origins of the frames, shape (n_frames, n_points, 3), by the label of the motion."""
     n_frames = 61
     chosen = np.linspace(0, 1000, n_frames).round().astype(int)
-    positions = {name: study.raised[name].positions[chosen] for name in (BSPLINES, PAPER, OURS)}
+    positions = {name: study.raised[name].positions[chosen] for name in (BSPLINES, PAPER, PLANNED)}
     positions["demonstrated"] = study.raising.time_normalised(n_frames)
     return {name: robot.frame_positions(q, frames) for name, q in positions.items()}

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 from methods import Method, PeerResult, minimum_jerk
-from problems import Problem, Scene
-from referee import RigidArm
+from support.motion_referee import RigidArm
+from support.problems import Problem, Scene
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import require

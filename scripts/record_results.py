@@ -26,16 +26,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 COMMANDS = {
-    "planning_speed": "python3 benchmarks/planning_speed.py",
-    "planning_cases": "python3 benchmarks/planning_cases.py --goals 40",
+    "planning_speed": "python3 benchmarks/planning.py speed",
+    "planning_cases": "python3 benchmarks/planning.py cases",
     "optimality": "python3 -m campaigns.optimality --problems 13",
     "scenes": "python3 benchmarks/compare.py --scenes problems --problems 100",
-    "sequences": "python3 benchmarks/sequences.py",
+    "sequences": "python3 benchmarks/planning.py sequences",
     "benchmark_human_arm": "python3 benchmarks/compare.py --problems 200 --repeats 1 "
     "--peer-problems 10",
     "benchmark_panda": "python3 benchmarks/compare.py --robot panda --problems 200 "
     "--repeats 1 --peer-problems 10",
-    "naturalness": "python3 benchmarks/naturalness.py joint_states --segments motions.csv "
+    "naturalness": "python3 benchmarks/prediction.py joint_states --segments motions.csv "
     "--by-label --robot config/human_arm.urdf --tip wrist",
     "case_study": "python3 benchmarks/paper_case_study.py --recordings markers "
     "--segments motions.csv",
@@ -70,7 +70,7 @@ def record(name: str, data: Path) -> None:
     found = [str(data / word) if (data / word).exists() else word for word in words[1:]]
     state, before = commit(), os.getloadavg()[0]
     command = [sys.executable, *found, "--json"]
-    paths = os.pathsep.join(str(ROOT / folder) for folder in (".", "test", "benchmarks"))
+    paths = os.pathsep.join(str(ROOT / folder) for folder in (".", "test"))
     environment = os.environ | {"PYTHONPATH": paths}
     done = subprocess.run(
         command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment

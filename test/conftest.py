@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import hypothesis
 import pytest
 from support.bags import FORMATS
-from support.command_line import with_folder
+from support.commands import with_folder
 
 # The same examples on every run, and no verdict that depends on the machine's speed.
 hypothesis.settings.register_profile(

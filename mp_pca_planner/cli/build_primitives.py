@@ -16,9 +16,10 @@ from ..exceptions import PrimitiveError, RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import report_page
-from ..primitives.build import PrimitiveOptions, build_primitive
+from ..primitives.build import PrimitiveOptions, build_from_statistics
 from ..primitives.file import save_primitive
 from ..primitives.foreign import foreign_recordings
+from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import COUPLINGS, MovementPrimitive
 from ..primitives.timing import ALIGNMENTS
 from ..recordings.cutting import segments_table
@@ -195,17 +196,20 @@ def run(arguments: argparse.Namespace) -> int:
             check_output(output, ".npz", force=arguments.force)
     built: dict[str, MovementPrimitive] = {}
     failed: dict[str, str] = {}
+    foreign: list[tuple[str, str]] = []
     for name, motions in groups.items():
         try:
             origin = _origin(recordings, motions, robot)
-            built[name] = build_primitive(motions, name, options, origin)
+            statistics = MotionStatistics.of(motions, options)
+            built[name] = build_from_statistics(statistics, name, options, origin)
+            foreign += foreign_recordings(statistics, options.n_phases)
         except PrimitiveError as error:
             if arguments.by is None:
                 raise
             failed[name] = str(error)
     if not built:
         raise PrimitiveError("; ".join(failed.values()))
-    pages = [report_page(recordings, x, options) for x in built.values() if arguments.report]
+    pages = [report_page(recordings, x, foreign) for x in built.values() if arguments.report]
     for name, primitive in built.items():
         save_primitive(primitive, outputs[name], overwrite=arguments.force)
     for page in pages:
@@ -215,7 +219,7 @@ def run(arguments: argparse.Namespace) -> int:
             (x.recording, x.start_time, x.end_time, x.label) for x in recordings.demonstrations
         )
         write_whole(arguments.write_segments, table, overwrite=arguments.force)
-    _print(arguments, recordings, built, outputs, failed, options)
+    _print(arguments, recordings, built, outputs, failed, foreign)
     return DONE
 
 
@@ -305,12 +309,8 @@ def _print(
     built: Mapping[str, MovementPrimitive],
     outputs: Mapping[str, Path],
     failed: Mapping[str, str],
-    options: PrimitiveOptions,
+    foreign: Sequence[tuple[str, str]],
 ) -> None:
-    foreign: list[tuple[str, str]] = []
-    for primitive in built.values():
-        assert primitive.statistics is not None
-        foreign += foreign_recordings(primitive.statistics, options.n_phases)
     facts = [_facts(primitive, outputs[name]) for name, primitive in built.items()]
     of_recordings = {
         "n_recordings": len(recordings.reports),

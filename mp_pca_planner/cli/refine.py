@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import LearningError
-from ..learning.refined_motion import RefinedMotion, primitive_around
-from ..learning.refinement import RefinementOptions, refine
+from ..learning.refined_motion import RefinedMotion, demonstrated_distance, primitive_around
+from ..learning.refinement import refine
 from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
 from .common import check_motion_file, check_output, show, write_motion
@@ -25,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = (
         "Plan a motion or, with --via, a sequence, then improve it segment by segment. The "
-        "amplitude, the duration and the timing of a segment are changed."
+        "amplitude, the duration and the timing of a segment are changed. The command prints the "
+        "saving, and the RMS distance in path from what the demonstrations predict: before, after."
     )
     add_request(parser)
     parser.add_argument(
@@ -60,8 +61,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise LearningError(f"there is no motion to refine: {plan.message}")
     if planner.collision is not None and not planner.collision.has_geometry:
         complain(f"{PROGRAM} refine: {NOT_CHECKED.removeprefix('; ')}")
-    options = RefinementOptions(time_price=arguments.time_price)
-    found = refine(plan.motions, planner.robot, planner.limits, options, planner.collision)
+    problem = plan.motions, planner.robot, planner.limits, planner.collision
+    found = refine(*problem, time_price=arguments.time_price)
+    before, after = (
+        demonstrated_distance(motion, request.primitives)
+        for motion in (RefinedMotion(plan.motions), found.motion)
+    )
     facts = request.facts(found.trajectory) | {
         "in_span_score": plan.in_span_score,
         "primitive": ", ".join(primitive.name for primitive in request.primitives),
@@ -72,6 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
         "original_cost": found.original_cost,
         "cost": found.cost,
         "gain": found.gain,
+        "original_demonstrated_distance": before,
+        "demonstrated_distance": after,
         "original_effort_cost": found.original_effort,
         "effort_cost": found.effort,
         "iterations": found.iterations,

@@ -10,15 +10,15 @@ import select
 import sys
 import termios
 import tty
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from ..robot.model import Robot
-from ..teaching.dialogue import KEYS, PlayedBag, Record, SessionWords, hold_dialogue
-from ..teaching.session import TeachingSession
+from ..teaching.dialogue import KEYS, SessionWords, Source, hold_dialogue
+from ..teaching.session import TeachingSession, stored_states
 from .common import check_frame, check_output, fact_lines, reported
 from .main import run_command
 from .options import add_node, name_list
@@ -86,7 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     with Keys() as keys:
         session, is_finished = _taught(arguments, joints, keys, words)
         if not is_finished:
-            say(f"{session.recording} holds the recording; the same command continues it")
+            kept = f"{session.recording} holds the recording; the same command continues it"
+            say(kept if session.n_messages else "nothing was recorded")
             return DONE
         status = _build(arguments, session)
         is_live = status == DONE and arguments.play is None
@@ -100,34 +101,30 @@ def _taught(
     output = arguments.output
     is_whole = not arguments.joints  # all joints of the robot, also those of a gripper
     if arguments.play is not None:
-        played = PlayedBag(arguments.play, arguments.topic)
-        with TeachingSession(output, played.topic, joints, moving_only=is_whole) as session:
-            n_known = played.skip_until(session.joined_from(played.joint_names))
-            if n_known:
-                bag = session.recording
-                say(f"continued    {bag} already holds {n_known} of the messages to play")
-            return session, _dialogue(session, keys, words, played.feed)
+        topic, states = stored_states(arguments.play, arguments.topic)
+        with TeachingSession(output, topic, joints, moving_only=is_whole) as session:
+            new = [(stamp, data) for stamp, data in states if stamp > session.last_stamp]
+            if len(new) < len(states):
+                n_known = len(states) - len(new)
+                say(f"{session.recording} already holds {n_known} of the messages to play")
+            session.record(new)
+            return session, _is_built(session, None, keys, words)
     from ..ros.live_node import JointStateSource, full_topic_name
 
     topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
     taught = TeachingSession(output, topic, joints, moving_only=is_whole)
     with taught as session, JointStateSource(topic) as source:
         say(f"recording    {topic} into {session.recording}")
-        live = {"pause": source.pause, "silence": source.silence}
-        return session, _dialogue(session, keys, words, source.feed, **live)
+        return session, _is_built(session, source, keys, words)
 
 
-def _dialogue(
-    session: TeachingSession,
-    keys: Keys,
-    words: SessionWords,
-    feed: Callable[[Record], bool],
-    **live: Any,
+def _is_built(
+    session: TeachingSession, source: Source | None, keys: Keys, words: SessionWords
 ) -> bool:
     """Whether to build the primitive; Ctrl-C quits."""
     _say_now(KEYS)
     with suppress(KeyboardInterrupt):
-        return hold_dialogue(session, feed, keys.pressed, words, _say_now, **live)
+        return hold_dialogue(session, source, keys.pressed, words, _say_now)
     return False
 
 

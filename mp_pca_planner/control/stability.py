@@ -33,7 +33,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,11 +75,6 @@ class Stability:
         Least damping ratio of the poles.
     sampled_radius : float
         Largest magnitude of the poles of the sampled loop with its delay; below 1: stable.
-    loop_gain : float
-        cᵀH, summed over the intervals: below 1 the linear part is stable, however long the
-        motion, whatever the parameters are within their errors.
-    times : array, shape (n_samples,)
-        Instants of control [s].
     error_bound : array, shape (n_samples, n_joints), or None
         Bound on |q_d − q| at each; None if there is none.
     effort_bound : array, shape (n_samples, n_joints), or None
@@ -93,8 +87,6 @@ class Stability:
     slowest_pole: float
     least_damping: float
     sampled_radius: float
-    loop_gain: float
-    times: FloatArray
     error_bound: FloatArray | None
     effort_bound: FloatArray | None
     effort_reserve: float
@@ -103,19 +95,6 @@ class Stability:
     def holds(self) -> bool:
         """Whether there is a bound, and efforts can't saturate."""
         return self.error_bound is not None and self.effort_reserve >= 0.0
-
-    def summary(self) -> dict[str, Any]:
-        """Facts of JSON types."""
-        bound = None if self.error_bound is None else self.error_bound.max(axis=0).tolist()
-        return {
-            "slowest_pole": self.slowest_pole,
-            "least_damping": self.least_damping,
-            "sampled_radius": self.sampled_radius,
-            "loop_gain": self.loop_gain,
-            "error_bound": bound,
-            "effort_reserve": self.effort_reserve,
-            "bound_holds": self.holds,
-        }
 
 
 def analyse(control: ControlLoop, errors: ErrorModel) -> Stability:
@@ -133,30 +112,24 @@ def analyse(control: ControlLoop, errors: ErrorModel) -> Stability:
     RobotError
         If a moving link of the model has no valid inertia.
     """
-    model, limits = control.model, control.effort_limits
+    model = control.model
     model.require_inertias("statements on stability")
     loop = NominalLoop(control)
-    directions = _directions(model, errors)
-    known = _known_responses(loop, directions, errors)
-    gains = norm_gains, row_gains = _peak_gains(loop)
-    changes = _parameter_changes(loop, directions, errors)
-    loop_gain = float((norm_gains.sum(axis=1) @ changes.max(axis=0)).max())
+    changed = _changed_robots(model) if errors.inertia else []
+    known = _known_responses(loop, changed, errors)
+    gains = _peak_gains(loop)
+    changes = _parameter_changes(loop, changed, errors)
     rest = _rest(loop, control, errors, known, gains, changes)
-    slowest, damping, radius = _poles(loop)
     bound = effort_bound = None
-    reserve = _reserve(np.abs(loop.feedforward), limits)
+    efforts = np.abs(loop.feedforward)
     if rest is not None:
         n = model.n_joints
-        z = known[0] + np.einsum("ljc,j->lc", row_gains, rest)[loop.interval]
+        z = known[0] + np.einsum("ljc,j->lc", gains[1], rest)[loop.interval]
         bound = z[:, :n]
         feedback = np.einsum("kij,kj->ki", np.abs(loop.feedback), z[:, : 2 * n])
-        effort_bound = np.abs(loop.feedforward) + feedback
-        reserve = _reserve(effort_bound, limits)
-    return Stability(slowest, damping, radius, loop_gain, loop.times, bound, effort_bound, reserve)
-
-
-def _reserve(efforts: FloatArray, limits: FloatArray) -> float:
-    return float((1.0 - efforts / limits).min())
+        efforts = effort_bound = efforts + feedback
+    reserve = float((1.0 - efforts / control.effort_limits).min())
+    return Stability(*_poles(loop), bound, effort_bound, reserve)
 
 
 class NominalLoop:
@@ -227,30 +200,27 @@ def _poles(loop: NominalLoop) -> tuple[float, float, float]:
     """Largest real part, least damping ratio, and radius of the sampled poles."""
     n, delay = loop.n, loop.delay
     rows = np.unique(np.linspace(0, len(loop.times) - 1, _N_POLE_TIMES).astype(int))
-    slowest, damping, radius = -np.inf, np.inf, 0.0
-    for k in rows:
-        continuous = np.zeros((2 * n, 2 * n))
-        continuous[:n, n:] = np.eye(n)
-        continuous[n:] = loop.drift[k] - loop.mass_inverse[k] @ loop.feedback[k]
-        found = np.linalg.eigvals(continuous)
-        slowest = max(slowest, float(found.real.max()))
-        damping = min(damping, float((-found.real / np.abs(found)).min()))
-        # State: x, then the delayed efforts.
-        size = 2 * n + delay * n
-        sampled = np.zeros((size, size))
-        sampled[: 2 * n, : 2 * n] = loop.transition[k]
-        if delay == 0:
-            sampled[: 2 * n, : 2 * n] -= loop.input[k] @ loop.feedback[k]
-        else:
-            sampled[: 2 * n, 2 * n : 3 * n] = -loop.input[k]
-            sampled[2 * n : size - n, 3 * n :] = np.eye(size - 3 * n)
-            sampled[size - n :, : 2 * n] = loop.feedback[k]
-        radius = max(radius, float(np.abs(np.linalg.eigvals(sampled)).max()))
-    return slowest, damping, radius
+    transition, push, feedback = loop.transition[rows], loop.input[rows], loop.feedback[rows]
+    continuous = np.zeros((len(rows), 2 * n, 2 * n))
+    continuous[:, :n, n:] = np.eye(n)
+    continuous[:, n:] = loop.drift[rows] - loop.mass_inverse[rows] @ feedback
+    poles = np.linalg.eigvals(continuous)
+    # State: x, then the delayed efforts.
+    size = (2 + delay) * n
+    sampled = np.zeros((len(rows), size, size))
+    sampled[:, : 2 * n, : 2 * n] = transition
+    if delay == 0:
+        sampled -= push @ feedback
+    else:
+        sampled[:, : 2 * n, 2 * n : 3 * n] = -push
+        sampled[:, 2 * n : size - n, 3 * n :] = np.eye(size - 3 * n)
+        sampled[:, size - n :, : 2 * n] = feedback
+    radius = np.abs(np.linalg.eigvals(sampled)).max()
+    return float(poles.real.max()), float((-poles.real / np.abs(poles)).min()), float(radius)
 
 
 def _known_responses(
-    loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel
+    loop: NominalLoop, changed: Sequence[Robot], errors: ErrorModel
 ) -> tuple[FloatArray, FloatArray]:
     """Bounds on the responses to the disturbances that are known except for their factors.
 
@@ -261,10 +231,11 @@ def _known_responses(
     norms : array, shape (n_intervals, 3)
         Peaks of ‖e‖, ‖ė‖ and ‖ë‖ in each interval.
     """
-    n, pushes = loop.n, []
-    for robot, magnitude, _ in directions:
-        difference = robot.inverse_dynamics(*loop.middle) - loop.middle_efforts
-        pushes.append(magnitude * difference)
+    n = loop.n
+    pushes = [
+        errors.inertia * (robot.inverse_dynamics(*loop.middle) - loop.middle_efforts)
+        for robot in changed
+    ]
     # Efforts computed for one sample act `delay` samples later.
     computed = np.arange(len(loop.times)) - loop.delay
     pushes.append(loop.middle_efforts - loop.feedforward[np.maximum(computed, 0)])
@@ -287,34 +258,25 @@ def _known_responses(
     return values, np.maximum.reduceat(np.stack(norms, axis=1), loop.edges)
 
 
-_Direction = tuple[Robot, float, bool]
-"""A robot with one parameter changed by a unit, the largest error of that parameter, and whether
-the error is relative, as of a mass or moment of inertia of a link."""
-
-
-def _directions(model: Robot, errors: ErrorModel) -> list[_Direction]:
-    shape = model.link_inertias.parts.shape[:2]
-    ones = np.ones(shape)
-    units = np.eye(ones.size).reshape(-1, *shape)
-    found = [(model.with_link_inertias(ones + u), errors.inertia, True) for u in units]
-    if errors.payload > 0.0:
-        loaded = model.with_payload(1.0)
-        found.append((loaded, errors.payload, False))
-    return [(robot, magnitude, share) for robot, magnitude, share in found if magnitude > 0.0]
+def _changed_robots(model: Robot) -> list[Robot]:
+    """Robots with the mass, or one principal moment of inertia, of one link doubled."""
+    ones = np.ones(model.link_inertias.parts.shape[:2])
+    units = np.eye(ones.size).reshape(-1, *ones.shape)
+    return [model.with_link_inertias(ones + unit) for unit in units]
 
 
 def _parameter_changes(
-    loop: NominalLoop, directions: Sequence[_Direction], errors: ErrorModel
+    loop: NominalLoop, changed: Sequence[Robot], errors: ErrorModel
 ) -> FloatArray:
     """Vector c of the module docstring: norms of ΔG, ΔC and ΔM, shape (n_intervals, 3)."""
     n = loop.n
     change = np.zeros((len(loop.times), 3))
     root = loop.inverse_root[:, None]
-    for robot, magnitude, is_share in directions:
+    for robot in changed:
         _, linear = robot.inverse_dynamics_derivatives(*loop.middle)
         difference = (linear - loop.linear).reshape(-1, n, 3, n).transpose(0, 2, 1, 3)
         norms = np.linalg.norm(root @ difference @ root, 2, axis=(2, 3))
-        change += magnitude * norms * ([1.0, 1.0, 0.0] if is_share else 1.0)
+        change[:, :2] += errors.inertia * norms[:, :2]
     change[:, 2] += errors.inertia  # −δM̂ ≤ ΔM ≤ δM̂ for the parts of all links together
     return np.asarray(np.maximum.reduceat(change, loop.edges))
 
@@ -402,7 +364,7 @@ def _rest(
 
 def _friction(loop: NominalLoop, errors: ErrorModel) -> FloatArray:
     """Largest norm of friction of any direction in each interval, shape (n_intervals,)."""
-    sizes = np.broadcast_to(errors.friction or 0.0, (loop.n,))
+    sizes = np.broadcast_to(errors.friction, (loop.n,))
     squares = np.einsum("i,kij,j->k", sizes, np.abs(loop.mass_inverse), sizes)
     return np.asarray(np.maximum.reduceat(np.sqrt(squares), loop.edges))
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..arrays import FloatArray, frozen_array, set_frozen
-from ..control.law import with_gains_only
+from ..control.law import without_bound
 from ..exceptions import LearningError, PlannerError
 from ..motion.interpolation import hermite_functions, quintics
 from ..motion.trajectory import Trajectory
@@ -38,6 +38,7 @@ from ..primitives.basis import (
     legendre_derivatives,
     legendre_values,
 )
+from ..primitives.differences import FINE_PHASES, expected_motion, path_difference
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.timing import time_scaling
 from ..robot.model import Robot
@@ -234,6 +235,24 @@ def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) 
     return np.asarray(by_phase / duration ** np.arange(4.0)[:, None, None])
 
 
+def demonstrated_distance(motion: RefinedMotion, primitives: Sequence[MovementPrimitive]) -> float:
+    """Distance of a motion from what its primitives predict between the ends of its segments.
+
+    The predictions are what would be demonstrated. The distance is the RMS over the paths, the
+    joints and the segments [rad or m]; the timing does not count.
+    """
+    squares = []
+    for segment, part, primitive in zip(
+        motion.segments, motion.parameters, primitives, strict=True
+    ):
+        alone = RefinedMotion([segment], part)
+        path, _, _ = alone.evaluate(alone.duration * FINE_PHASES)
+        ends = segment.start.positions, segment.goal.positions
+        expected = expected_motion(primitive, *ends, alone.duration)
+        squares.append(path_difference(path, expected) ** 2)
+    return float(np.sqrt(np.mean(squares)))
+
+
 def primitive_around(
     primitive: MovementPrimitive, motion: RefinedMotion, name: str, provenance: Mapping[str, Any]
 ) -> MovementPrimitive:
@@ -275,12 +294,14 @@ def primitive_around(
     expected = model.predict(start, goal, motion.duration)
     beyond = np.tensordot(expected.weights, primitive.component_coefficients, axes=1)
     mean = _shape_coefficients(motion, primitive, expected.pace, phases) - beyond
+    # The errors of left-out motions are those of the original.
+    metadata = without_bound(primitive.metadata) | {"left_out_error": None}
+    metadata.pop("minimum_jerk_error", None)
     moved = legendre_values(mean - primitive.mean_coefficients, phases)
     return replace(
         primitive,
         name=name,
-        metadata=with_gains_only(primitive.metadata)
-        | {"refined_from": {"name": primitive.name, **provenance}},
+        metadata=metadata | {"refined_from": {"name": primitive.name, **provenance}},
         mean_coefficients=mean,
         durations=primitive.durations * slower,
         # The triangle inequality: the old residual, and the displacement of the mean.

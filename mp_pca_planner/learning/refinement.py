@@ -14,8 +14,8 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, minimize
 
-from ..arrays import FloatArray
-from ..exceptions import GoalError, TrajectoryError
+from ..arrays import FloatArray, check_number
+from ..exceptions import LearningError, TrajectoryError
 from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_executable, check_limits
@@ -61,41 +61,6 @@ _NEAR = 0.4
 _N_PHASES = 40
 # Step of the central differences by a parameter.
 _STEP = 1e-5
-
-
-@dataclass(frozen=True)
-class RefinementOptions:
-    """Options of refinement and of learning by trials.
-
-    Attributes
-    ----------
-    time_price : float or None
-        Cost of a second, in units of the effort ½∫‖τ‖²dt a second. None keeps the total
-        duration; segments may still trade time with each other.
-    sample_period : float
-        Time between the points of the trajectory [s].
-    allow_nonzero_end_velocity : bool
-        Whether the controller accepts motions that don't end at rest.
-    seed : int
-        Seed of the trials: the same seed and costs give the same trials.
-
-    Raises
-    ------
-    GoalError
-        If an option is out of its range.
-    """
-
-    time_price: float | None = None
-    sample_period: float = 0.01
-    allow_nonzero_end_velocity: bool = False
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        price = self.time_price
-        if price is not None and not (np.isfinite(price) and price >= 0.0):
-            raise GoalError(f"time_price must be a number ≥ 0, got {price}")
-        if not 1e-4 <= self.sample_period <= 1.0:
-            raise GoalError(f"sample_period must be 0.0001 to 1 s, got {self.sample_period}")
 
 
 def parameter_bounds(n_segments: int) -> FloatArray:
@@ -155,8 +120,10 @@ def refine(
     segments: Sequence[Motion],
     robot: Robot,
     limits: JointLimits,
-    options: RefinementOptions = RefinementOptions(),
     collision: CollisionModel | None = None,
+    *,
+    time_price: float | None = None,
+    sample_period: float = 0.01,
 ) -> Refinement:
     """Scale and warp a motion, or several joined ones, to the least cost within the limits.
 
@@ -168,11 +135,14 @@ def refine(
         The model.
     limits : JointLimits
         Limits of the joints.
-    options : RefinementOptions
-        Bounds, price of time and sampling.
     collision : CollisionModel, optional
         Collision model of the same robot. Pairs of bodies in which refinements collide are kept
         apart as in planning.
+    time_price : float, optional
+        Cost of a second, in units of the effort ½∫‖τ‖²dt a second. By default the total duration
+        is kept; segments may still trade time with each other.
+    sample_period : float
+        Time between the points of the trajectory [s].
 
     Returns
     -------
@@ -181,13 +151,17 @@ def refine(
 
     Raises
     ------
+    LearningError
+        If the price of time is no number of at least 0.
     TrajectoryError
         If the original motion is not executable.
     RobotError
         If a moving link of the robot has no valid inertia.
     """
+    if time_price is not None:
+        check_number(time_price, "time_price", LearningError, 0.0)
     robot.require_inertias("refinements")
-    judge = ExecutableMotions(segments, robot, limits, options, collision)
+    judge = ExecutableMotions(segments, robot, limits, collision, time_price, sample_period)
     original = RefinedMotion(segments)
     best = judge.accept(original)
     original_cost = best_cost = judge.cost(original)
@@ -204,7 +178,7 @@ def refine(
         visited.append(found.x)
     for factor in (1.0, *_RETREATS):
         candidate = RefinedMotion(segments, factor * found.x)
-        if options.time_price is None:
+        if time_price is None:
             candidate = candidate.lasting(original.duration)
         cost = judge.cost(candidate)
         if cost < best_cost:
@@ -217,37 +191,24 @@ def refine(
 
 @dataclass(frozen=True, eq=False)
 class ExecutableMotions:
-    """The validator for refinements of one motion.
-
-    Attributes
-    ----------
-    segments : sequence of Motion
-        The original motion.
-    robot : Robot
-        The model.
-    limits : JointLimits
-        Limits of the joints.
-    options : RefinementOptions
-        Sampling of trajectories.
-    collision : CollisionModel or None
-        Collision model of the same robot.
-    """
+    """The validator for refinements of one motion, see :func:`refine`."""
 
     segments: Sequence[Motion]
     robot: Robot
     limits: JointLimits
-    options: RefinementOptions
     collision: CollisionModel | None = None
+    time_price: float | None = None
+    sample_period: float = 0.01
 
     def cost(self, motion: RefinedMotion) -> float:
         """Effort of a motion [N²·m²·s], plus the price of its duration."""
-        return motion.effort(self.robot) + (self.options.time_price or 0.0) * motion.duration
+        return motion.effort(self.robot) + (self.time_price or 0.0) * motion.duration
 
     def examine(
         self, motion: RefinedMotion
     ) -> tuple[Trajectory, LimitCheck, tuple[Collision, ...]]:
         """The points of a motion, their comparison with the limits, and collisions if checked."""
-        trajectory = motion.sample(self.robot, self.options.sample_period)
+        trajectory = motion.sample(self.robot, self.sample_period)
         collisions = self.collision.collisions(trajectory) if self.collision else ()
         return trajectory, check_limits(trajectory, self.robot, self.limits), collisions
 
@@ -260,10 +221,7 @@ class ExecutableMotions:
             If it violates a limit or a rule of the controller, or bodies collide.
         """
         trajectory, check, collisions = self.examine(motion)
-        allowed = self.options.allow_nonzero_end_velocity
-        check_executable(
-            trajectory, check, self.segments[0].start, allow_nonzero_end_velocity=allowed
-        )
+        check_executable(trajectory, check, self.segments[0].start)
         if collisions:
             raise TrajectoryError(str(collisions[0]))
         return AcceptedMotion(motion, trajectory, check)
@@ -298,7 +256,7 @@ def _minimise(
             "jac": lambda x: kept.jacobian(x)[near],
         }
     ]
-    if judge.options.time_price is None:
+    if judge.time_price is None:
         shares = np.array([segment.duration for segment in segments])
         shares /= shares.sum()
         constraints.append(

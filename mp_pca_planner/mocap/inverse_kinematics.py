@@ -154,7 +154,8 @@ class MarkerProblem:
         )
         self._seen: BoolArray = np.asarray(np.isfinite(targets).all(axis=2))
         self._targets = np.where(self._seen[..., None], targets, 0.0)
-        self._weights = np.array([m.weight for m in markers])
+        # Roots of the weights, 0 where a marker is missing; shape (n_frames, n_markers).
+        self.scale = np.where(self._seen, np.sqrt([m.weight for m in markers]), 0.0)
         self.lower, self.upper = robot.limits().lower, robot.limits().upper
         self.smoothness = smoothness
 
@@ -234,14 +235,10 @@ class MarkerProblem:
             Their derivatives by the joints.
         """
         points, jacobians = self._points.positions_and_jacobians(q)
-        scale = self.scale(frames)
+        scale = self.scale[frames]
         errors = (points - self._targets[frames]) * scale[..., None]
         jacobians *= scale[..., None, None]
         return errors.reshape(len(q), -1), jacobians.reshape(len(q), -1, self.n_joints)
-
-    def scale(self, frames: Sequence[int] | NDArray[np.int64]) -> FloatArray:
-        """Roots of the weights, 0 where a marker is missing; shape (n_chosen_frames, n_markers)."""
-        return np.asarray(self._seen[frames] * np.sqrt(self._weights), dtype=np.float64)
 
     def starts(self) -> FloatArray:
         """Configurations to start from: all joints near zero, then at random within the limits."""
@@ -471,7 +468,12 @@ def fit_origins(
     start = np.zeros(len(columns))
     limits = _LAST_ORIGIN_STEP, _MAX_ORIGIN_STEPS
     change, _ = minimise(start, linearise, _strong_step, bounds, *limits)
-    return _with_origins(urdf, fitted(change)), _notes(joints, fitted(change))
+    notes = tuple(
+        f"joint '{name}' fits the markers best at ({_millimetres(origin)}) mm in its parent link; "
+        f"the URDF has it at ({_millimetres(joints[name][2])}) mm"
+        for name, origin in fitted(change).items()
+    )
+    return _with_origins(urdf, fitted(change)), notes
 
 
 def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Linearised:
@@ -486,7 +488,7 @@ def _reduced(problem: MarkerProblem, q: FloatArray, effects: FloatArray) -> Line
     """
     frames = np.arange(len(q))
     errors, jacobians = problem.weighted(frames, q)
-    effects = effects * problem.scale(frames)[..., None, None]
+    effects = effects * problem.scale[frames][..., None, None]
     removed = jacobians @ np.linalg.pinv(jacobians, rcond=_MIN_EFFECT)
     rest = np.eye(errors.shape[1]) - removed
     matrix = (rest @ effects.reshape(*errors.shape, -1)).reshape(-1, effects.shape[-1])
@@ -522,8 +524,7 @@ def _with_origins(urdf: str, origins: Mapping[str, FloatArray]) -> str:
         position = origins.get(joint.get("name", ""))
         if position is not None:
             origin = joint.find("origin")
-            if origin is None:
-                origin = ET.SubElement(joint, "origin")
+            origin = ET.SubElement(joint, "origin") if origin is None else origin
             origin.set("xyz", " ".join(repr(float(x)) for x in position))
     return ET.tostring(root, encoding="unicode")
 
@@ -556,14 +557,6 @@ def _turned(robot: Robot, q: FloatArray, columns: Sequence[tuple[str, FloatArray
     tips, _ = robot.attach_points(links, directions).positions_and_jacobians(q)
     origins, _ = robot.attach_points(links, 0.0 * directions).positions_and_jacobians(q)
     return tips - origins
-
-
-def _notes(joints: Mapping[str, _Joint], origins: Mapping[str, FloatArray]) -> tuple[str, ...]:
-    return tuple(
-        f"joint '{name}' fits the markers best at ({_millimetres(origin)}) mm in its parent link; "
-        f"the URDF has it at ({_millimetres(joints[name][2])}) mm"
-        for name, origin in origins.items()
-    )
 
 
 def _millimetres(position: FloatArray) -> str:

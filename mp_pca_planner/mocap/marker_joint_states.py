@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -85,10 +86,34 @@ def marker_source(
     chosen = read_marker_map(marker_map)
     text = read_text(urdf)
     check_fits(text, chosen)
-    on_base, moved = _split(robot, chosen)
-    _refuse_loose_base(chosen, on_base)
-    _refuse_open_joints(robot, chosen, moved)
+    is_moved = [_is_moved(robot, marker.link) for marker in chosen.markers]
+    on_base = tuple(compress(chosen.markers, np.logical_not(is_moved)))
+    moved = tuple(compress(chosen.markers, is_moved))
+    points = np.array([marker.position for marker in on_base]).reshape(-1, 3)
+    if chosen.base != "identity" and not fix_a_pose(points, np.ones((1, len(on_base))))[0]:
+        raise RecordingError(
+            f"{chosen.source}: the markers on the base ({quote_names(m.name for m in on_base)}) "
+            "don't fix its pose: at least 3 that are not on one line are needed, or "
+            "'base: identity' if markers are recorded in its frame"
+        )
+    loose = list(robot.joint_names)
+    if moved:
+        problem = MarkerProblem(robot, moved, np.zeros((1, len(moved), 3)))
+        found = problem.open_joints(np.ones(len(moved), dtype=bool))
+        loose = [robot.joint_names[joint] for joint in found]
+    if loose:
+        raise RecordingError(
+            f"{chosen.source}: the markers leave the joints {quote_names(loose)} open: add markers "
+            "on the links that they move, or choose the joints without them"
+        )
     return MarkerSource(topic, text, robot.joint_names, on_base, moved, chosen)
+
+
+def _is_moved(robot: Robot, link: str) -> bool:
+    """Whether a joint moves a link: a single point may be on the axis of a joint, but not three."""
+    attached = robot.attach_points([link] * 3, np.eye(3))
+    _, jacobians = attached.positions_and_jacobians(np.zeros((1, robot.n_joints)))
+    return bool(np.abs(jacobians).max() > 1e-9)
 
 
 def solve_trajectories(
@@ -116,72 +141,44 @@ def solve_trajectories(
     RecordingError
         If no frame has the markers that are needed.
     """
-    n_base = len(source.on_base)
     measured, base_residuals = _in_base_frame(recorded.positions, source)
-    targets = measured[:, n_base:]
+    targets = measured[:, len(source.on_base) :]
     urdf, fits = _fitted_model(source, targets)
     robot = Robot(urdf, source.joint_names)
     problem = MarkerProblem(robot, source.moved, targets)
     determined = problem.determined()
+    absent = np.count_nonzero(~np.isfinite(recorded.positions).all(axis=2), axis=0)
+    missing = {name: n for name, n in zip(recorded.names, absent, strict=True) if n}
     if not determined.any():
         raise RecordingError(
             f"in none of the {len(targets)} frames are enough markers seen at a time; missing are "
-            + ", ".join(f"'{name}' in {count}" for name, count in _missing(recorded).items())
+            + ", ".join(f"'{name}' in {count}" for name, count in missing.items())
         )
     q = solve(problem, _period(recorded))
     frames = np.flatnonzero(determined)
     residuals = np.hstack([base_residuals[frames], problem.residuals(frames, q[frames])])
     found = {name: _summary(r) for name, r in zip(recorded.names, residuals.T, strict=True)}
-    notes = (*recorded.notes, _residual_note(found), *fits, *_notes(recorded, robot, q))
+    figures = ", ".join(
+        f"'{name}' {1000.0 * r.median:.2f} and {1000.0 * r.percentile_95:.2f}"
+        for name, r in found.items()
+        if r.n_frames
+    )
     joint_states = RawJointStates(
         topic=recorded.topic,
         header_stamps=recorded.header_stamps,
         receive_stamps=recorded.receive_stamps,
         layouts=(JointLayout(source.joint_names, np.arange(len(q), dtype=np.int64), q),),
         n_malformed=0,
-        notes=notes,
+        notes=(
+            *recorded.notes,
+            f"distances of the markers from the model's, median and 95 % [mm]: {figures}",
+            *fits,
+            *(f"marker '{x}' is missing in {n} of {len(q)} frames" for x, n in missing.items()),
+            *_notes(robot, q),
+        ),
         computed=True,
     )
     return joint_states, found
-
-
-def _split(
-    robot: Robot, chosen: MarkerMap
-) -> tuple[tuple[MarkerPlacement, ...], tuple[MarkerPlacement, ...]]:
-    """Markers on links that no joint moves, and the others."""
-    moves: dict[str, bool] = {}
-    for link in {m.link for m in chosen.markers}:
-        # A single point may be on the axis of a joint, but not three.
-        attached = robot.attach_points([link] * 3, np.eye(3))
-        _, jacobians = attached.positions_and_jacobians(np.zeros((1, robot.n_joints)))
-        moves[link] = bool(np.abs(jacobians).max() > 1e-9)
-    on_base = tuple(m for m in chosen.markers if not moves[m.link])
-    return on_base, tuple(m for m in chosen.markers if moves[m.link])
-
-
-def _refuse_loose_base(chosen: MarkerMap, on_base: Sequence[MarkerPlacement]) -> None:
-    if chosen.base == "identity":
-        return
-    points = np.array([m.position for m in on_base]).reshape(-1, 3)
-    if not fix_a_pose(points, np.ones((1, len(on_base))))[0]:
-        raise RecordingError(
-            f"{chosen.source}: the markers on the base ({quote_names(m.name for m in on_base)}) "
-            "don't fix its pose: at least 3 that are not on one line are needed, or "
-            "'base: identity' if markers are recorded in its frame"
-        )
-
-
-def _refuse_open_joints(robot: Robot, chosen: MarkerMap, moved: Sequence[MarkerPlacement]) -> None:
-    loose = robot.joint_names
-    if moved:
-        problem = MarkerProblem(robot, moved, np.zeros((1, len(moved), 3)))
-        found = problem.open_joints(np.ones(len(moved), dtype=bool))
-        loose = tuple(robot.joint_names[joint] for joint in found)
-    if loose:
-        raise RecordingError(
-            f"{chosen.source}: the markers leave the joints {quote_names(loose)} open: add markers "
-            "on the links that they move, or choose the joints without them"
-        )
 
 
 def _in_base_frame(positions: FloatArray, source: MarkerSource) -> tuple[FloatArray, FloatArray]:
@@ -223,13 +220,6 @@ def _fitted_model(source: MarkerSource, targets: FloatArray) -> tuple[str, tuple
     return fit_origins(source.urdf, source.joint_names, source.moved, fits, targets[whole])
 
 
-def _missing(recorded: MarkerTrajectories) -> dict[str, int]:
-    """Number of frames without each marker, by name; only of markers that are missing at all."""
-    absent = ~np.isfinite(recorded.positions).all(axis=2)
-    counts = zip(recorded.names, absent.sum(axis=0).tolist(), strict=True)
-    return {name: count for name, count in counts if count}
-
-
 def _period(recorded: MarkerTrajectories) -> float:
     """Usual time from one frame to the next [s]; not less than joint states may have."""
     headers = recorded.header_stamps
@@ -247,32 +237,20 @@ def _summary(distances: FloatArray) -> MarkerResidual:
     return MarkerResidual(float(np.median(seen)), float(np.percentile(seen, 95.0)), int(seen.size))
 
 
-def _residual_note(residuals: dict[str, MarkerResidual]) -> str:
-    figures = ", ".join(
-        f"'{name}' {1000.0 * r.median:.2f} and {1000.0 * r.percentile_95:.2f}"
-        for name, r in residuals.items()
-        if r.n_frames
-    )
-    return f"distances of the markers from the model's, median and 95 % [mm]: {figures}"
-
-
-def _notes(recorded: MarkerTrajectories, robot: Robot, q: FloatArray) -> list[str]:
-    notes = [
-        f"marker '{name}' is missing in {count} of {len(q)} frames"
-        for name, count in _missing(recorded).items()
-    ]
-    solved = np.asarray(np.isfinite(q).all(axis=1))
-    if not solved.all():
+def _notes(robot: Robot, q: FloatArray) -> list[str]:
+    """What is unusual about the joint positions."""
+    notes, n_unsolved = [], np.count_nonzero(~np.isfinite(q).all(axis=1))
+    if n_unsolved:
         notes.append(
-            f"{np.count_nonzero(~solved)} of {len(q)} frames lack markers that the joints need: "
-            "they count as non_finite"
+            f"{n_unsolved} of {len(q)} frames lack markers that the joints need: they count as "
+            "non_finite"
         )
     limits = robot.limits()
-    at_limit = np.asarray((q <= limits.lower + 1e-6) | (q >= limits.upper - 1e-6))
+    at_limit = (q <= limits.lower + 1e-6) | (q >= limits.upper - 1e-6)
     notes += [
         f"joint '{name}' is at its limit in {count} of {len(q)} frames: its range may be too "
         "small, or a marker not at its place in the marker map"
-        for name, count in zip(robot.joint_names, at_limit.sum(axis=0).tolist(), strict=True)
+        for name, count in zip(robot.joint_names, at_limit.sum(axis=0), strict=True)
         if count
     ]
     return notes

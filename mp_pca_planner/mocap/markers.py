@@ -12,22 +12,22 @@ its own samples, which are interpolated at the stamps of the marker with most sa
 from __future__ import annotations
 
 from array import array
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import InitVar, dataclass, field
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..arrays import FloatArray, frozen_array, set_frozen
+from ..arrays import FloatArray, frozen_array
 from ..exceptions import RecordingError, quote_names, unknown_name
-from ..files import load_yaml, read_text, reading
+from ..files import check_form, load_yaml, read_text, reading
 from ..input_limits import INPUT_LIMITS
-from ..recordings.bags import MARKER_ARRAY, Bag, Stored, open_bag
+from ..recordings.bags import MARKER_ARRAY, Bag, open_bag
 from ..recordings.joint_states import NS_PER_S, IntArray
 
 BaseMotion = Literal["moving", "identity"]
@@ -39,8 +39,10 @@ OriginFit = Literal["position", "length"]
 ORIGIN_FITS: tuple[OriginFit, ...] = get_args(OriginFit)
 """Fitted part of a joint's origin in its parent link: its position, or its distance only."""
 
+Point = tuple[float, float, float]
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True)
 class MarkerPlacement:
     """A marker on a link.
 
@@ -50,39 +52,28 @@ class MarkerPlacement:
         Name in reports.
     link : str
         The link that it is attached to.
-    position : array, shape (3,)
+    position : tuple of 3 floats
         Position in the link's frame [m].
     weight : float
         Weight of its squared distance, over 0.
     body : str
         Name in the recording; its own name unless given.
-    offset : array, shape (3,)
+    offset : tuple of 3 floats
         Position of the marker in the recorded body's own frame [m]. A body that is recorded with
         its orientation gives any number of markers.
-
-    Raises
-    ------
-    RecordingError
-        If a position has another shape or is not finite, or the weight is not positive.
     """
 
     name: str
     link: str
-    position: FloatArray
+    position: Point
     weight: float = 1.0
     body: str = ""
-    offset: FloatArray = field(default_factory=lambda: np.zeros(3))
-    where: InitVar[str] = "marker map"
+    offset: Point = (0.0, 0.0, 0.0)
 
-    def __post_init__(self, where: str) -> None:
-        set_frozen(self, body=self.body or self.name)
-        for field_, shape in (("position", (3,)), ("offset", (3,)), ("weight", ())):
-            what = f"{where}: {field_} of marker '{self.name}'"
-            values = frozen_array(getattr(self, field_), shape, what, RecordingError)
-            set_frozen(self, **{field_: values})
-        if not self.weight > 0.0:
-            raise RecordingError(f"{what} is {self.weight:g}, but it must be positive")
-        set_frozen(self, weight=float(self.weight))
+    @property
+    def recorded_name(self) -> str:
+        """Name in the recording."""
+        return self.body or self.name
 
 
 @dataclass(frozen=True)
@@ -108,6 +99,16 @@ class MarkerMap:
     source: str = "marker map"
 
 
+_MARKER = {
+    "link": str,
+    "position": [float],
+    "weight?": float,
+    "body?": (str, int, type(None)),
+    "offset?": [float],
+}
+_MAP = {"markers": {str: _MARKER}, "base?": str, "fit_origins?": {str: str}}
+
+
 def read_marker_map(path: str | Path) -> MarkerMap:
     """Read a marker map from a YAML file.
 
@@ -123,41 +124,38 @@ def read_marker_map(path: str | Path) -> MarkerMap:
     where = f"marker map '{path}'"
     with reading(f"the {where}", RecordingError):
         content = load_yaml(read_text(path))
-        if not isinstance(content, dict) or not isinstance(content.get("markers"), dict):
-            raise RecordingError(
-                f"the {where} must hold a mapping 'markers' from names to links and positions"
-            )
-        for key in content:
-            _one_of(key, "key", ("base", "fit_origins", "markers"), where)
-        base = content.get("base", "moving")
-        fits = content.get("fit_origins", {})
-        if not isinstance(fits, dict):
-            raise RecordingError(f"{where}: fit_origins must map joints to 'position' or 'length'")
+        if isinstance(content, dict) and isinstance(content.get("markers"), dict):
+            content["markers"] = {str(name): x for name, x in content["markers"].items()}
+        check_form(content, _MAP, "it")
+        _known_only(content, _MAP, "key", where)
+        base, fits = content.get("base", "moving"), content.get("fit_origins", {})
+        _known_only([base], BASE_MOTIONS, "motion of the base", where)
         for joint, fit in fits.items():
-            _one_of(fit, f"fit of the origin of joint '{joint}'", ORIGIN_FITS, where)
-        return MarkerMap(
-            tuple(_placement(str(name), e, where) for name, e in content["markers"].items()),
-            _one_of(base, "motion of the base", BASE_MOTIONS, where),
-            {str(joint): fit for joint, fit in fits.items()},
-            where,
-        )
+            _known_only([fit], ORIGIN_FITS, f"fit of the origin of joint '{joint}'", where)
+        markers = tuple(_placement(name, x, where) for name, x in content["markers"].items())
+    return MarkerMap(markers, base, fits, where)
 
 
-def _placement(name: str, entry: Any, where: str) -> MarkerPlacement:
-    if not isinstance(entry, dict) or not {"link", "position"} <= entry.keys():
-        raise RecordingError(f"{where}: marker '{name}' must have a link and a position in it")
-    for key in entry:
-        valid = ("link", "position", "weight", "body", "offset")
-        _one_of(key, f"key of marker '{name}'", valid, where)
-    body = entry.get("body")
-    texts = {"link": str(entry["link"]), "body": "" if body is None else str(body)}
-    return MarkerPlacement(name, where=where, **{**entry, **texts})
+def _placement(name: str, entry: dict[str, Any], where: str) -> MarkerPlacement:
+    _known_only(entry, _MARKER, f"key of marker '{name}'", where)
+    points = (
+        frozen_array(entry.get(key, [0.0] * 3), (3,), f"{where}: {key} of '{name}'", RecordingError)
+        for key in ("position", "offset")
+    )
+    position, offset = (tuple(point.tolist()) for point in points)
+    weight, body = float(entry.get("weight", 1.0)), entry.get("body")
+    if not 0.0 < weight < np.inf:
+        raise RecordingError(f"{where}: weight of '{name}' is {weight:g}, but must be over 0")
+    return MarkerPlacement(
+        name, entry["link"], position, weight, "" if body is None else str(body), offset
+    )
 
 
-def _one_of(value: Any, kind: str, valid: tuple[Any, ...], where: str) -> Any:
-    if value not in valid:
-        raise RecordingError(f"{where}: {unknown_name(kind, str(value), valid)}")
-    return value
+def _known_only(values: Iterable[str], known: Iterable[str], kind: str, where: str) -> None:
+    valid = [name.removesuffix("?") for name in known]
+    for value in values:
+        if value not in valid:
+            raise RecordingError(f"{where}: {unknown_name(kind, str(value), valid)}")
 
 
 # Largest time between samples, in usual periods, within which a marker counts as present.
@@ -195,12 +193,16 @@ class MarkerTrajectories:
     notes: tuple[str, ...] = ()
 
 
-BodySamples = tuple[IntArray, FloatArray, str]
-"""Recorded poses of one body.
+class _Samples(NamedTuple):
+    """Recorded poses of one body.
 
-The header stamps and times of reception [ns], shape (n_samples, 2); the positions [m] and
-quaternions (x, y, z, w), which may be 0, shape (n_samples, 7); the frame in which they are given.
-"""
+    The header stamps and times of reception [ns], shape (n_samples, 2); the positions [m] and
+    quaternions (x, y, z, w), which may be 0, shape (n_samples, 7); the frame in which they are.
+    """
+
+    stamps: IntArray
+    poses: FloatArray
+    frame: str
 
 
 def read_markers(
@@ -235,97 +237,83 @@ def read_markers(
     with open_bag(path, salvage=salvage) as bag:
         samples = _read_samples(bag, topic)
         notes = bag.notes
-    bodies = {m.body: _chosen(samples, m, path) for m in markers}
-    _refuse_mixed_frames(bodies)
-    header, receive, poses = _assemble(bodies)
-    return MarkerTrajectories(
-        topic,
-        tuple(m.name for m in markers),
-        header,
-        receive,
-        np.stack([_point(poses[m.body], m) for m in markers], axis=1),
-        notes,
-    )
+    bodies: dict[str, _Samples] = {}
+    frames = defaultdict[str, list[str]](list)
+    for name in dict.fromkeys(marker.recorded_name for marker in markers):
+        if name not in samples:
+            raise RecordingError(unknown_name("recorded marker", name, sorted(samples)))
+        bodies[name] = samples[name]
+        if not _has_position(bodies[name].poses).any():
+            raise RecordingError(f"marker '{name}' has no finite position in '{path}'")
+        frames[bodies[name].frame].append(name)
+    if len(frames) > 1:
+        listed = "; ".join(f"'{frame}': {quote_names(own)}" for frame, own in frames.items())
+        raise RecordingError(
+            f"the markers are given in different frames ({listed}), but must be in one"
+        )
+    stamps, poses = _assemble(bodies)
+    points = [_point(poses[marker.recorded_name], marker) for marker in markers]
+    names = tuple(marker.name for marker in markers)
+    times = stamps[:, 0].copy(), stamps[:, 1].copy()
+    return MarkerTrajectories(topic, names, *times, np.stack(points, axis=1), notes)
 
 
-def _read_samples(bag: Bag, topic: str) -> dict[str, BodySamples]:
+def _read_samples(bag: Bag, topic: str) -> dict[str, _Samples]:
     """Samples of all bodies on a topic, or on the topics below it."""
-    named = {item.type: item for item in bag.topics if item.name == topic}
-    if MARKER_ARRAY in named:
-        return _marker_array(bag, bag.messages([named[MARKER_ARRAY]]))
-    frames = [named[kind] for kind in TF_TYPES if kind in named]
-    return _bodies(bag, {}, bag.messages(frames)) if frames else _read_topics(bag, topic)
-
-
-def _marker_array(bag: Bag, stored: Iterator[Stored]) -> dict[str, BodySamples]:
-    """Poses in all messages, NaN where a marker is not in the message."""
-    stamps, several = array("q"), set[str]()
-    # Frame and poses by namespace and id, in flat arrays: a long recording needs little more
-    # memory than these.
-    found: dict[tuple[str, int], tuple[str, array[float]]] = {}
-    for row, (source, receive, data) in enumerate(stored):
-        header = 0
-        in_message: set[tuple[str, int]] = set()
-        for marker in bag.deserialise(source, data).markers:
-            # Only added arrows, cubes, spheres and cylinders are at one place.
-            if marker.action != 0 or marker.type not in range(4):
-                continue
-            key = str(marker.ns), int(marker.id)
-            in_message.add(key)
-            header = header or _nanoseconds(marker.header.stamp)
-            _, poses = found.setdefault(key, (str(marker.header.frame_id), array("d")))
-            _fill(poses, row)
-            poses[7 * row :] = array("d", _pose(marker.pose.position, marker.pose.orientation))
-        spaces = Counter(space for space, _ in in_message)
-        several.update(space for space, count in spaces.items() if count > 1)
-        stamps.extend((header, receive))
-    all_stamps = np.array(stamps).reshape(-1, 2)
-    samples: dict[str, BodySamples] = {}
-    for (space, number), (frame, poses) in found.items():
-        _fill(poses, len(all_stamps))
-        new = np.array(poses).reshape(-1, 7)
-        name = f"{space}/{number}" if space in several else space or str(number)
-        _, own, _ = samples.setdefault(name, (all_stamps, new, frame))
-        seen = ~np.isnan(new).all(axis=1)
-        own[seen] = new[seen]
-    return samples
-
-
-def _fill(poses: array[float], n_rows: int) -> None:
-    """Fill the poses of a marker with NaN up to a number of rows."""
-    poses.extend([np.nan] * (7 * n_rows - len(poses)))
-
-
-def _pose(position: Any, orientation: Any = None) -> tuple[float, ...]:
-    """Position and quaternion of a message; the quaternion is 0 if there is none."""
-    q = (0.0,) * 4
-    if orientation is not None:
-        q = orientation.x, orientation.y, orientation.z, orientation.w
-    return position.x, position.y, position.z, *q
-
-
-def _read_topics(bag: Bag, pattern: str) -> dict[str, BodySamples]:
-    wildcard = pattern if "*" in pattern else f"{pattern.rstrip('/')}/*"
+    on_topic = [found for found in bag.topics if found.name == topic]
+    if arrays := [found for found in on_topic if found.type == MARKER_ARRAY]:
+        messages = ((t, bag.deserialise(source, x)) for source, t, x in bag.messages(arrays))
+        return _marker_array(messages)
+    if chosen := [found for found in on_topic if found.type in TF_TYPES]:
+        return _bodies(bag, chosen, lambda _: "")
+    wildcard = topic if "*" in topic else f"{topic.rstrip('/')}/*"
     before, _, after = wildcard.partition("*")
     chosen = [t for t in bag.topics if t.type in (POINT, POSE) and fnmatchcase(t.name, wildcard)]
     if not chosen:
         kinds = (MARKER_ARRAY, POINT, POSE, *TF_TYPES)
         good = [f"'{t.name}' ({t.type})" for t in bag.topics if t.type in kinds]
         raise RecordingError(
-            f"there are no markers on '{pattern}', nor points or poses on topics below it; topics "
+            f"there are no markers on '{topic}', nor points or poses on topics below it; topics "
             f"that could hold markers: {', '.join(good) or 'none'}"
         )
-    names = {t.name: t.name.removeprefix(before).removesuffix(after) for t in chosen}
-    return _bodies(bag, names, bag.messages(chosen))
+    return _bodies(bag, chosen, lambda name: name.removeprefix(before).removesuffix(after))
 
 
-def _bodies(bag: Bag, names: Mapping[str, str], stored: Iterator[Stored]) -> dict[str, BodySamples]:
+def _marker_array(messages: Iterator[tuple[int, Any]]) -> dict[str, _Samples]:
+    """Poses in all messages, NaN where a marker is not in the message."""
+    stamps, several, frames = array("q"), set[str](), dict[tuple[str, int], str]()
+    # Rows and poses by namespace and id, in flat arrays: a long recording needs little more memory.
+    found = defaultdict[tuple[str, int], "array[float]"](lambda: array("d"))
+    for row, (receive, message) in enumerate(messages):
+        # Only added arrows, cubes, spheres and cylinders are at one place.
+        shown = [x for x in message.markers if x.action == 0 and x.type in range(4)]
+        header = next(filter(None, (_nanoseconds(x.header.stamp) for x in shown)), 0)
+        stamps.extend((header, receive))
+        for marker in shown:
+            key = str(marker.ns), int(marker.id)
+            frames.setdefault(key, str(marker.header.frame_id))
+            found[key].extend((row, *_pose(marker.pose.position, marker.pose.orientation)))
+        spaces = Counter(space for space, _ in {(str(x.ns), int(x.id)) for x in shown})
+        several.update(space for space, count in spaces.items() if count > 1)
+    times = np.array(stamps).reshape(-1, 2)
+    samples: dict[str, _Samples] = {}
+    for (space, number), flat in found.items():
+        rows = np.array(flat).reshape(-1, 8)
+        name = f"{space}/{number}" if space in several else space or str(number)
+        empty = np.full((len(times), 7), np.nan)
+        _, poses, _ = samples.setdefault(name, _Samples(times, empty, frames[space, number]))
+        rows = rows[~np.isnan(rows).any(axis=1)]
+        poses[rows[:, 0].astype(int)] = rows[:, 1:]
+    return samples
+
+
+def _bodies(bag: Bag, topics: Sequence[Any], named: Callable[[str], str]) -> dict[str, _Samples]:
     """Samples by name: that of the topic, or of the frame in messages of several."""
     # Frame, stamps and poses by name, in flat arrays.
     found: dict[str, tuple[str, array[int], array[float]]] = {}
-    for topic, receive, data in stored:
+    for topic, receive, data in bag.messages(topics):
         message = bag.deserialise(topic, data)
-        for name, header, *pose in _poses(message, topic.type, names.get(topic.name, "")):
+        for name, header, *pose in _poses(message, topic.type, named(topic.name)):
             frame = str(header.frame_id).lstrip("/")
             first, stamps, poses = found.setdefault(name, (frame, array("q"), array("d")))
             if first != frame:
@@ -336,7 +324,7 @@ def _bodies(bag: Bag, names: Mapping[str, str], stored: Iterator[Stored]) -> dic
             stamps.extend((_nanoseconds(header.stamp), receive))
             poses.extend(_pose(*pose))
     return {
-        name: (np.array(stamps).reshape(-1, 2), np.array(poses).reshape(-1, 7), frame)
+        name: _Samples(np.array(stamps).reshape(-1, 2), np.array(poses).reshape(-1, 7), frame)
         for name, (frame, stamps, poses) in found.items()
     }
 
@@ -353,6 +341,14 @@ def _poses(message: Any, kind: str, name: str) -> Iterator[tuple[Any, ...]]:
             yield child, item.header, pose.translation, pose.rotation
 
 
+def _pose(position: Any, orientation: Any = None) -> tuple[float, ...]:
+    """Position and quaternion of a message; the quaternion is 0 if there is none."""
+    q = (0.0,) * 4
+    if orientation is not None:
+        q = orientation.x, orientation.y, orientation.z, orientation.w
+    return position.x, position.y, position.z, *q
+
+
 def _nanoseconds(stamp: Any) -> int:
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
@@ -362,47 +358,17 @@ def _has_position(poses: FloatArray) -> NDArray[np.bool_]:
     return np.asarray((np.abs(poses[:, :3]) < INPUT_LIMITS.position).all(axis=1))
 
 
-def _chosen(samples: Mapping[str, BodySamples], marker: MarkerPlacement, path: Path) -> BodySamples:
-    if marker.body not in samples:
-        raise RecordingError(unknown_name("recorded marker", marker.body, sorted(samples)))
-    found = _, poses, _ = samples[marker.body]
-    if not _has_position(poses).any():
-        raise RecordingError(f"marker '{marker.body}' has no finite position in '{path}'")
-    return found
-
-
-def _refuse_mixed_frames(bodies: Mapping[str, BodySamples]) -> None:
-    frames: dict[str, list[str]] = {}
-    for body, (_, _, frame) in bodies.items():
-        frames.setdefault(frame, []).append(body)
-    if len(frames) > 1:
-        where = "; ".join(f"'{frame}': {quote_names(own)}" for frame, own in frames.items())
-        raise RecordingError(
-            f"the markers are given in different frames ({where}), but must be in one"
-        )
-
-
-def _assemble(
-    bodies: Mapping[str, BodySamples],
-) -> tuple[IntArray, IntArray, dict[str, FloatArray]]:
-    """Interpolate all bodies at the stamps of the one with most samples."""
-    base = max((stamps for stamps, _, _ in bodies.values()), key=len)
+def _assemble(bodies: Mapping[str, _Samples]) -> tuple[IntArray, dict[str, FloatArray]]:
+    """Stamps of the body with most samples, and all bodies interpolated at these."""
+    base = max((samples.stamps for samples in bodies.values()), key=len)
     # Header stamps if all are set, else times of reception.
-    column = 0 if all(stamps[:, 0].all() for stamps, _, _ in bodies.values()) else 1
-    poses = {
-        body: own
+    column = 0 if all(samples.stamps[:, 0].all() for samples in bodies.values()) else 1
+    return base, {
+        body: poses
         if np.array_equal(stamps, base)
-        else _resampled(stamps[:, column], own, base[:, column])
-        for body, (stamps, own, _) in bodies.items()
+        else _resampled(stamps[:, column], poses, base[:, column])
+        for body, (stamps, poses, _) in bodies.items()
     }
-    return base[:, 0].copy(), base[:, 1].copy(), poses
-
-
-def _usual_period(times: IntArray) -> float:
-    """Median step of times in any order [ns]; a second if they are all the same."""
-    steps = np.diff(np.sort(times))
-    steps = steps[steps > 0]
-    return float(np.median(steps)) if steps.size else float(NS_PER_S)
 
 
 def _resampled(times: IntArray, poses: FloatArray, new_times: IntArray) -> FloatArray:
@@ -422,7 +388,8 @@ def _resampled(times: IntArray, poses: FloatArray, new_times: IntArray) -> Float
     before = np.searchsorted(times, new_times, side="right") - 1
     inside = (after < times.size) & (before >= 0)
     step = times[np.minimum(after, times.size - 1)] - times[np.maximum(before, 0)]
-    result[~inside | (step > _MAX_STEP * _usual_period(times))] = np.nan
+    usual = float(np.median(np.diff(times))) if times.size > 1 else float(NS_PER_S)
+    result[~inside | (step > _MAX_STEP * usual)] = np.nan
     return result
 
 
@@ -430,8 +397,8 @@ def _point(poses: FloatArray, marker: MarkerPlacement) -> FloatArray:
     """The marker's point on its body; NaN where it is unknown."""
     points: FloatArray = poses[:, :3].copy()
     points[~_has_position(poses)] = np.nan
-    if marker.offset.any():
+    if any(marker.offset):
         turned = np.isfinite(poses).all(axis=1) & poses[:, 3:].any(axis=1)
         points[~turned] = np.nan
-        points[turned] += Rotation.from_quat(poses[turned, 3:]).apply(marker.offset.copy())
+        points[turned] += Rotation.from_quat(poses[turned, 3:]).apply(marker.offset)
     return points

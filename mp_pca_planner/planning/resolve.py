@@ -165,7 +165,7 @@ def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
     if goal.duration is not None:
         check_duration(context, "the duration is", goal.duration)
     if goal.primitive is not None:
-        selector.primitives.check_name(goal.primitive)
+        selector.primitives.named(goal.primitive)
     zero = np.zeros(robot.n_joints)
     here = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
     there = completed(goal.state, here, robot, "goal")

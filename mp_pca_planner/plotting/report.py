@@ -14,10 +14,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..control.law import control_statement
 from ..exceptions import PlannerError
-from ..primitives.build import PrimitiveOptions
 from ..primitives.differences import PHASES
-from ..primitives.foreign import foreign_recordings
-from ..primitives.motion_statistics import MotionStatistics
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.timing import aligned_positions
 from ..recordings.demonstration import Demonstration
@@ -52,7 +49,7 @@ _MAX_ROWS = 500
 def report_page(
     recordings: RecordingSet,
     primitive: MovementPrimitive,
-    options: PrimitiveOptions,
+    foreign: Sequence[tuple[str, str]],
 ) -> str:
     """Make the page.
 
@@ -62,8 +59,8 @@ def report_page(
         The loaded recordings, with overviews.
     primitive :
         The primitive of all its demonstrations, in this order.
-    options :
-        How it was built.
+    foreign :
+        Recordings unlike the others, and why, see :func:`.foreign_recordings`.
 
     Raises
     ------
@@ -73,7 +70,6 @@ def report_page(
     motions = recordings.demonstrations
     drawn = _evenly(len(motions), _MAX_DEMONSTRATIONS_DRAWN)
     prismatic = prismatic_joints(primitive)
-    statistics = primitive.statistics or MotionStatistics.of(motions, options)
     angles = primitive.metadata["angle_variance_ratio"]
     return render(
         "report.html",
@@ -91,7 +87,7 @@ def report_page(
         shape_variance=variance_table(primitive.explained_variance_ratio),
         angle_variance=variance_table(angles, 4),
         refused=recordings.refused,
-        foreign=foreign_recordings(statistics, options.n_phases),
+        foreign=foreign,
         repairs=_repairs(recordings.reports),
         meanings=REPAIRS,
         reports=recordings.reports,

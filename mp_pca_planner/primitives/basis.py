@@ -22,6 +22,9 @@ from ..arrays import FloatArray
 # A polynomial that vanishes with two derivatives at both ends has the factor s³(1−s)³.
 N_END_CONDITIONS = 6
 
+MAX_DEGREE = 30
+"""Largest degree of the polynomials of a primitive."""
+
 
 class Basis(Protocol):
     """A mean shape and weighted functions of phase.

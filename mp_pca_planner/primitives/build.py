@@ -25,7 +25,7 @@ from ..arrays import FloatArray, as_list, check_choice, check_number, float_arra
 from ..exceptions import PrimitiveError, RecordingError, shown, unknown_name
 from ..recordings.demonstration import TIME_COLUMNS, Demonstration, milliseconds_note
 from ..recordings.segmentation import ABSURD_EXTENT
-from .basis import N_END_CONDITIONS
+from .basis import MAX_DEGREE, N_END_CONDITIONS
 from .in_span import request_precision
 from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
 from .pca import angle_shares, fit_shapes
@@ -76,7 +76,7 @@ class PrimitiveOptions:
             "degree (of which the ends take six conditions)",
             PrimitiveError,
             N_END_CONDITIONS,
-            30,
+            MAX_DEGREE,
             is_whole=True,
         )
         check_number(
@@ -135,19 +135,18 @@ def build_primitive(
     )
 
 
-def check_demonstrations(values: Any, what: str) -> None:
+def check_demonstrations(values: Sequence[Any], what: str) -> None:
     """Reject values that are not demonstrations, with what can't be done."""
-    for one in values if isinstance(values, Sequence) else [values]:
-        if isinstance(one, Demonstration):
-            continue
+    for one in values:
         if isinstance(one, np.ndarray | list | tuple) or _has_columns(one):
             raise PrimitiveError(
                 f"{what}: arrays need times=, the times of their samples [s]; joint_names= names "
                 "their columns"
             )
-        raise PrimitiveError(
-            f"{what}: {shown(one)} is not a demonstration; load_demonstrations reads recordings"
-        )
+        if not isinstance(one, Demonstration):
+            raise PrimitiveError(
+                f"{what}: {shown(one)} is not a demonstration; load_demonstrations reads recordings"
+            )
 
 
 def demonstrations_of(
@@ -279,8 +278,11 @@ def build_from_statistics(
     stored = asdict(options)
     for key in _NUMBERS:
         stored[key] = stored.pop(f"n_{key}")
+    left_out, straight = left_out_errors(statistics, options.n_phases)
     facts: dict[str, Any] = {
         "options": stored,
+        "left_out_error": left_out,
+        "minimum_jerk_error": straight,
         "angle_variance_ratio": angle_shares(statistics),
         "demonstrations": [source.facts for source in statistics.sources],
     }
@@ -311,23 +313,22 @@ def build_from_statistics(
         warps=statistics.warps,
         fit_residual=residual,
         model=model,
-        statistics=statistics,
     )
 
 
-def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float, float]:
+def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float | None, float]:
     """RMS errors in path of motions that are left out [rad or m].
 
-    From their prediction by the others, and from the minimum-jerk motion between their ends. Whole
-    shapes are predicted, so the number of components makes no difference. At most 200 motions are
-    left out; the first error is NaN for a single motion.
+    From their prediction by the others, None for a single motion, and from the minimum-jerk motion
+    between their ends. Whole shapes are predicted, so the number of components makes no difference.
+    At most 200 motions are left out.
     """
     used = statistics.thinned()
     shapes, remainders = used.both_shapes(), used.shape_remainders.sum(axis=1)
-    straight = np.sum(shapes[0] ** 2, axis=1)
-    squares = np.full(straight.shape, np.nan)
-    if len(straight) > 1:
-        squares = left_out_squares(used.requests(), shapes, labels=used.labels())
     scale = n_phases * len(statistics.joint_names)
-    predicted, straight = (np.sqrt((x + remainders).mean() / scale) for x in (squares, straight))
-    return float(predicted), float(straight)
+    straight = np.sum(shapes[0] ** 2, axis=1)
+    from_straight = float(np.sqrt((straight + remainders).mean() / scale))
+    if len(straight) == 1:
+        return None, from_straight
+    squares = left_out_squares(used.requests(), shapes, labels=used.labels())
+    return float(np.sqrt((squares + remainders).mean() / scale)), from_straight

@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
@@ -20,7 +22,7 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, PrimitiveError
 from ..files import check_form, open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
-from .motion_statistics import MotionSource, MotionStatistics
+from .basis import MAX_DEGREE, N_END_CONDITIONS
 from .prediction import ConditionalModel
 from .primitive import COUPLINGS, MovementPrimitive
 from .timing import PACE_DEGREE
@@ -32,49 +34,39 @@ _METADATA = {
     "name": str,
     "joint_names": [str],
     "coupling": str,
+    "checksum": str,
     "angle_variance_ratio": {str: [float]},
     "demonstrations": [
-        {
-            "recording": str,
-            "label": str,
-            "start_time_s": float,
-            "end_time_s": float,
-            "checksum?": str,
-        }
+        {"recording": str, "label": str, "start_time_s": float, "end_time_s": float}
     ],
+    "left_out_error?": (float, type(None)),
+    "minimum_jerk_error?": float,
     "prismatic_joints?": [str],
     "refined_from?": dict,
 }
 
-# Shapes of the arrays of a primitive and of its model; equal names denote equal sizes.
-_ARRAYS: dict[str, tuple[str | int, ...]] = {
-    "mean_coefficients": ("joints", "degrees"),
-    "component_coefficients": ("weights", "joints", "degrees"),
-    "explained_variance": ("weights",),
-    "total_variance": ("joints",),
-    "weights": ("demonstrations", "weights"),
-    "boundary_states": ("demonstrations", 6, "joints"),
-    "durations": ("demonstrations",),
-    "warps": ("demonstrations", "phases"),
-    "fit_residual": ("demonstrations", "joints"),
-    "requests": ("requests", "entries"),
-    "shape_coefficients": ("fits", 2, "requests", "weights"),
-    "straight_weights": ("weights",),
-    "pace_coefficients": ("fits", 2, "requests", "rates"),
-    "duration_coefficients": (1, 2, "requests", 1),
-    "weight_covariance": ("weights", "weights"),
-    "weight_precision": ("weights", "weights"),
-    "error_variance": (1,),
-    "request_precision": ("entries", "entries"),
-}
-# Those of its statistics beside them, which refined primitives don't have.
-_STATISTICS: dict[str, tuple[str | int, ...]] = {
-    "extents": ("demonstrations",),
-    "paces": ("demonstrations", "rates"),
-    "shapes": ("demonstrations", "joints", "functions"),
-    "shape_remainders": ("demonstrations", "joints"),
-    "angles": ("demonstrations", "joints", "angle functions"),
-    "angle_remainders": ("demonstrations", "joints"),
+_POSITION, _TIME = INPUT_LIMITS.position, INPUT_LIMITS.segment_time
+_ANY = 1e15
+# Shapes of the arrays, and their least and largest values; equal names denote equal sizes.
+_ARRAYS: dict[str, tuple[tuple[str | int, ...], float, float]] = {
+    "mean_coefficients": (("joints", "degrees"), -_POSITION, _POSITION),
+    "component_coefficients": (("weights", "joints", "degrees"), -_POSITION, _POSITION),
+    "explained_variance": (("weights",), 1e-30, _ANY),
+    "total_variance": (("joints",), 0.0, _ANY),
+    "weights": (("demonstrations", "weights"), -_ANY, _ANY),
+    "boundary_states": (("demonstrations", 6, "joints"), -_ANY, _ANY),
+    "durations": (("demonstrations",), 1e-9, _TIME),
+    "warps": (("demonstrations", "phases"), 0.0, 1.0),
+    "fit_residual": (("demonstrations", "joints"), 0.0, _POSITION),
+    "requests": (("requests", "entries"), -_POSITION, _POSITION),
+    "shape_coefficients": (("fits", 2, "requests", "weights"), -_ANY, _ANY),
+    "straight_weights": (("weights",), -_ANY, _ANY),
+    "pace_coefficients": (("fits", 2, "requests", "rates"), -_ANY, _ANY),
+    "duration_coefficients": ((1, 2, "requests", 1), -_ANY, _ANY),
+    "weight_covariance": (("weights", "weights"), -_ANY, _ANY),
+    "weight_precision": (("weights", "weights"), -_ANY, _ANY),
+    "error_variance": ((1,), 0.0, _ANY),
+    "request_precision": (("entries", "entries"), -_ANY, _ANY),
 }
 
 
@@ -91,9 +83,8 @@ def save_primitive(
     """
     if Path(path).suffix != ".npz":
         raise PlannerError(f"the output '{path}' must end in .npz")
-    arrays, statistics = _arrays_of(primitive), primitive.statistics
-    if statistics is not None:
-        arrays |= {name: getattr(statistics, name) for name in _STATISTICS}
+    values = vars(primitive.model) | vars(primitive)
+    arrays: dict[str, FloatArray] = {name: values[name] for name in _ARRAYS}
     metadata = {
         **primitive.metadata,
         "format": FORMAT_NAME,
@@ -123,9 +114,14 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
         with reading("its metadata", PrimitiveError):
             metadata = json.loads(text)
             _check(arrays, metadata)
-            return _primitive(arrays, metadata)
     except PrimitiveError as error:
         raise PrimitiveError(f"primitive file '{path}' is rejected: {error}") from None
+    del metadata["checksum"]
+    of_model = [field.name for field in fields(ConditionalModel)]
+    model = ConditionalModel(**{name: arrays.pop(name) for name in of_model})
+    own = {name: arrays[name] for name in _ARRAYS if name in arrays}
+    name, joint_names = metadata["name"], tuple(metadata["joint_names"])
+    return MovementPrimitive(name, joint_names, metadata["coupling"], metadata, **own, model=model)
 
 
 def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> str:
@@ -138,38 +134,31 @@ def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> s
     return digest.hexdigest()
 
 
-def _arrays_of(primitive: MovementPrimitive) -> dict[str, FloatArray]:
-    owners = {name: primitive if hasattr(primitive, name) else primitive.model for name in _ARRAYS}
-    return {name: getattr(owner, name) for name, owner in owners.items()}
-
-
 def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
     """Arrays and metadata of a file."""
     with open_regular(path) as file:
-        file.read(1)  # a file that can't be read is not damaged
+        n_bytes = len(file.read(INPUT_LIMITS.primitive_bytes + 1))
         file.seek(0)
-        with _archive(file) as content:
-            entries = content.zip.infolist() if content.zip else []
-            most = INPUT_LIMITS.primitive_bytes
-            if sum(int(entry.file_size) for entry in entries) > most:
-                raise PrimitiveError(f"it claims to hold over {most >> 20} MiB")
-            raw = {name: content[name] for name in content.files}
-    text = raw.pop("metadata", None)
+        try:
+            content = np.load(file, allow_pickle=False)
+        except (zipfile.BadZipFile, EOFError, ValueError):
+            content = None
+        if not isinstance(content, NpzFile) or content.zip is None:
+            raise PrimitiveError(
+                "it is not a complete .npz file: expected a file that build_primitives made"
+            )
+        # Arrays are stored without compression: no content is larger than its file.
+        claimed = sum(entry.file_size for entry in content.zip.infolist())
+        if claimed > min(n_bytes, INPUT_LIMITS.primitive_bytes):
+            raise PrimitiveError(
+                f"it claims to hold {claimed:,} bytes; accepted are at most its size on the disk "
+                f"and {INPUT_LIMITS.primitive_bytes:,}"
+            )
+        arrays = {name: content[name] for name in content.files}
+    text = arrays.pop("metadata", None)
     if text is None or text.dtype.kind != "U" or text.ndim != 0:
         raise PrimitiveError("it lacks the string 'metadata'")
-    return raw, str(text)
-
-
-def _archive(file: BinaryIO) -> NpzFile:
-    try:
-        content = np.load(file, allow_pickle=False)
-    except (zipfile.BadZipFile, EOFError, ValueError):
-        content = None
-    if not isinstance(content, NpzFile):
-        raise PrimitiveError(
-            "it is not a complete .npz file: expected a file that build_primitives made"
-        )
-    return content
+    return arrays, str(text)
 
 
 def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
@@ -183,60 +172,51 @@ def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
             f"its format version is {version}, this release reads version {FORMAT_VERSION}: build "
             "it again"
         )
-    missing = [name for name in _ARRAYS if name not in arrays]
-    if missing:
+    if missing := [name for name in _ARRAYS if name not in arrays]:
         raise PrimitiveError(f"it lacks the arrays {', '.join(missing)}")
-    check_form(metadata, {**_METADATA, "checksum": str}, "it")
-    names, couplings = metadata["joint_names"], " or ".join(COUPLINGS)
+    check_form(metadata, _METADATA, "it")
+    names = metadata["joint_names"]
     if metadata["coupling"] not in COUPLINGS:
-        raise PrimitiveError(f"its coupling is '{metadata['coupling']}', expected {couplings}")
+        expected = " or ".join(COUPLINGS)
+        raise PrimitiveError(f"its coupling is '{metadata['coupling']}', expected {expected}")
     if not names or len(set(names)) < len(names) or not all([metadata["name"], *names]):
         raise PrimitiveError("it and its joints need names that differ")
+    # Numbers denote themselves.
     sizes: dict[str | int, int] = {"joints": len(names), "entries": 2 * len(names) + 1}
     sizes |= {"rates": PACE_DEGREE, "demonstrations": len(metadata["demonstrations"])}
-    sizes |= {1: 1, 2: 2, 6: 6}  # numbers denote themselves
-    for name, shape in (_ARRAYS | _STATISTICS).items():
-        if name not in arrays:
-            continue
-        array, expected = arrays[name], tuple(sizes.get(x) for x in shape)
-        fits = len(array.shape) == len(expected) and all(
-            x in (y, None) for x, y in zip(expected, array.shape, strict=True)
+    sizes |= {1: 1, 2: 2, 6: 6}
+    for name, (shape, low, high) in _ARRAYS.items():
+        array, expected_shape = arrays[name], tuple(sizes.get(x) for x in shape)
+        fits = len(array.shape) == len(shape) and all(
+            x in (y, None) for x, y in zip(expected_shape, array.shape, strict=True)
         )
         if not fits or array.dtype != np.float64:
             raise PrimitiveError(
-                f"array '{name}' has shape {array.shape} of {array.dtype}, expected {expected} of "
-                "float64"
+                f"array '{name}' has shape {array.shape} of {array.dtype}, expected "
+                f"{expected_shape} of float64"
             )
-        if not np.isfinite(array).all():
-            raise PrimitiveError(f"array '{name}' holds a number that is not finite")
+        if not np.all((array >= low) & (array <= high)):
+            worst = array[~((array >= low) & (array <= high))][0]
+            raise PrimitiveError(f"array '{name}' holds {worst:g}, expected {low:g} to {high:g}")
         sizes |= dict(zip(shape, array.shape, strict=True))
+    for name in ("weight_covariance", "weight_precision", "request_precision"):
+        if not _is_positive(arrays[name]):
+            raise PrimitiveError(f"matrix '{name}' is not positive definite")
+    degree, log_times = sizes["degrees"] - 1, np.abs(arrays["requests"][:, -1])
+    if not N_END_CONDITIONS <= degree <= MAX_DEGREE:
+        expected = f"{N_END_CONDITIONS} to {MAX_DEGREE}"
+        raise PrimitiveError(f"its polynomials are of degree {degree}, expected {expected}")
+    if min(sizes["demonstrations"], sizes["requests"], sizes["fits"]) == 0 or sizes["phases"] < 2:
+        raise PrimitiveError("it needs at least one demonstration")
+    if log_times.max() > math.log(_TIME):
+        raise PrimitiveError(f"array 'requests' holds durations that are not up to {_TIME:g} s")
     if metadata["checksum"] != checksum(arrays, metadata):
         raise PrimitiveError("its content does not match its checksum: it was damaged")
-    is_usable = sizes["demonstrations"] > 0 and np.all(arrays["durations"] > 0.0)
-    if not is_usable or sizes["requests"] == 0:
-        raise PrimitiveError("it needs at least one demonstration, and each must last > 0 s")
 
 
-def _primitive(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> MovementPrimitive:
-    of_model = {field.name for field in fields(ConditionalModel)}
-    own: dict[str, Any] = {name: arrays[name] for name in _ARRAYS if name not in of_model}
-    joint_names, statistics = tuple(metadata["joint_names"]), None
-    if set(_STATISTICS) <= set(arrays):
-        statistics = MotionStatistics(
-            joint_names=joint_names,
-            durations=arrays["durations"],
-            boundary_states=arrays["boundary_states"],
-            warps=arrays["warps"],
-            sources=tuple(map(MotionSource.of_facts, metadata["demonstrations"])),
-            **{name: arrays[name] for name in _STATISTICS},
-        )
-    del metadata["checksum"]
-    return MovementPrimitive(
-        metadata["name"],
-        joint_names,
-        metadata["coupling"],
-        metadata,
-        **own,
-        model=ConditionalModel(**{name: arrays[name] for name in of_model}),
-        statistics=statistics,
-    )
+def _is_positive(matrix: FloatArray) -> bool:
+    """Whether a matrix is positive definite."""
+    with suppress(np.linalg.LinAlgError):
+        np.linalg.cholesky(matrix + matrix.T)
+        return True
+    return False

@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import KeysView, Mapping, Sequence
+from collections.abc import KeysView, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import overload
 
 import numpy as np
 
-from ..arrays import FloatArray, check_type, repeated_names
+from ..arrays import FloatArray, check_type
 from ..exceptions import GoalError, PrimitiveError, quote_names, shown, unknown_name
 from .file import load_primitive
 from .primitive import MovementPrimitive
@@ -21,12 +21,14 @@ _MAX_ENDS = 5000
 
 
 class PrimitiveLibrary(Sequence[MovementPrimitive]):
-    """Primitives of the same joints with different names.
+    """Primitives of the same joints with different names, in order.
 
     Parameters
     ----------
     primitives : sequence of MovementPrimitive
         The primitives, at least one.
+    places : sequence of str, optional
+        Where each is from, for messages; by default its name.
 
     Attributes
     ----------
@@ -44,21 +46,31 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
         something else, such as a path.
     """
 
-    def __init__(self, primitives: Sequence[MovementPrimitive]) -> None:
+    def __init__(
+        self, primitives: Sequence[MovementPrimitive], places: Sequence[str] | None = None
+    ) -> None:
         if not primitives:
             raise PrimitiveError("at least one primitive is needed, got none")
-        for one in primitives:
+        first, where = primitives[0], dict[str, str]()
+        for i, one in enumerate(primitives):
             if not isinstance(one, MovementPrimitive):
                 raise PrimitiveError(
                     f"{shown(one)} is not a movement primitive; MovementPrimitive.load reads a file"
                 )
-        _require_same_joints({f"primitive '{p.name}'": p for p in primitives})
-        self._index_of = {p.name: i for i, p in enumerate(primitives)}
-        if len(self._index_of) < len(primitives):
-            twice = repeated_names(p.name for p in primitives)
-            raise PrimitiveError(f"several primitives are called {quote_names(twice)}")
-        self._primitives = tuple(primitives)
-        self.joint_names = primitives[0].joint_names
+            place = places[i] if places else f"primitive '{one.name}'"
+            if one.name in where:
+                raise PrimitiveError(
+                    f"{place} and {where[one.name]} are both called '{one.name}': build one of "
+                    "them again under another name"
+                )
+            where[one.name] = place
+            if one.joint_names != first.joint_names:
+                raise PrimitiveError(
+                    f"{place} moves {quote_names(one.joint_names)}, but {where[first.name]} moves "
+                    f"{quote_names(first.joint_names)}: they can't be used together"
+                )
+        self._by_name = {one.name: one for one in primitives}
+        self._primitives, self.joint_names = tuple(primitives), first.joint_names
         self.means = np.array([p.model.mean for p in primitives])
         self.precisions = np.array([p.model.request_precision for p in primitives])
 
@@ -72,7 +84,7 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
     @property
     def names(self) -> KeysView[str]:
         """Their names."""
-        return self._index_of.keys()
+        return self._by_name.keys()
 
     @cached_property
     def ends(self) -> FloatArray:
@@ -88,17 +100,13 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
         GoalError
             If there is none.
         """
-        self.check_name(name)
-        return self[self._index_of[name]]
-
-    def check_name(self, name: str) -> None:
-        """Reject a name that no primitive has, see :meth:`named`."""
         check_type(name, "the name of a primitive", GoalError, str)
-        if name not in self._index_of:
-            raise GoalError(unknown_name("primitive", name, self._index_of))
+        if name not in self._by_name:
+            raise GoalError(unknown_name("primitive", name, self._by_name))
+        return self._by_name[name]
 
     def __len__(self) -> int:
-        return len(self._index_of)
+        return len(self._primitives)
 
     @overload
     def __getitem__(self, index: int) -> MovementPrimitive: ...
@@ -130,28 +138,4 @@ def load_primitives(paths: Sequence[str | Path]) -> PrimitiveLibrary:
         files += found
     if not files:
         raise PrimitiveError("no primitive file was named")
-    primitives, file_of = [], dict[str, Path]()
-    for file in files:
-        primitives.append(load_primitive(file))
-        name = primitives[-1].name
-        if name in file_of:
-            raise PrimitiveError(
-                f"'{file}' and '{file_of[name]}' both hold a primitive called '{name}': build "
-                "one of them again under another name"
-            )
-        file_of[name] = file
-    _require_same_joints({f"'{file_of[p.name]}'": p for p in primitives})
-    return PrimitiveLibrary(primitives)
-
-
-def _require_same_joints(primitives: Mapping[str, MovementPrimitive]) -> None:
-    """Reject primitives, given by names for the message, that differ in their joints."""
-    first, joints = "", None
-    for name, primitive in primitives.items():
-        own = primitive.joint_names
-        if joints is not None and own != joints:
-            raise PrimitiveError(
-                f"{name} moves {quote_names(own)}, but {first} moves {quote_names(joints)}: they "
-                "can't be used together"
-            )
-        first, joints = name, own
+    return PrimitiveLibrary([load_primitive(file) for file in files], [f"'{x}'" for x in files])

@@ -7,7 +7,7 @@ Samples are not kept: a shape becomes its coefficients in the polynomials of the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -51,11 +51,6 @@ class MotionSource(NamedTuple):
     checksum: str
     start_time: float
     end_time: float
-
-    @classmethod
-    def of_facts(cls, facts: Mapping[str, Any]) -> MotionSource:
-        """The source with these facts; the checksum may be missing."""
-        return cls(*(facts.get(name, "") for name in _FACTS))
 
     @property
     def facts(self) -> dict[str, Any]:

@@ -28,7 +28,6 @@ from .timing import aligned_phases, time_scaling
 if TYPE_CHECKING:
     from ..recordings.demonstration import Demonstration
     from ..recordings.recording_set import RecordingSet
-    from .motion_statistics import MotionStatistics
 
 
 COUPLINGS = ("joint", "arm")
@@ -77,8 +76,6 @@ class MovementPrimitive:
         its own timing, over the aligned phases [rad or m].
     model : ConditionalModel
         Predicts the weights for a request.
-    statistics : MotionStatistics or None
-        Of the demonstrations; None for a refined primitive.
 
     Examples
     --------
@@ -104,7 +101,6 @@ class MovementPrimitive:
     warps: FloatArray
     fit_residual: FloatArray
     model: ConditionalModel
-    statistics: MotionStatistics | None = None
 
     def __post_init__(self) -> None:
         for owner in (self, self.model):
@@ -150,25 +146,22 @@ class MovementPrimitive:
         facts : dict
             `left_out_error` and `minimum_jerk_error`: RMS distance in path of demonstrations that
             are left out from their prediction by the others, and from the minimum-jerk motion
-            between their ends [rad or m]; NaN for one demonstration, and for a primitive without
-            statistics. Whole shapes are predicted, so neither depends on the number of components:
+            between their ends [rad or m]; NaN for one demonstration, and for a refined primitive.
+            Whole shapes are predicted, so neither depends on the number of components:
             :meth:`errors` of motions that were held out does. `starts` and `goals`: lowest and
             highest demonstrated position by joint. `durations`: the shortest and the longest [s].
             `n_demonstrations`, `n_components`.
         """
-        from .build import left_out_errors
-
-        errors = float("nan"), float("nan")
-        if self.statistics is not None:
-            errors = left_out_errors(self.statistics, self.metadata["options"]["phases"])
+        errors = (self.metadata.get(name) for name in ("left_out_error", "minimum_jerk_error"))
+        left_out, straight = (float("nan") if x is None else x for x in errors)
         ends = self.boundary_states[:, [0, 3]]
         ranges = np.stack([ends.min(axis=0), ends.max(axis=0)], axis=-1).tolist()
         starts, goals = (dict(zip(self.joint_names, map(tuple, x), strict=True)) for x in ranges)
         return {
             "n_demonstrations": len(self.durations),
             "n_components": self.n_components,
-            "left_out_error": errors[0],
-            "minimum_jerk_error": errors[1],
+            "left_out_error": left_out,
+            "minimum_jerk_error": straight,
             "starts": starts,
             "goals": goals,
             "durations": (float(self.durations.min()), float(self.durations.max())),

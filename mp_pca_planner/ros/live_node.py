@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -18,7 +18,7 @@ from .nodes import PolledSubscription
 
 _NAME = "teach"
 
-Record = Callable[[Sequence[tuple[int, bytes]]], None]
+Record = Callable[[list[tuple[int, bytes]]], None]
 
 
 def full_topic_name(topic: str, namespace: str) -> str:
@@ -48,7 +48,7 @@ class JointStateSource(NodeInOwnContext):
     Attributes
     ----------
     pause : float
-        Least time between two looks at what was recorded [s].
+        Least time between two updates of the session [s].
     period : float
         Time between two polls [s].
     """
@@ -67,14 +67,13 @@ class JointStateSource(NodeInOwnContext):
             self._thread.join()
         super().__exit__()
 
-    def feed(self, record: Record) -> bool:
+    def feed(self, record: Record) -> None:
         """Start the recording at the first call; raises what has ended it."""
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, args=[record], daemon=True)
             self._thread.start()
         if self._error is not None:
             raise self._error
-        return True
 
     def silence(self) -> str:
         """Why nothing has come: nobody publishes on the topic, or a publisher is silent."""

@@ -34,10 +34,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from problems import Scene
+from support.problems import Scene
 from support.referee import Verdict, judge
+from support.tables import benchmark_parser, show
 from support.virtual_node import VirtualNode, scene_and_model
-from tables import benchmark_parser, show
 
 from mp_pca_planner.execution.outcomes import GoalOutcome
 from mp_pca_planner.execution.parameters import Settings

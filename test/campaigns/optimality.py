@@ -12,9 +12,9 @@ improvement. Only motions within the constraints (to 1e-6 of a limit) count.
 from __future__ import annotations
 
 import numpy as np
-from problems import held_out_problems, scene_of
 from scipy.optimize import minimize
-from tables import benchmark_parser, show
+from support.problems import held_out_problems, scene_of
+from support.tables import benchmark_parser, show
 
 from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState

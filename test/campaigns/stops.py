@@ -22,9 +22,9 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from problems import Scene
+from support.problems import Scene
+from support.tables import benchmark_parser, show
 from support.virtual_node import VirtualNode, scene_and_model
-from tables import benchmark_parser, show
 
 import mp_pca_planner as mp
 from mp_pca_planner.cli.example_robots import robot_file

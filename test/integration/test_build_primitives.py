@@ -5,14 +5,13 @@
 import base64
 import csv
 import json
-import sys
 from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support import command_line
+from support import commands
 from support.bags import reaching, stamped, write_bag
 from support.embedded_bags import FIELD, TOPIC, write_embedded_bag
 
@@ -20,16 +19,15 @@ from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive
 from mp_pca_planner.primitives.library import load_primitives
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.repair import REPAIRS
 
 GOALS = ([0.0, 1.0, 0.2, 0.9], [0.1, 0.8, 0.0], [0.0, 0.7, 0.1, 1.1])
 NAMES = ("one", "two & <b>bold", "three")
 
 
 WORDS = ("build_primitives",)
-run = partial(command_line.run, *WORDS)
-build = partial(command_line.result, *WORDS)
-refusal = partial(command_line.refusal, *WORDS)
+run = partial(commands.run, *WORDS)
+build = partial(commands.result, *WORDS)
+refusal = partial(commands.refusal, *WORDS)
 
 
 @pytest.fixture(scope="module")
@@ -91,27 +89,6 @@ def test_joint_states_in_a_field_give_the_same_primitive_as_on_a_topic(
         np.testing.assert_array_equal(array, expected[name])
 
 
-def test_refusal_of_embedded_joint_states_names_their_field(
-    tmp_path: Path, bag_format: str
-) -> None:
-    bag = write_embedded_bag(tmp_path / "x", bag_format, stamped(reaching(GOALS[0])))
-    hint = f"field '{FIELD}' of topic '{TOPIC}'"
-    assert hint in refusal(bag, "--output", tmp_path / "p.npz")
-    assert hint in refusal(bag, "--output", tmp_path / "p.npz", "--topic", TOPIC)
-    assert hint not in refusal(bag, "--output", tmp_path / "p.npz", "--topic", "/other")
-
-
-def test_notes_are_printed(bags: Path, tmp_path: Path) -> None:
-    cut_off = stamped(reaching([0.05, 1.1, 0.2])[:350])
-    (tmp_path / "a").mkdir()
-    bag = write_bag(tmp_path / "a" / "cut", "mcap", cut_off)
-    status, out, _ = run(bag, bags, "--output", tmp_path / "p.npz")
-    assert status == 0
-    (notes,) = (line for line in out.splitlines() if line.startswith("notes "))
-    assert "cut=the messages hold no velocities" in notes
-    assert "the recording ends in a motion, which may be cut off there" in notes
-
-
 def test_recordings_of_a_standing_arm_are_refused_by_name(bags: Path, tmp_path: Path) -> None:
     noise = np.deg2rad(0.05) * np.random.default_rng(0).normal(size=(6000, 2))
     for name in ("standing", "still"):
@@ -122,19 +99,6 @@ def test_recordings_of_a_standing_arm_are_refused_by_name(bags: Path, tmp_path: 
     standing = [tmp_path / "standing", tmp_path / "still", "--output", tmp_path / "q.npz"]
     for segment in ("auto", "none"):
         assert "it holds no motion" in refusal(*standing, "--segment", segment)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "lacking"), [(["bag.mcap"], "--output"), (["--output", "x.npz"], "BAG")]
-)
-def test_what_a_command_lacks_is_named(arguments: list[str], lacking: str) -> None:
-    assert f"are required: {lacking}" in refusal_of_parser(*arguments)
-
-
-def refusal_of_parser(*arguments: str) -> str:
-    status, out, err = run(*arguments)
-    assert (status, out) == (2, "")
-    return err
 
 
 def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
@@ -160,41 +124,6 @@ def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
     assert {file.name for file in (tmp_path / "by_label").iterdir()} == {"near.npz", "far.npz"}
 
 
-def test_a_primitive_without_components_is_warned_of(tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
-    bag = write_bag(tmp_path / "a" / "x", "mcap", stamped(reaching(GOALS[0])))
-    status, out, err = run(bag, "--output", tmp_path / "several.npz", "--json")
-    assert (status, err) == (0, "") and json.loads(out)["n_components"] > 0
-    status, out, err = run(bag, "--segment", "none", "--output", tmp_path / "one.npz", "--json")
-    assert status == 0 and json.loads(out)["n_components"] == 0
-    (line,) = err.splitlines()
-    assert line.startswith(
-        "warning: 'one' has no components, because it was learned from one motion"
-    )
-
-
-def test_refusal_of_a_damaged_recording_says_what_may_help(bags: Path, tmp_path: Path) -> None:
-    (tmp_path / "cut.mcap").write_bytes(b"\x89MCAP0\r\n")
-    found = build(bags, tmp_path / "cut.mcap", "--output", tmp_path / "p.npz")
-    reasons = {one["recording"]: one["reason"] for one in found["refused"]}
-    assert reasons.keys() == {"broken", "cut"}
-    assert reasons["cut"].endswith(
-        "recovering it (--recover; salvage=True in Python) reads the part before the damage, if "
-        "there is any"
-    )
-    assert "--recover" not in reasons["broken"]
-
-
-def test_segments_are_not_overwritten_unless_told(bags: Path, tmp_path: Path) -> None:
-    table = tmp_path / "cuts.csv"
-    table.write_text("mine", encoding="utf-8")
-    options = [bags, "--output", tmp_path / "p.npz", "--write-segments", table]
-    assert "exists already" in refusal(*options)
-    assert table.read_text(encoding="utf-8") == "mine" and not (tmp_path / "p.npz").exists()
-    build(*options, "--force")
-    assert len(rows(table)) == 8
-
-
 def labelled(bags: Path, tmp_path: Path, labels: str = "uvvwuuvw") -> Path:
     """A table of all motions in which each has a letter for a label."""
     table = tmp_path / "labels.csv"
@@ -213,14 +142,6 @@ def test_label_selects_motions(bags: Path, tmp_path: Path) -> None:
     facts = build(bags, "--segments", table, "--label", "u,w", "--output", output)
     found = [d["label"] for d in load_primitive(output).metadata["demonstrations"]]
     assert facts["n_motions"] == len(found) and sorted(found) == list("uuuww")
-
-
-def test_recording_without_motions_of_the_label_is_not_refused(bags: Path, tmp_path: Path) -> None:
-    table = labelled(bags, tmp_path, "aaabbbcc")
-    options = [bags, "--segments", table, "--label", "c", "--output", tmp_path / "p.npz"]
-    facts = build(*options)
-    assert facts["n_recordings"] == 1
-    assert [refused["recording"] for refused in facts["refused"]] == ["broken"]
 
 
 @pytest.mark.parametrize(
@@ -253,12 +174,6 @@ def test_shortest_rest_and_motion_decide_on_the_cuts(tmp_path: Path) -> None:
     assert merged["n_motions"] == 1
 
 
-def test_thresholds_that_were_used_are_told(bags: Path, tmp_path: Path) -> None:
-    thresholds = build(bags, "--output", tmp_path / "p.npz")["thresholds"]
-    assert set(thresholds) == set(NAMES)
-    assert all(0.0 < found["rest"] < found["moving"] for found in thresholds.values())
-
-
 def test_processes_give_the_same_bytes_in_the_same_order(bags: Path, tmp_path: Path) -> None:
     files = [tmp_path / f"{jobs}.npz" for jobs in (1, 3)]
     facts = [
@@ -276,14 +191,6 @@ def test_the_file_is_that_of_the_primitive_in_python(bags: Path, tmp_path: Path)
     ours = arrays(tmp_path / "p.npz")
     for name, array in arrays(tmp_path / "python.npz").items():
         np.testing.assert_array_equal(ours[name], array, err_msg=name)
-
-
-def test_report_changes_no_byte_of_the_primitive(bags: Path, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-    files = [tmp_path / name for name in ("with.npz", "without.npz")]
-    build(bags, "--output", files[0], "--name", "p", "--report", tmp_path / "page.html")
-    build(bags, "--output", files[1], "--name", "p")
-    assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -> None:
@@ -358,73 +265,3 @@ def test_report_is_one_page_that_shows_what_was_found(
     assert "paper's arm" not in page.text  # this is another arm
     for report in load_recordings([bags]).reports:
         assert f"rest below {np.rad2deg(report.thresholds.rest):.2f} deg/s" in page.text
-
-
-def urdf(*types: str) -> str:
-    """A chain of joints a, b … of these types."""
-    parts = ['<link name="base"/>']
-    for parent, name, kind in zip(("base", "to_a"), "ab", types, strict=True):
-        parts.append(
-            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="to_{name}"/>'
-            '<axis xyz="0 0 1"/><limit effort="9" velocity="9" lower="-3" upper="3"/></joint>'
-            f'<link name="to_{name}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" '
-            'iyy="1" iyz="0" izz="1"/></inertial></link>'
-        )
-    return f'<robot name="r">{"".join(parts)}</robot>'
-
-
-@pytest.mark.parametrize(
-    ("types", "unit"),
-    [
-        (("revolute", "continuous"), "deg"),
-        (("prismatic", "prismatic"), "m"),
-        (("prismatic", "revolute"), "rad or m"),
-    ],
-)
-def test_prismatic_joints_are_not_shown_in_degrees(
-    bags: Path, tmp_path: Path, types: tuple[str, str], unit: str
-) -> None:
-    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-    (tmp_path / "r.urdf").write_text(urdf(*types), encoding="utf-8")
-    output, page = tmp_path / "p.npz", tmp_path / "page.html"
-    options = ("--robot", tmp_path / "r.urdf", "--output", output, "--report", page)
-    status, _, err = run(bags, *options, "--components", "1")
-    assert status == 0, err
-    text = page.read_text(encoding="utf-8")
-    assert f"reproduced to [{unit} RMS]" in text
-
-
-def test_report_tells_the_meaning_of_each_repair(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-    messages = stamped(reaching([0.0, 1.0, 0.2]))
-    messages[50].positions = [np.nan, 0.0]
-    path = write_bag(tmp_path / "x", "mcap", messages)
-    build(path, "--output", tmp_path / "p.npz", "--report", tmp_path / "page.html")
-    page = read_page(tmp_path / "page.html")
-    assert page.text.count(REPAIRS["non_finite"]) == 2 and "non_finite: 1" in page.text
-
-
-def test_page_of_many_recordings_says_what_it_leaves_out(
-    bags: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-    from mp_pca_planner.plotting import report
-
-    for shown in ("RECORDINGS_DRAWN", "DEMONSTRATIONS_DRAWN", "ROWS"):
-        monkeypatch.setattr(report, f"_MAX_{shown}", 2)
-    build(bags, "--output", tmp_path / "p.npz", "--report", tmp_path / "page.html")
-    page = read_page(tmp_path / "page.html")
-    assert "2 of the 8 demonstrations are drawn" in page.text
-    assert "2 of the 8 demonstrations are listed" in page.text
-    assert "2 of the 3 recordings are drawn" in page.text
-
-
-def test_missing_matplotlib_is_told_before_any_work(
-    bags: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    line = refusal(
-        tmp_path / "nowhere", "--output", tmp_path / "p.npz", "--report", tmp_path / "page.html"
-    )
-    assert "mp_pca_planner[plot]" in line

@@ -105,21 +105,6 @@ def test_an_interrupt_where_python_ignores_exceptions_is_not_lost():
     assert done.returncode == -signal.SIGINT
 
 
-def test_without_ros_the_demo_names_the_extra(tmp_path):
-    script = (
-        "import sys\n"
-        "sys.modules['rclpy'] = None\n"
-        "from mp_pca_planner.cli.main import main\n"
-        f"sys.exit(main(['demo', '--output', {str(tmp_path / 'out')!r}]))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert "mp_pca_planner[ros]" in done.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_files_of_an_example_are_written_and_kept(tmp_path, capsys):
     words = ["demo", "human_arm", "--files", "--output", str(tmp_path)]
     assert main(words) == 0

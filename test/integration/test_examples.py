@@ -57,8 +57,3 @@ def test_example_runs(name, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "N²m²s" in done.stdout
-
-
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
-def test_example_is_short(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 40

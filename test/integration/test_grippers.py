@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import command_line
+from support import commands
 
 import mp_pca_planner as mp
 from mp_pca_planner.recordings.bags import write_joint_states
@@ -27,7 +27,7 @@ FINGER = """
 </robot>"""
 STILL = "joints left out, as they never move: 'finger'"
 
-build = partial(command_line.result, "build_primitives")
+build = partial(commands.result, "build_primitives")
 
 
 @pytest.fixture(scope="module")
@@ -86,25 +86,3 @@ def test_still_and_absent_fingers_make_one_set(urdf: Path, tmp_path: Path) -> No
     found = mp.load_demonstrations(bags, robot=urdf)
     assert {one.joint_names for one in found} == {JOINT_NAMES}
     assert len(found.reports) == 2 and STILL in found.report
-
-
-def test_motions_are_those_of_the_arm_alone(urdf: Path, tmp_path: Path) -> None:
-    found = mp.load_demonstrations(record(tmp_path / "still.mcap", "still"), robot=urdf)
-    alone = mp.load_demonstrations(record(tmp_path / "absent.mcap", "absent"))
-    for one, other in zip(found, alone, strict=True):
-        np.testing.assert_array_equal(one.positions, other.positions)
-
-
-def test_a_session_with_the_robot_leaves_the_finger_out(
-    urdf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bag, output = record(tmp_path / "bag.mcap", "still"), tmp_path / "taught.npz"
-    (tmp_path / "keys").write_text("b\n", encoding="utf-8")
-    with (tmp_path / "keys").open(encoding="utf-8") as keys:
-        monkeypatch.setattr("sys.stdin", keys)
-        status, text, error = command_line.run(
-            "teach", "--play", bag, "--robot", urdf, "--output", output
-        )
-    assert status == 0, error
-    assert "left-out error" in text
-    assert mp.MovementPrimitive.load(output).joint_names == JOINT_NAMES

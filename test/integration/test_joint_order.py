@@ -17,7 +17,6 @@ from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from mp_pca_planner.robot.model import Robot
 
 URDF = config_file("human_arm.urdf")
@@ -53,15 +52,6 @@ def run(reversed_primitive: str, capsys: pytest.CaptureFixture[str]) -> Run:
     return run_command
 
 
-def lines(text: str) -> dict[str, str]:
-    """Printed lines by their labels; the first of each."""
-    found: dict[str, str] = {}
-    for line in text.splitlines():
-        label, _, value = line.partition(" ")
-        found.setdefault(label, value.strip())
-    return found
-
-
 def test_described_joints_are_those_of_the_robot_in_its_own_order() -> None:
     assert Robot.from_file(URDF, JOINTS[::-1]).described_joints == JOINTS
     assert Robot.from_file(URDF, ["elbow", "shoulder2"]).described_joints == ("shoulder2", "elbow")
@@ -76,13 +66,6 @@ def test_lists_follow_the_robot_description_and_not_the_primitive(command: str, 
     assert by_list["positions"][0] == [-0.4, 0.5, 0.1, -0.2]
     assert by_list["start"] == dict(zip(JOINTS, [-0.2, 0.1, 0.5, -0.4], strict=True))
     assert by_list["goal"] == dict(zip(JOINTS, [-1.2, 0.1, 0.5, -0.9], strict=True))
-
-
-@pytest.mark.parametrize("command", ["plan", "refine"])
-def test_start_and_goal_are_printed_by_name_in_the_order_of_lists(command: str, run: Run) -> None:
-    found = lines(run(command, "--start", START, "--goal", GOAL))
-    assert found["start"] == START_BY_NAME
-    assert found["goal"] == GOAL_BY_NAME
 
 
 @pytest.mark.parametrize("command", ["plan", "refine"])
@@ -108,18 +91,3 @@ def test_degrees_are_read(command: str, run: Run) -> None:
 def test_metres_stay_metres_with_degrees() -> None:
     values = joint_values("finger=0.02,elbow=90", ["elbow", "finger"], "--goal", angles=["elbow"])
     assert values == {"finger": 0.02, "elbow": pytest.approx(math.pi / 2)}
-
-
-@pytest.mark.parametrize("command", ["plan", "refine"])
-def test_requests_unlike_the_demonstrations_are_remarked_in_words(command: str, run: Run) -> None:
-    near = ("--start", "-0.2,0.1,0.5,-0.4", "--goal", "-0.7,0.2,0.4,-0.9")
-    far = ("--start", "-2.5,-1.3,-0.5,-0.1", "--goal", "0.5,1,1,-2")
-    for request in (near, far):
-        facts = json.loads(run(command, *request, "--json"))
-        text = run(command, *request)
-        is_unusual = facts["in_span_score"] > UNUSUAL_IN_SPAN_SCORE
-        assert is_unusual == (request == far)
-        assert ("the request is unlike the demonstrations" in text) == is_unusual
-        # Another remark may name a joint outside of its demonstrated range.
-        remarked = [remark for remark in facts["remarks"] if "unlike the demonstrations" in remark]
-        assert len(remarked) == int(is_unusual)

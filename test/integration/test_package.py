@@ -105,27 +105,6 @@ def test_unknown_command_is_refused_in_one_line_with_the_valid_ones(
     assert all(f"'{name}'" in output.err for name in COMMANDS)
 
 
-def test_without_a_command_the_help_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    printed = []
-    for arguments in ([], ["--help"]):
-        with pytest.raises(SystemExit) as exit_info:
-            main(arguments)
-        assert exit_info.value.code == 0
-        printed.append(capsys.readouterr())
-    assert printed[0] == printed[1]
-    assert printed[0].out.startswith("usage: mp-pca ") and printed[0].err == ""
-
-
-def test_wrong_option_before_the_command_is_refused_in_one_line(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with pytest.raises(SystemExit) as exit_info:
-        main(["--jsn", "plan"])
-    assert exit_info.value.code == 2
-    output = capsys.readouterr()
-    assert output.out == "" and output.err.count("\n") == 1
-
-
 def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as exit_info:
         main(["--version"])
@@ -133,18 +112,20 @@ def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"{PACKAGE} {mp_pca_planner.__version__}\n"
 
 
-def test_node_without_ros_says_what_to_install() -> None:
+def test_commands_without_ros_say_what_to_install(tmp_path: Path) -> None:
     # An entry of None is how Python itself marks a module that must not be found.
     code = f"""
 import sys
 sys.modules["rclpy"] = None
 from {PACKAGE}.cli.main import main
-sys.exit(main(["planner_node"]))
+for words in (["planner_node"], ["simulate", "--robot", "a.urdf"], ["demo", "--output", "out"]):
+    print(main(words))
 """
-    result = run_python(code)
-    assert result.returncode == 2
-    assert result.stderr.count("\n") == 1
-    assert "mp_pca_planner[ros]" in result.stderr
+    result = run([sys.executable, "-c", code], tmp_path, PYTHONPATH=str(ROOT))
+    assert result.stdout.split() == ["2"] * 3
+    lines = result.stderr.splitlines()
+    assert len(lines) == 3 and all("mp_pca_planner[ros]" in line for line in lines)
+    assert list(tmp_path.iterdir()) == []
 
 
 # Installation by pip

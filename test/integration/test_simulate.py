@@ -27,6 +27,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from support.arm import JOINTS
+from support.commands import refusal
 from support.domains import set_domain
 from support.nodes import URDF, ros_node
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -150,41 +151,32 @@ def test_robot_executes_what_it_is_sent_and_records_every_command(tmp_path):
     assert np.diff(user.stamps()).min() == 2_000_000
 
 
-def test_controller_that_is_not_active_rejects_and_says_why():
-    with simulated("--delay", "0.02", number=signal.SIGTERM) as (user, printed):
-        assert user.set("active", False) == ""
-        user.send(START, 1)
-        user.wait(lambda: any("not active" in line for line in user.log))
-        assert user.set("active", True) == ""
-    (rejected,) = printed["rejected"]
-    assert rejected["reason"] == "the controller is not active"
-
-
-def test_faults_are_parameters_and_what_they_can_not_be_is_refused():
-    with simulated("--payload", "1", "--jitter", "0.01") as (user, _):
+def test_options_count_and_faults_are_parameters():
+    options = ("--controller-topic", "arm/joint_trajectory", "--rate", "100", "--delay", "0.02")
+    options += ("--payload", "1", "--jitter", "0.01", "--speed-scaling", "0.5")
+    with simulated(*options, topic="arm/joint_trajectory", number=signal.SIGTERM) as it:
+        user, printed = it
         assert "expected a number from 0 to 1" in user.set("speed_scaling", 2.0)
-        for name, value in (("payload", 0.0), ("delay", 0.02), ("drop", 0.5), ("noise", 1e-4)):
+        for name, value in (("payload", 0.0), ("drop", 0.0), ("noise", 1e-4), ("jitter", 0.0)):
             assert user.set(name, value) == ""
-
-
-def test_silent_robot_publishes_no_joint_states():
-    with simulated() as (user, _):
+        user.states.clear()
+        user.wait(lambda: len(user.states) > 50)
+        assert set(np.diff(user.stamps())) == {10_000_000}
+        # A robot that is silent publishes nothing, and goes on.
         assert user.set("silent", True) == ""
         begin = time.time_ns()
         assert user.set("held", True) == ""
         end = time.time_ns()
         assert user.set("silent", False) == ""
         user.wait(lambda: user.stamps()[-1] > end)
-    assert not [stamp for stamp in user.stamps() if begin < stamp <= end]
-
-
-def test_topic_rate_and_joints_are_those_asked_for():
-    options = ("--controller-topic", "arm/joint_trajectory", "--rate", "100", "--speed-scaling")
-    with simulated(*options, "0.5", topic="arm/joint_trajectory") as (user, printed):
+        assert not [stamp for stamp in user.stamps() if begin < stamp <= end]
+        # A controller that is not active says why it rejects.
+        assert user.set("active", False) == ""
         user.send(START, 1)
-        user.wait(lambda: len(user.states) > 50)
-    assert set(np.diff(user.stamps())) == {10_000_000}
-    assert printed["received"] == 1
+        user.wait(lambda: any("not active" in line for line in user.log))
+        assert user.set("active", True) == ""
+    (rejected,) = printed["rejected"]
+    assert rejected["reason"] == "the controller is not active"
 
 
 @pytest.mark.parametrize(
@@ -200,21 +192,4 @@ def test_topic_rate_and_joints_are_those_asked_for():
     ],
 )
 def test_wrong_use_is_refused_in_one_line(options, reason):
-    command = [sys.executable, "-m", "mp_pca_planner", "simulate"]
-    command += ["--robot", str(config_file("human_arm.urdf")), *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.count("\n") == 1
-    assert reason in done.stderr
-
-
-def test_without_ros_the_command_names_the_extra():
-    code = (
-        "import sys\n"
-        "sys.modules['rclpy'] = None\n"
-        "from mp_pca_planner.cli.main import main\n"
-        "sys.exit(main(['simulate', '--robot', 'arm.urdf']))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "mp_pca_planner[ros]" in done.stderr
+    assert reason in refusal("simulate", "--robot", config_file("human_arm.urdf"), *options)

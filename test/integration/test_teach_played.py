@@ -10,13 +10,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support.patience import HANG
 
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file
-from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.synthetic import write_example_recording
 
 URDF = str(config_file("human_arm.urdf"))
@@ -66,19 +64,6 @@ def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     done = teach(tmp_path, "b\n")
     assert (done.returncode, done.stdout) == (2, "")
     assert "taught.npz' exists already" in done.stderr
-
-
-@pytest.mark.slow
-def test_a_session_of_another_robot_is_not_continued(tmp_path: Path) -> None:
-    assert teach(tmp_path, "q\n").returncode == 0
-    before = (tmp_path / "taught.mcap").read_bytes()
-    names, stamps = ("knee", "hip"), np.arange(1, 101) * 10_000_000
-    other = tmp_path / "other"
-    write_joint_states(other, "mcap", names, stamps, np.zeros((100, 2)))
-    done = teach(tmp_path, "b\n", "--play", str(other))
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "not of 'knee', 'hip'" in done.stderr
-    assert (tmp_path / "taught.mcap").read_bytes() == before
 
 
 @pytest.mark.parametrize(

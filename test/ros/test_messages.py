@@ -26,7 +26,7 @@ from trajectory_msgs.msg import JointTrajectory
 from mp_pca_planner.control.law import control_statement
 from mp_pca_planner.exceptions import GoalError, TrajectoryError
 from mp_pca_planner.execution.link import Planned, PlanRequest
-from mp_pca_planner.execution.outcomes import GoalOutcome
+from mp_pca_planner.execution.outcomes import ExecutionReport, GoalOutcome, MotionOutcome
 from mp_pca_planner.execution.parameters import DECLARATIONS, Settings
 from mp_pca_planner.execution.planning import GoalPlanner, assemble_model
 from mp_pca_planner.execution.server import NodeModel
@@ -41,6 +41,7 @@ from mp_pca_planner.ros.goals import (
 )
 from mp_pca_planner.ros.messages import (
     to_descriptor,
+    to_execution_report,
     to_goal_report,
     to_plan_report,
     to_trajectory,
@@ -258,6 +259,17 @@ def test_refusal_is_an_error_with_the_plan_if_there_is_one(plan: Planned) -> Non
     assert without.message == refused.message == "because"
     assert values(without) == {"status": "refused", "goal_stamp": "5.000000007"}
     assert values(refused)["effort_cost"] == str(plan.values["effort_cost"])
+
+
+@pytest.mark.parametrize("outcome", MotionOutcome)
+def test_report_of_a_motion_is_an_error_unless_it_went_as_was_asked(outcome: MotionOutcome) -> None:
+    report = to_execution_report(ExecutionReport(STAMP, outcome, "so", 0.5, 0.1, 0.2, 0.3))
+    failed = outcome in ("not_followed", "never_started")
+    assert report.level == (DiagnosticStatus.ERROR if failed else DiagnosticStatus.OK)
+    found = values(report)
+    assert (found["outcome"], found["goal_stamp"]) == (outcome, "5.000000007")
+    numbers = [float(found[name]) for name in ("progress", "error", "deviation_time")]
+    assert numbers == [0.5, 0.1, 0.3]
 
 
 def test_refusal_is_one_line_of_bounded_length_whatever_names_it_quotes() -> None:

@@ -197,6 +197,19 @@ def test_markers_that_can_not_be_used_change_nothing(bench: Bench, user: MarkerU
         user.wait(obstacles="1", obstacle_rejected="none")
 
 
+def test_obstacles_that_are_too_many_leave_those_before_alone(
+    bench: Bench, user: MarkerUser
+) -> None:
+    many = [Point(x=5.0 + k, y=0.0, z=0.0) for k in range(600)]
+    first, second = (marker(k, np.zeros(3), type=Marker.SPHERE_LIST, points=many) for k in (1, 2))
+    user.send(first)
+    user.wait(obstacles="1", obstacle_rejected="none")
+    user.send(second)
+    user.wait(obstacles="1", obstacle_rejected="1200 shapes")
+    user.send(deletion(1))
+    user.wait(obstacles="0")
+
+
 def test_goals_warn_of_an_obstacle_that_is_not_avoided(bench: Bench, user: MarkerUser) -> None:
     user.send(marker(1, np.zeros(3), type=Marker.ARROW))
     user.wait(obstacle_rejected="type 0 is not supported")

@@ -71,11 +71,10 @@ class Teacher:
     def wait_for(self, text: str) -> None:
         self.wait(lambda: self.has(text), f"'{text}' was not said")
 
-    def wait_for_states(self, bag: Path) -> None:
-        """Wait until joint states are being recorded."""
-        self.wait(bag.exists, "there is no recording")
-        n_bytes = bag.stat().st_size
-        self.wait(lambda: bag.stat().st_size > n_bytes + 100_000, "nothing is recorded")
+    def wait_until_it_records(self, client: NodeClient, killed: set[bytes]) -> None:
+        """Wait until the session hears joint states, and for a rest before the first motion."""
+        self.wait(lambda: listeners(client) - killed, "nothing is recorded")
+        time.sleep(1.0)
 
     def wait(self, holds: Callable[[], Any], complaint: str) -> None:
         deadline = time.monotonic() + HANG
@@ -83,6 +82,12 @@ class Teacher:
             assert time.monotonic() < deadline, f"{complaint} in {self.lines}"
             assert self.process.poll() is None or holds(), self.lines
             time.sleep(0.02)
+
+
+def listeners(client: NodeClient) -> set[bytes]:
+    """The subscriptions of sessions, also of those that were killed a while ago."""
+    found = client.node.get_subscriptions_info_by_topic("/joint_states")
+    return {bytes(one.endpoint_gid) for one in found if one.node_name == "teach"}
 
 
 def move(client: NodeClient, goal: list[float], teacher: Teacher | None = None) -> None:
@@ -108,7 +113,7 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
 ) -> None:
     set_domain(monkeypatch, 66)
     save_primitive(arm_primitive(), tmp_path / "arm_arm_4.npz")
-    output, bag = tmp_path / "taught.npz", tmp_path / "taught.mcap"
+    output = tmp_path / "taught.npz"
     command = ("teach", "--output", str(output), "--robot", URDF_FILE, "--timeout", str(HANG))
     start = ",".join(map(str, START))
     halfway = (0.5 * (np.array(START) + GOAL)).tolist()
@@ -122,16 +127,17 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
         client.wait_for_diagnostics(lambda values: values["text"] == READY, HANG)
         with started(*command) as process:
             teacher = Teacher(process)
-            teacher.wait_for_states(bag)
+            teacher.wait_until_it_records(client, set())
             move(client, GOAL, teacher)
             move(client, START, teacher)
             move(client, halfway)
+            killed = listeners(client)
             process.kill()  # while the arm moves
         client.wait(lambda: len(client.executions) == 3, HANG, "did not arrive")
         with started(*command) as process:
             teacher = Teacher(process)
+            teacher.wait_until_it_records(client, killed)
             teacher.wait_for("motion 2: ")
-            teacher.wait_for_states(bag)
             move(client, GOAL, teacher)
             teacher.press("d")
             teacher.wait_for("is discarded: ")

@@ -39,12 +39,15 @@ class Bench:
     ----------
     has_copies : bool
         Whether the node publishes its motions, wherever else it sends them.
+    forgiven : list of dict
+        Reports of motions that a busy machine may have spoilt.
     """
 
     def __init__(self, client: NodeClient, node: Node, primitive: str) -> None:
         self.primitive, self.has_copies = primitive, True
         self.client, self._node, self._stamps = client, node, count(1)
         self.measured: list[JointState] = []
+        self.forgiven: list[dict[str, str]] = []
         # The client's executor takes what comes: one node is spun, the other called from.
         client.node.create_subscription(JointState, "joint_states", self._on_state, 10)
 
@@ -95,16 +98,18 @@ class Bench:
     def arrive(self, *goals: Sequence[float]) -> dict[str, str]:
         """The report of the last of some goals, which follow each other in motion.
 
-        They are sent again where a motion is started late or not followed: on a busy machine, the
-        controller may take a message too late. Whoever never gets there fails.
+        Once in the life of the bench, they are sent again where a motion is started late or not
+        followed: on a busy machine, the controller may take a message too late.
         """
-        for first in [(), *[(VIA,)] * 4]:
-            answers = [self.send(goal) for goal in (*first, *goals)]
+        while True:
+            answers = [self.send(goal) for goal in goals]
             report = self.execution(answers[-1])
             if report["outcome"] == "arrived":
                 return report
             assert report["outcome"] in ("never_started", "not_followed"), report
-        raise AssertionError(report)
+            self.forgiven.append(report)
+            assert len(self.forgiven) <= 1, self.forgiven
+            goals = (VIA, *goals)
 
     def set(self, **values: object) -> None:
         """Set parameters of the planner."""

@@ -1,9 +1,14 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The offline commands, run in this process."""
+"""Commands run in this process: what they print, return and refuse."""
+
+from __future__ import annotations
 
 import contextlib
 import io
+import json
+import os
+from pathlib import Path
 from typing import NamedTuple
 
 from mp_pca_planner.cli.main import main
@@ -21,23 +26,32 @@ class Done(NamedTuple):
     stderr: str
 
 
-def run(*arguments, ok=None):
+def run(*words: object, ok: bool | None = None) -> Done:
     """Run a command as the program does; check its status if told to."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            status = main([str(argument) for argument in arguments])
+            status = main([*map(str, words)])
         except SystemExit as leaving:
-            status = leaving.code
+            status = int(leaving.code or 0)
     if ok is not None:
         assert (status == 0) == ok, err.getvalue()
     return Done(status, out.getvalue(), err.getvalue())
 
 
-def refusal(*arguments):
+def result(*words: object) -> dict:
+    """The JSON object that a command prints, which must succeed."""
+    return json.loads(run(*words, "--json", ok=True).stdout)
+
+
+def refusal(*words: object) -> str:
     """The one line with which a command refuses its input."""
-    done = run(*arguments)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    (line,) = done.stderr.splitlines()
+    status, out, err = run(*words)
+    assert (status, out) == (2, "")
+    (line,) = err.splitlines()
     return line
+
+
+def with_folder(folder: Path) -> str:
+    """The PYTHONPATH with another folder in it."""
+    return os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH", "")]))

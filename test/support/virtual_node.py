@@ -14,7 +14,7 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-from problems import Scene, scene_of
+from support.problems import Scene, scene_of
 
 from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.exceptions import PlannerError

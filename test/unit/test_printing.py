@@ -14,13 +14,10 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
-from support.arm import arm_primitive
 from support.bags import reaching, stamped, write_bag
 
 import mp_pca_planner.cli.main as program
-from mp_pca_planner.cli.common import fact_lines, reported
 from mp_pca_planner.exceptions import MissingDependencyError, PlannerError, printable
-from mp_pca_planner.primitives.file import save_primitive
 
 HOSTILE = "\x1b]0;owned\x07\nroot# \u202ecba\udcff"
 
@@ -144,17 +141,6 @@ def test_names_from_a_bag_do_not_steer_the_terminal(tmp_path: Path) -> None:
         assert "root#" in text
 
 
-def test_a_limits_file_with_hostile_keys_does_not_steer_the_terminal(tmp_path: Path) -> None:
-    limits, file = tmp_path / "limits.yaml", tmp_path / "arm.npz"
-    limits.write_text('joint_limits: {"\\e[31m\\nroot# ": {max_velocity: 1.0}}')
-    save_primitive(arm_primitive(), file)
-    urdf = Path(__file__).parents[2] / "config/human_arm.urdf"
-    request = ("--robot", urdf, "--start", "0,0,0,0", "--goal", "elbow=-1")
-    text = printed("plan", file, *request, "--limits", limits, status=2)
-    assert_harmless(text)
-    assert r"\x1b[31m\nroot#" in text
-
-
 def test_joints_called_as_mathematics_are_drawn_as_they_are_called(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
     bag, page = tmp_path / "bag", tmp_path / "page.html"
@@ -170,26 +156,3 @@ def test_joints_called_as_mathematics_are_drawn_as_they_are_called(tmp_path: Pat
 def test_hint_names_this_python_and_the_extra() -> None:
     text = str(MissingDependencyError("module", "plot", "drawing"))
     assert f"{sys.executable} -m pip install 'mp_pca_planner[plot]'" in text
-
-
-def test_unknown_numbers_of_a_report_are_not_printed() -> None:
-    values = {"status": "solved", "effort_cost": "nan", "duration": "1.23456789", "x": "2"}
-    assert reported(values) == {"status": "solved", "duration": "1.235"}
-
-
-def test_results_are_lines_without_unknown_values_and_long_lists() -> None:
-    lines = fact_lines(
-        {
-            "start": {"a": 0.12345, "b": 2.0},
-            "remarks": ["one thing", "another"],
-            "names": ["a", "b"],
-            "times": [0.0] * 100,
-            "unknown": float("nan"),
-        }
-    )
-    assert lines == [
-        "start    a=0.1235, b=2",
-        "remarks  one thing",
-        "remarks  another",
-        "names    a, b",
-    ]

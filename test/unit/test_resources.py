@@ -40,12 +40,6 @@ def test_installed_module_gets_the_files_of_its_own_prefix(
     assert config_folder(module) == tmp_path / "prefix/share/mp_pca_planner/config"
 
 
-def test_nested_prefix_wins_over_the_one_around_it(tmp_path: Path) -> None:
-    make_prefix(tmp_path, "lib")
-    module = make_prefix(tmp_path / "install", "lib")
-    assert config_folder(module) == tmp_path / "install/share/mp_pca_planner/config"
-
-
 def test_module_of_a_source_tree_gets_the_files_of_the_tree(tmp_path: Path) -> None:
     make_file(tmp_path / "package.xml")
     module = make_file(tmp_path / "mp_pca_planner/files.py")

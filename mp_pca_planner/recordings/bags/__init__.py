@@ -22,3 +22,4 @@ from .serialisation import from_cdr as from_cdr
 from .serialisation import to_cdr as to_cdr
 from .serialisation import write_joint_states as write_joint_states
 from .serialisation import write_joint_trajectory as write_joint_trajectory
+from .serialisation import write_stored_states as write_stored_states

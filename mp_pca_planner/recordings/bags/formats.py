@@ -150,7 +150,7 @@ def _about(data: bytes) -> Header:
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 MCAP_HEAD = struct.Struct("<BQ")
 MCAP_MESSAGE_HEAD = struct.Struct("<HIQQ")
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
+SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
 """Codes of records of mcap."""
 
 _UNPACK: dict[str, Callable[[bytes], bytes]] = {

@@ -134,12 +134,6 @@ def from_cdr(data: bytes) -> Any:
     return _decode_cdr(known_types("mcap"), data, JOINT_STATE)
 
 
-def message_definition(name: str) -> str:
-    """Definition of a common type of ROS 2 and of those within it, as .msg text."""
-    text: str = known_types("mcap").generate_msgdef(name, ros_version=2)[0]
-    return text
-
-
 def _header(bag_format: BagFormat, stamp_ns: int) -> Any:
     types = known_types(bag_format).types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
@@ -165,7 +159,8 @@ def _write_messages(
         with writer:
             connection = writer.add_connection(topic, kind, typestore=types)
             for stamp, message in messages:
-                writer.write(connection, stamp, encode(message, kind))
+                data = message if isinstance(message, bytes) else encode(message, kind)
+                writer.write(connection, stamp, data)
     except sqlite3.Error as error:
         raise OSError(str(error)) from None
     return target / f"{target.name}{path.suffix}" if bare else target
@@ -268,6 +263,24 @@ def write_joint_trajectory(
     ]
     message = types[JOINT_TRAJECTORY](_header(bag_format, 0), list(trajectory.joint_names), points)
     _write(target, bag_format, "/joint_trajectory", JOINT_TRAJECTORY, [(0, message)], overwrite)
+
+
+def write_stored_states(path: Path, topic: str, messages: Iterable[tuple[int, bytes]]) -> None:
+    """Write serialised joint states (CDR) as an .mcap file, in place of an existing one.
+
+    Parameters
+    ----------
+    path, topic :
+        The file, and the topic of the joint states.
+    messages :
+        The messages with their times of reception [ns].
+
+    Raises
+    ------
+    PlannerError
+        If the file can't be written.
+    """
+    _write(path, "mcap", topic, JOINT_STATE, messages, overwrite=True)
 
 
 def _write(

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import Problem
-from referee import RigidArm, judge
+from support.motion_referee import RigidArm, judge
+from support.problems import Problem
 
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.recordings.demonstration import Demonstration

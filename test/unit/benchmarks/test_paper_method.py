@@ -4,7 +4,6 @@
 
 import numpy as np
 import pytest
-from left_out import plan_like
 from paper_method import (
     DEGREE,
     N_COMPONENTS,
@@ -14,6 +13,7 @@ from paper_method import (
     paper_basis,
     paper_method,
 )
+from prediction import plan_like
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 from support.arm import arm_demonstrations, arm_robot

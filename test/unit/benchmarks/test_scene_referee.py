@@ -4,10 +4,10 @@
 
 import numpy as np
 import pytest
-from problems import Problem
-from referee import RigidArm, SceneReferee, judge
 from support.dense import minimum_jerk_motion
+from support.motion_referee import RigidArm, SceneReferee, judge
 from support.obstacle_scenes import write_scene
+from support.problems import Problem
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.robot.limits import JointLimits

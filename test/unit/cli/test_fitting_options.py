@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from support.arm import arm_primitive
-from support.command_line import refusal
+from support.commands import refusal
 
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive

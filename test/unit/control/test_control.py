@@ -17,6 +17,7 @@ from mp_pca_planner.control.law import (
     COMPUTED_TORQUE,
     FEEDFORWARD_PD,
     ControlLaw,
+    control_statement,
     pair_law,
     paired_law,
 )
@@ -122,7 +123,7 @@ def test_bound_without_model_errors_is_what_the_delay_costs() -> None:
     robot, motion = arm_robot(), arm_reach(0.5)
     law = ControlLaw.from_frequency(FEEDFORWARD_PD, robot, motion, 20.0)
     loop = ControlLoop(robot, law, motion, delay=4)
-    known = analyse(loop, ErrorModel(inertia=0.0, payload=0.0, position=0.0))
+    known = analyse(loop, ErrorModel(inertia=0.0, position=0.0))
     errors, _ = simulate(loop, robot, np.zeros(4))
     assert known.error_bound is not None
     ratio = known.error_bound.max(axis=0) / np.abs(errors).max(axis=0)
@@ -142,13 +143,13 @@ def test_law_survives_the_primitive_file(tmp_path: Path) -> None:
     primitive = arm_primitive()
     law = ControlLaw(FEEDFORWARD_PD, JOINTS, [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, 0.4])
     assert paired_law(primitive) is None
-    save_primitive(pair_law(primitive, law, {"sampled_radius": 0.9}), tmp_path / "p.npz")
+    save_primitive(pair_law(primitive, law, "bounded"), tmp_path / "p.npz")
     found = load_primitive(tmp_path / "p.npz")
     read = paired_law(found)
     assert read is not None
     assert read.kind == law.kind
     assert np.array_equal(read.position_gains, law.position_gains)
-    assert found.metadata["control_law"]["known"] == {"sampled_radius": 0.9}
+    assert control_statement(found) == "feedforward_pd; bounded"
     found.metadata["control_law"]["velocity_gains"][0] = -1.0
     with pytest.raises(PrimitiveError, match="must be positive"):
         paired_law(found)
@@ -166,7 +167,7 @@ def pendulum_loop(**sampling: float) -> ControlLoop:
     [
         (
             lambda: ControlLaw("pid", JOINTS, np.ones(4), np.ones(4)),
-            "valid names: 'feedforward_pd'",
+            "must be one of 'feedforward_pd'",
         ),
         (lambda: ControlLaw(FEEDFORWARD_PD, JOINTS, np.ones(4), -np.ones(4)), "positive"),
     ],

@@ -141,7 +141,7 @@ def test_no_error_leaves_the_bound_with_friction(kind: str) -> None:
     loop, nominal = ControlLoop(robot, law, motion), pin.buildModelFromXML(ARM)
     bounds = [
         analyse(loop, ErrorModel(position=0.0, inertia=0.01, friction=x)).error_bound
-        for x in ((friction,) * 4, ())
+        for x in (friction, 0.0)
     ]
     shares = []
     for seed in range(3):

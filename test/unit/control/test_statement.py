@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statements on the stability of a primitive's control law, and what becomes of them."""
 
+import contextlib
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,6 @@ from mp_pca_planner.control.law import (
     FEEDFORWARD_PD,
     NO_LAW,
     ControlLaw,
-    bound_statement,
     control_statement,
     pair_law,
     paired_law,
@@ -32,37 +33,36 @@ LAW = ControlLaw(FEEDFORWARD_PD, JOINTS, np.full(4, 100.0), np.full(4, 10.0))
 
 
 @pytest.fixture(scope="module")
-def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """File of a primitive with a control law and what is known of it."""
+def paired(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """File of a primitive with a control law, and what `verify` printed of it."""
     folder = tmp_path_factory.mktemp("verified")
     save_primitive(arm_primitive(), folder / "reach.npz")
     path = folder / "paired.npz"
-    output = ["--output", str(path), "--trials", "2"]
-    assert main(["verify", str(folder / "reach.npz"), *REQUEST, *output]) == 0
-    return path
+    options = ["--output", str(path), "--trials", "2", "--json"]
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert main(["verify", str(folder / "reach.npz"), *REQUEST, *options]) == 0
+    return path, json.loads(out.getvalue())
 
 
-def test_known_stability_names_its_start_goal_duration_and_robot(verified: Path) -> None:
-    known: dict[str, Any] = load_primitive(verified).metadata["control_law"]["known"]
-    case = known["holds_for"]
-    assert case["start"] == dict(zip(JOINTS, START, strict=True))
-    assert case["goal"] == pytest.approx(dict(zip(JOINTS, GOAL, strict=True)), abs=1e-9)
-    assert case["robot"] == "human_arm"
-    assert 0.1 < case["duration"] < 5.0
+@pytest.fixture(scope="module")
+def verified(paired: tuple[Path, dict[str, Any]]) -> Path:
+    return paired[0]
 
 
-def test_statement_says_bound_case_and_errors_assumed(verified: Path) -> None:
-    primitive = load_primitive(verified)
-    known = primitive.metadata["control_law"]["known"]
-    text = control_statement(primitive)
+def test_statement_says_bound_case_and_errors_assumed(
+    paired: tuple[Path, dict[str, Any]],
+) -> None:
+    path, facts = paired
+    text = control_statement(load_primitive(path))
     bound = ", ".join(
-        f"{name}={b:.6g}" for name, b in zip(JOINTS, known["error_bound"], strict=True)
+        f"{name}={b:.6g}" for name, b in zip(JOINTS, facts["error_bound"], strict=True)
     )
     for words in (
         "feedforward_pd; errors stay within",
         bound,
         "from shoulder1=-0.5, shoulder2=-0.9, shoulder3=0.9, elbow=-0.5 to",
-        f"in {known['holds_for']['duration']:.6g} s of robot 'human_arm'",
+        "to shoulder1=-0.2, shoulder2=-0.4, shoulder3=0.9, elbow=-0.9 in",
+        f"in {facts['duration']:.6g} s of robot 'human_arm'",
         "within 5 %",
         "the start within 0.001 rad or m",
     ):
@@ -88,6 +88,7 @@ def test_without_a_bound_the_remedy_is_named(
     for option, words in (("--friction", "less --friction"), ("--inertia-error", "--armature")):
         assert main(["verify", str(verified), *REQUEST, option, "0.6", "--trials", "1"]) == 1
         out = capsys.readouterr().out
+        assert "no error bound on the motion from" in out
         assert "there is no bound: " in out and words in out
 
 
@@ -108,22 +109,14 @@ def test_refined_primitive_keeps_gains_but_not_the_bound(verified: Path, tmp_pat
     assert after is not None
     assert np.array_equal(after.position_gains, before.position_gains)
     assert np.array_equal(after.velocity_gains, before.velocity_gains)
-    assert "known" not in refined.metadata["control_law"]
     assert "no error bound: run verify" in control_statement(refined)
 
 
-@pytest.mark.parametrize("known", [{}, {"holds_for": 3}, []])
-def test_a_law_that_was_not_verified_has_no_bound(known: Any) -> None:
-    primitive = pair_law(arm_primitive(), LAW, {})
-    primitive.metadata["control_law"]["known"] = known
+def test_a_law_of_an_unknown_kind_is_unusable() -> None:
+    primitive = pair_law(arm_primitive(), LAW)
     assert "no error bound: run verify" in control_statement(primitive)
     primitive.metadata["control_law"]["kind"] = "pid"
     assert "unusable" in control_statement(primitive)
-
-
-def test_statement_without_a_bound_claims_none(verified: Path) -> None:
-    known = load_primitive(verified).metadata["control_law"]["known"] | {"bound_holds": False}
-    assert bound_statement(JOINTS, known).startswith("no error bound on the motion from")
 
 
 def test_primitive_without_a_law_says_so() -> None:

@@ -322,7 +322,9 @@ def test_obstacle_that_comes_during_planning_is_not_hit(planner: GoalPlanner) ->
     planner.settle = lambda: setattr(planner, "world", ball)
     rejected = planner.plan(request(measured={"grip": 0.0}))
     assert isinstance(rejected, Rejected)
-    assert "the obstacles changed during planning" in rejected.reason and "'ball'" in rejected.reason
+    assert (
+        "the obstacles changed during planning" in rejected.reason and "'ball'" in rejected.reason
+    )
 
 
 @pytest.mark.parametrize("is_sequence", [False, True])

@@ -16,11 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.arm import JOINTS
-from support.served_arm import GOAL, HALF, LIMITS, MODEL, START, URDF, WAIT, Node, model
-
-from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.options import Serving
+from mp_pca_planner.execution.serving import motion_server
 from mp_pca_planner.execution.serving.assembly import assemble_model
 from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
 from mp_pca_planner.execution.serving.motion_server import (
@@ -30,6 +27,10 @@ from mp_pca_planner.execution.serving.motion_server import (
     MotionServer,
 )
 from mp_pca_planner.execution.threads import BusyError
+from support.arm import JOINTS
+from support.served_arm import GOAL, HALF, LIMITS, MODEL, START, URDF, WAIT, Node, model
+
+from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.trajectory import Trajectory
 
@@ -105,6 +106,35 @@ def test_displaced_motion_keeps_its_primitives_when_the_library_is_replaced(node
     assert node.statuses == ["served"] * 2
     assert list(served.primitives) == old
     assert [one.name for one in served.primitives] == list(served.plan.primitives)
+
+
+def test_of_the_planned_and_the_displaced_motion_the_one_of_less_effort_is_sent(node, monkeypatch):
+    efforts, plan = {}, node._model.planner.plan
+
+    def displaced(*request):
+        found = usual(*request)
+        efforts["displaced"] = np.inf if found is None else found[0].effort_cost
+        return found
+
+    def planned(*request):
+        found = plan(*request)
+        efforts["planned"] = found.trajectory.effort_cost if found.is_executable else np.inf
+        return found
+
+    usual = motion_server.displaced
+    monkeypatch.setattr(motion_server, "displaced", displaced)
+    node._model.planner.plan = planned
+    node.ask(GOAL)
+    kinds = set()
+    for share in (0.0, 0.8, 0.3, 1.0, 0.1, 0.6):
+        node.run(0.35)
+        efforts.clear()
+        node.ask(START + share * (GOAL - START))
+        if len(efforts) == 2 and np.isfinite([*efforts.values()]).all():
+            sent = node.monitor.served.plan
+            assert sent.trajectory.effort_cost == min(efforts.values())
+            kinds.add(type(sent))
+    assert len(kinds) == 2
 
 
 class Forbidden:

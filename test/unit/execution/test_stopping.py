@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from support.arm import JOINTS, arm_robot
 from support.dense import assert_keeps, minimum_jerk_motion, spline
 
+from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.stopping import (
     braking_ends,
     ends_on_path,
     stop_on_path,
     stops_at_points,
 )
-from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import check_limits
@@ -165,6 +165,17 @@ def test_braking_has_a_constant_jerk_as_a_quintic_and_brakes_evenly_as_a_cubic()
     accelerations = spline(stop, 2)(np.linspace(0.0, stop.duration, 9), 2)
     np.testing.assert_allclose(accelerations, np.tile(-state.velocities / stop.duration, (9, 1)))
     assert np.abs(spline(stop)(0.5 * stop.duration, 5)).max() < 1e-6  # a quartic
+
+
+@pytest.mark.parametrize("speed", [0.3, -1.0, 1.9])
+def test_stop_at_a_point_is_as_short_as_an_acceleration_allows(speed):
+    free = {"max_velocity": 2.0, "max_acceleration": 8.0, "max_effort": np.inf}
+    limits = ROBOT.limits(dict.fromkeys(JOINTS, free))
+    state = JointState(JOINTS, START, [speed, 0.0, 0.0, 0.0])
+    stop = stop_at_point([state], braking_ends(state), ROBOT, limits)
+    # The quartic's acceleration is 1.5 times the cubic's; each time tried is 1.2 times the last.
+    least = 1.5 * abs(speed) / 8.0
+    assert least * (1.0 - 1e-6) <= stop.duration <= 1.21 * least
 
 
 def test_stop_at_a_point_does_not_exist_where_none_keeps_the_limits():

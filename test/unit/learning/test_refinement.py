@@ -12,7 +12,7 @@ from support.patience import PATIENT
 from support.worlds import ball_beside, least_distance
 
 import mp_pca_planner as mp
-from mp_pca_planner.exceptions import GoalError, PlannerError, TrajectoryError
+from mp_pca_planner.exceptions import LearningError, PlannerError, TrajectoryError
 from mp_pca_planner.learning.refined_motion import (
     AMPLITUDE,
     LOG_DURATION,
@@ -25,12 +25,11 @@ from mp_pca_planner.learning.refinement import (
     MARGIN,
     Constraints,
     ExecutableMotions,
-    RefinementOptions,
     refine,
 )
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.motion.validation import LimitCheck, Violation, check_limits
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.planner import Planner
 
@@ -88,6 +87,16 @@ def test_ends_are_kept_to_the_last_bit_whatever_the_durations(n_segments):
             np.testing.assert_array_equal(a[k], state.accelerations)
 
 
+def test_limits_are_watched_where_a_motion_broke_them():
+    first, second = joined_motions()
+    constraints = Constraints(ExecutableMotions((first, second), ROBOT, LIMITS))
+    broken = [Violation("velocity", "elbow", time, 9.0, 1.0, 8.0) for time in (0.2371, 1.2345)]
+    before = [set(phases) for phases in constraints.phases]
+    constraints.add(RefinedMotion((first, second)), LimitCheck(tuple(broken)), ())
+    added = [sorted({*now} - then) for now, then in zip(constraints.phases, before, strict=True)]
+    np.testing.assert_allclose(added, [[0.2371 / 1.1], [(1.2345 - 1.1) / 0.8]])
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_segments_stay_joined_to_the_acceleration(seed):
     motion = RefinedMotion(joined_motions(seed), some_parameters(2, seed, 1.0))
@@ -137,10 +146,9 @@ def planned_stiffly():
 
 def test_gradients_of_clearances_are_those_of_differences():
     plan = planned_stiffly()
-    price = RefinementOptions(time_price=3.0)
-    refined = refine(plan.motions, ROBOT, LIMITS, price)
+    refined = refine(plan.motions, ROBOT, LIMITS, time_price=3.0)
     model = CollisionModel(ROBOT, world=ball_beside(plan.trajectory, refined.trajectory))
-    terms = Constraints(ExecutableMotions(plan.motions, ROBOT, LIMITS, price, model))
+    terms = Constraints(ExecutableMotions(plan.motions, ROBOT, LIMITS, model))
     x = refined.motion.parameters.ravel()
     terms.add(refined.motion, refined.check, model.collisions(refined.trajectory))
     n_limits = 5 * ROBOT.n_joints * terms.phases[0].size
@@ -157,12 +165,12 @@ def test_gradients_of_clearances_are_those_of_differences():
 @pytest.mark.slow
 @pytest.mark.parametrize("price", [None, 3.0])
 def test_refining_keeps_clear_of_an_obstacle_that_it_would_meet_otherwise(price):
-    plan, options = planned_stiffly(), RefinementOptions(time_price=price)
-    bare = refine(plan.motions, ROBOT, LIMITS, options)
+    plan = planned_stiffly()
+    bare = refine(plan.motions, ROBOT, LIMITS, time_price=price)
     world = ball_beside(plan.trajectory, bare.trajectory)
     assert least(bare, world) < 0.0
     model = CollisionModel(ROBOT, world=world)
-    found = refine(plan.motions, ROBOT, LIMITS, options, model)
+    found = refine(plan.motions, ROBOT, LIMITS, model, time_price=price)
     assert least(found, world) > 1e-3
     assert 0.0 < found.gain < bare.gain
 
@@ -173,7 +181,7 @@ def test_refining_a_detour_keeps_clear_of_the_obstacle():
     model = CollisionModel(ROBOT, world=world)
     plan = Planner(ROBOT, [arm_primitive()], LIMITS, PATIENT, model).plan(goal, start)
     assert plan.is_executable and plan.correction > 0.0
-    found = refine(plan.motions, ROBOT, LIMITS, RefinementOptions(time_price=3.0), model)
+    found = refine(plan.motions, ROBOT, LIMITS, model, time_price=3.0)
     assert found.gain > 0.01
     assert least(found, world) > 0.0
 
@@ -182,7 +190,7 @@ def test_cost_is_the_integral_of_the_efforts():
     motion = RefinedMotion(joined_motions(), some_parameters(2))
     trajectory = motion.sample(ROBOT, 1e-3)
     effort = motion.effort(ROBOT)
-    judge = ExecutableMotions(motion.segments, ROBOT, LIMITS, RefinementOptions(time_price=5.0))
+    judge = ExecutableMotions(motion.segments, ROBOT, LIMITS, time_price=5.0)
     by_points = 0.5 * trapezoid(np.sum(trajectory.efforts**2, axis=1), trajectory.times)
     assert effort == pytest.approx(by_points, rel=1e-4)
     assert judge.cost(motion) == pytest.approx(effort + 5.0 * motion.duration, rel=1e-12)
@@ -226,9 +234,7 @@ def test_joined_segments_trade_time_within_the_whole():
 
 def test_time_that_costs_is_spared():
     plan = planned()
-    cheap, dear = (
-        refine([plan.motion], ROBOT, LIMITS, RefinementOptions(time_price=x)) for x in (10.0, 300.0)
-    )
+    cheap, dear = (refine([plan.motion], ROBOT, LIMITS, time_price=x) for x in (10.0, 300.0))
     assert dear.motion.duration < cheap.motion.duration
     assert dear.cost <= dear.original_cost
     # At an optimum inside of the bounds a longer duration gains as much as it costs.
@@ -245,8 +251,8 @@ def test_what_is_not_executable_is_refused():
     tight = ROBOT.limits({JOINTS[0]: {"max_velocity": 1e-3}})
     with pytest.raises(TrajectoryError, match="velocity of joint"):
         refine([plan.motion], ROBOT, tight)
-    with pytest.raises(GoalError, match="time_price"):
-        RefinementOptions(time_price=-1.0)
+    with pytest.raises(LearningError, match="time_price must be a number of at least 0, got -1"):
+        refine([plan.motion], ROBOT, LIMITS, time_price=-1.0)
     with pytest.raises(PlannerError, match="at least one segment"):
         RefinedMotion([])
     with pytest.raises(PlannerError, match="finite"):
@@ -304,7 +310,7 @@ def test_amplitude_of_minus_one_is_the_motion_of_least_jerk():
 def test_limits_and_their_slopes_are_those_of_differences(n_segments):
     segments = joined_motions()[:n_segments]
     limits = ROBOT.limits({name: {"max_jerk": 40.0, "max_acceleration": 9.0} for name in JOINTS})
-    terms = Constraints(ExecutableMotions(segments, ROBOT, limits, RefinementOptions()))
+    terms = Constraints(ExecutableMotions(segments, ROBOT, limits))
     x = some_parameters(n_segments, 4).ravel()
     values, slopes = terms.values(x), terms.jacobian(x)
     for k, e in enumerate(1e-6 * np.eye(x.size)):

@@ -8,6 +8,7 @@ from scipy.integrate import trapezoid
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import LearningError
+from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.learning.trials import improve_by_trials
 from mp_pca_planner.motion.validation import check_limits
 
@@ -23,7 +24,33 @@ def plan(tmp_path_factory):
     return planner.plan(start=motions[0].positions[0], goal={"elbow": -0.8})
 
 
-def test_trials_are_valid_and_the_cheapest_is_kept(plan):
+def effort_on(robot):
+    def effort(trajectory):
+        acting = robot.inverse_dynamics(*trajectory.states)
+        return 0.5 * trapezoid(np.sum(np.square(acting), axis=1), trajectory.times)
+
+    return effort
+
+
+def refined(plan):
+    return refine(plan.motions, plan.planner.robot, plan.planner.limits)
+
+
+@pytest.fixture(scope="module")
+def wrong_effort(plan):
+    """Effort on a robot with other masses than the model, and friction."""
+    factors = 1.0 + 0.3 * np.random.default_rng(0).uniform(-1.0, 1.0, (4, 1))
+    robot = plan.planner.robot
+    changed = robot.with_link_inertias(np.repeat(factors[: len(robot.link_inertias.links)], 4, 1))
+
+    def effort(trajectory):
+        acting = changed.inverse_dynamics(*trajectory.states) + 3.0 * trajectory.velocities
+        return 0.5 * trapezoid(np.sum(np.square(acting), axis=1), trajectory.times)
+
+    return effort
+
+
+def test_trials_are_valid_and_the_cheapest_is_kept_without_noise(plan):
     costs, tried = [], []
 
     def run(trajectory):
@@ -32,27 +59,38 @@ def test_trials_are_valid_and_the_cheapest_is_kept(plan):
         costs.append(abs(trajectory.positions[len(trajectory.times) // 3]).sum())
         return costs[-1]
 
-    best = improve_by_trials(plan, run, 20)
-    assert len(costs) == 20 and min(costs) < costs[0]
-    assert best.trajectory is tried[costs.index(min(costs))]
+    best = improve_by_trials(plan, run, 26)
+    assert len(costs) == 26 and min(costs) < costs[0]
+    assert best.cost == pytest.approx(min(costs)) == pytest.approx(run(best.trajectory))
+    assert best.planned_cost == pytest.approx(costs[0]) and best.noise < 1e-12
     assert best.trajectory.duration == pytest.approx(plan.duration)
 
 
-def test_trials_save_effort_on_a_robot_with_other_masses_than_the_model(plan):
-    model = plan.planner.robot
-    factors = 1.0 + 0.3 * np.random.default_rng(0).uniform(
-        -1.0, 1.0, len(model.link_inertias.links)
-    )
-    robot = model.with_link_inertias(np.repeat(factors[:, None], 4, axis=1))
-
-    def effort(trajectory):
-        acting = robot.inverse_dynamics(*trajectory.states)
-        return 0.5 * trapezoid(np.sum(np.square(acting), axis=1), trajectory.times)
-
-    best = improve_by_trials(plan, effort, 40)
-    assert effort(best.trajectory) < 0.98 * effort(plan.trajectory)
+def test_trials_improve_on_the_refinement_on_a_robot_unlike_its_model(plan, wrong_effort):
+    best = improve_by_trials(plan, wrong_effort, 60)
+    known = min(wrong_effort(one.trajectory) for one in (plan, refined(plan)))
+    assert wrong_effort(best.trajectory) < 0.995 * known
+    assert best.cost == pytest.approx(wrong_effort(best.trajectory))
 
 
-def test_cost_that_is_no_number_is_refused(plan):
+@pytest.mark.parametrize("noise", [0.02, 0.1])
+def test_noise_does_not_displace_the_best_known_motion(plan, noise):
+    """On the robot of the model, the refinement is the best: no noise makes it be dropped."""
+    effort, known = effort_on(plan.planner.robot), refined(plan)
+    ends = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        best = improve_by_trials(
+            plan, lambda x, rng=rng: effort(x) * (1.0 + noise * rng.normal()), 24, seed
+        )
+        ends.append(effort(best.trajectory))
+        assert 0.2 * noise < best.noise / best.cost < 2.5 * noise
+    assert max(ends) < 0.5 * (effort(known.trajectory) + effort(plan.trajectory))
+    assert np.median(ends) == pytest.approx(effort(known.trajectory), rel=1e-3)
+
+
+def test_what_can_not_be_learned_from_is_refused(plan):
     with pytest.raises(LearningError, match="finite"):
-        improve_by_trials(plan, lambda _: float("nan"), 2)
+        improve_by_trials(plan, lambda _: float("nan"))
+    with pytest.raises(LearningError, match="n_trials must be at least 12, got 4"):
+        improve_by_trials(plan, lambda _: 1.0, 4)

@@ -7,12 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from support.arm import JOINTS, arm_robot
+from support.arm import arm_robot
 
 from mp_pca_planner.mocap.inverse_kinematics import (
     MarkerProblem,
     solve,
-    solve_each,
 )
 from mp_pca_planner.mocap.markers import MarkerPlacement
 from mp_pca_planner.robot.model import Robot
@@ -52,18 +51,6 @@ def test_light_smoothing_changes_a_smooth_motion_by_little() -> None:
     q = solve(problem, PERIOD)
     np.testing.assert_allclose(q, motion(), atol=1e-3)
     assert np.nanmax(problem.residuals(np.arange(len(q)), q)) < 1e-4
-
-
-def test_joints_in_any_order_get_the_same_angles() -> None:
-    robot = Robot(_urdf(), JOINTS[::-1])
-    q = solve(MarkerProblem(robot, ARM, targets(), UNSMOOTHED), PERIOD)
-    np.testing.assert_allclose(q[:, ::-1], motion(), atol=1e-7)
-
-
-def _urdf() -> str:
-    from mp_pca_planner.files import config_file
-
-    return config_file("human_arm.urdf").read_text(encoding="utf-8")
 
 
 def test_noisy_markers_give_the_least_squares_of_scipy() -> None:
@@ -143,15 +130,6 @@ def test_frames_with_too_few_markers_are_gaps() -> None:
     )
 
 
-def test_joints_that_no_marker_shows_are_told() -> None:
-    problem = MarkerProblem(arm_robot(), ARM, targets()[:1])
-    assert problem.open_joints(np.array([True, True, True])) == ()
-    assert problem.open_joints(np.array([True, True, False])) == (3,)
-    # An elbow alone does not show how the upper arm is turned about itself.
-    assert problem.open_joints(np.array([True, False, False])) == (2, 3)
-    assert problem.open_joints(np.array([False, False, False])) == (0, 1, 2, 3)
-
-
 def test_turn_of_a_straight_arm_is_bridged_smoothly() -> None:
     # While the elbow is straight, elbow and wrist don't show shoulder3.
     q_true = np.tile([-0.6, 0.2, 0.0, 0.0], (60, 1))
@@ -161,15 +139,6 @@ def test_turn_of_a_straight_arm_is_bridged_smoothly() -> None:
     robot, markers = arm_robot(), (ARM[0], ARM[2])
     q = solve(MarkerProblem(robot, markers, places(robot, q_true, markers)), PERIOD)
     np.testing.assert_allclose(q[:, 2], q_true[:, 2], atol=0.05)
-
-
-def test_frames_far_apart_are_found_from_their_own_starts() -> None:
-    chosen = np.array([0, 60, 119])
-    problem = MarkerProblem(arm_robot(), ARM, targets()[chosen])
-    np.testing.assert_allclose(solve_each(problem), motion()[chosen], atol=1e-5)
-    np.testing.assert_allclose(
-        solve_each(problem, motion()[chosen] + 0.1), motion()[chosen], atol=1e-5
-    )
 
 
 def test_a_single_frame_and_two_are_solved() -> None:

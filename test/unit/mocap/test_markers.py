@@ -14,6 +14,7 @@ from support.marker_bags import (
     POINT,
     POSE,
     TF,
+    UPRIGHT,
     Messages,
     write_marker_arrays,
     write_messages,
@@ -158,6 +159,25 @@ def test_a_body_with_an_orientation_gives_points_on_it(tmp_path: Path) -> None:
     expected = PATHS[0] + turns.apply([0.1, 0.0, -0.2])
     np.testing.assert_allclose(found.positions[:, 0], expected, atol=1e-12)
     np.testing.assert_array_equal(found.positions[:, 1], PATHS[0])
+
+
+def test_quaternions_between_samples_turn_the_short_way_whatever_their_signs(
+    tmp_path: Path,
+) -> None:
+    messages, entries = Messages(), []
+    for k in range(2 * N):
+        stamp = EPOCH + k * STEP
+        entries.append(("/m/clock", POSE, stamp, messages.pose_stamped((0, 0, 0), UPRIGHT, stamp)))
+    for k in range(N):
+        stamp = EPOCH + 2 * k * STEP + STEP // 2
+        turn = (-1.0) ** k * Rotation.from_euler("z", 0.1 * (2 * k + 0.5)).as_quat()
+        entries.append(("/m/hand", POSE, stamp, messages.pose_stamped((0, 0, 0), turn, stamp)))
+    path = write_messages(tmp_path / "bag", messages, sorted(entries, key=lambda e: e[2]))
+    tip = MarkerPlacement("tip", "link", (0, 0, 0), body="hand", offset=(1.0, 0.0, 0.0))
+    found = read_markers(path, "/m", [tip, *placed("clock")]).positions[1 : 2 * N - 2, 0]
+    angles = 0.1 * np.arange(1, 2 * N - 2)
+    expected = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def tf_bag(path: Path, hand_parent: str = "room", bag_format: str = "mcap", kind: str = TF) -> Path:

@@ -25,7 +25,6 @@ from support.patience import PATIENT
 
 import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
-from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.motion.collision import Collision, CollisionModel, package_folders
@@ -52,26 +51,6 @@ def model() -> CollisionModel:
 
 
 # The model
-
-
-def test_neighbours_are_not_watched_and_all_others_are(model):
-    assert set(model.pairs) == set(WATCHED)
-
-
-def test_what_touches_at_neutral_is_not_watched():
-    wide = chain(**{'<box size="0.1 0.1 0.1"/>': '<box size="1.55 0.1 0.1"/>'})
-    assert set(CollisionModel(wide).pairs) == {("base", "c"), ("a", "c")}
-
-
-def test_srdf_says_which_pairs_need_no_look(tmp_path):
-    srdf = tmp_path / "chain.srdf"
-    srdf.write_text(
-        '<robot name="chain"><disable_collisions link1="base" link2="a" reason="Adjacent"/>'
-        '<disable_collisions link1="c" link2="a" reason="Never"/></robot>',
-        encoding="utf-8",
-    )
-    pairs = CollisionModel(chain(), srdf=srdf).pairs
-    assert set(pairs) == {("a", "b"), ("b", "c"), ("base", "b"), ("base", "c")}
 
 
 def test_spheres_meet_where_geometry_says(model):
@@ -161,12 +140,6 @@ def test_sliding_joints_reach_as_far_as_they_slide():
     assert found is not None and "c" in found.links
 
 
-def test_missing_mesh_is_refused_with_where_it_was_looked_for(tmp_path):
-    mesh = chain(**{'<box size="0.1 0.1 0.1"/>': '<mesh filename="package://nobody/x.stl"/>'})
-    with pytest.raises(RobotError, match=r"nobody/x\.stl.*searched in '.*here' .package_dirs"):
-        CollisionModel(mesh, package_dirs=[tmp_path / "here"])
-
-
 def test_mesh_of_a_package_is_found(tmp_path):
     (tmp_path / "somebody").mkdir()
     triangle = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
@@ -176,17 +149,6 @@ def test_mesh_of_a_package_is_found(tmp_path):
     assert CollisionModel(mesh, package_dirs=[tmp_path]).has_geometry
 
 
-def test_unreadable_srdf_is_refused(tmp_path):
-    with pytest.raises(RobotError, match="SRDF file"):
-        CollisionModel(chain(), srdf=tmp_path / "none.srdf")
-    (tmp_path / "bad.srdf").write_text("<robot", encoding="utf-8")
-    with pytest.raises(RobotError, match="SRDF file"):
-        CollisionModel(chain(), srdf=tmp_path / "bad.srdf")
-    (tmp_path / "deep.srdf").write_text("<a>" * 100_000 + "</a>" * 100_000, encoding="utf-8")
-    with pytest.raises(RobotError, match="within more than 50 others"):
-        CollisionModel(chain(), srdf=tmp_path / "deep.srdf")
-
-
 def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_PACKAGE_PATH", "/one:/two")
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros")
@@ -194,29 +156,6 @@ def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_pat
     known = [Path("/given"), Path("/one"), Path("/two"), Path("/opt/ros/share")]
     assert folders[:5] == [*known, tmp_path.resolve()]
     assert package_folders([Path("/given")]) == known
-
-
-@pytest.mark.parametrize("which", ["chain", "arm"])
-def test_derivatives_of_distances_are_those_of_differences(which):
-    robot = chain() if which == "chain" else arm_robot()
-    model, limits = CollisionModel(robot), robot.limits()
-    rng, step = np.random.default_rng(1), 1e-4
-    apart = 0
-    for _ in range(30):
-        q = rng.uniform(limits.lower, limits.upper)
-        near = model.near(q[None], np.inf)
-        np.testing.assert_array_equal(near.pairs, np.arange(len(model.pairs)))
-        distances, rows = near.distances, near.rows
-        both = [
-            [model.near((q + sign * e)[None], np.inf).distances for e in step * np.eye(q.size)]
-            for sign in (1.0, -1.0)
-        ]
-        differences = (np.array(both[0]) - both[1]).T / (2.0 * step)
-        # In each other they depend on the version of the library.
-        clear = distances > 2e-3
-        apart += np.count_nonzero(clear)
-        np.testing.assert_allclose(rows[clear], differences[clear], atol=3e-3)
-    assert apart > 50
 
 
 def two_cubes(path: Path) -> None:
@@ -415,31 +354,3 @@ def test_plan_refuses_a_motion_that_ends_in_itself(files, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["status"] == "infeasible"
     assert "'a' and 'c' collide" in facts["message"]
-
-
-def test_plan_goes_where_nothing_is_in_the_way(files, capsys):
-    ends = ["--start", "0,0.5,0", "--goal", "0.2,0.9,1.1", "--duration", "1"]
-    assert main(["plan", *files, *ends, "--collision"]) == 0
-    assert "not checked" not in capsys.readouterr().out
-
-
-def test_plan_refuses_an_srdf_without_collision(files, capsys):
-    ends = ["--start", "0,0.5,0", "--goal", "0.2,0.9,1.1", "--srdf", "x.srdf"]
-    assert main(["plan", *files, *ends]) == 2
-    assert "--srdf is for --collision" in capsys.readouterr().err
-
-
-def test_sequence_refuses_to_end_in_itself_too(files, capsys):
-    ends = ["--start", "0,0.9,0", "--via", "0.1,0.9,0.5", "--goal", "0,0.9,3.0", "--json"]
-    assert main(["sequence", *files, *ends]) == 0
-    capsys.readouterr()
-    assert main(["sequence", *files, *ends, "--collision"]) == 1
-    assert "'a' and 'c' collide" in json.loads(capsys.readouterr().out)["message"]
-
-
-@pytest.mark.parametrize("via", [[], ["--via", "0.1,0.9,0.5"]])
-def test_what_ends_in_itself_is_not_refined(files, capsys, via):
-    ends = ["--start", "0,0.9,0", "--goal", "0,0.9,3.0"]
-    assert main(["refine", *files, *ends, *via]) == 0
-    assert main(["refine", *files, *ends, *via, "--collision"]) == 2
-    assert "'a' and 'c' collide" in capsys.readouterr().err

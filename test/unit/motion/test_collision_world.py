@@ -4,12 +4,11 @@
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
-from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from support.arm import arm_demonstrations, arm_primitive, arm_robot
 from support.patience import PATIENT
 from support.worlds import plain_distances, random_world
 
@@ -17,7 +16,7 @@ import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file
 from mp_pca_planner.learning.refinement import refine
-from mp_pca_planner.motion.collision import Collision, CollisionModel
+from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import INFEASIBLE
@@ -114,26 +113,6 @@ def test_refusal_names_both_bodies_and_the_end_in_collision() -> None:
         bare = planner(world).plan(goal, start).message
         assert f"'ball' collide by {deep} mm" in bare  # the margin is no depth
         assert ("move the robot or the obstacle first" in plan.message) == (name == "start")
-
-
-def test_collisions_state_the_clearance_that_is_left_or_the_depth_without_the_margin() -> None:
-    near = Collision(0, ("a", "ball"), 0.5, 0.012, 0.3, 0.7, (1.0, 2.0, 3.0), margin=0.02)
-    found = "'a' and 'ball' are nearer than the margin of 20 mm"
-    where = "near (1.000, 2.000, 3.000) m"
-    assert near.at_rest == f"{found}, 8.0 mm apart, {where}"
-    assert str(near) == f"{found} from 0.300 s on (deepest at 0.500 s, 8.0 mm apart, {where})"
-    deep = replace(near, penetration=0.0472)
-    assert deep.at_rest == f"'a' and 'ball' collide by 27.2 mm, {where}"
-
-
-def test_world_of_the_front_door_is_avoided() -> None:
-    start, goal = between(0)
-    robot = mp.Robot.from_file(config_file("human_arm.urdf"), JOINTS)
-    through = mp.Planner(robot, [arm_primitive()], options=PATIENT).plan(goal, start).trajectory
-    world = mp.World([mp.Obstacle("ball", ball_on_path(through))])
-    careful = mp.Planner(robot, [arm_primitive()], options=PATIENT, world=world)
-    assert careful.collision is not None and careful.collision.world is world
-    assert clearance(careful.plan(goal, start).trajectory, world) >= 0.0
 
 
 def test_plan_avoids_the_obstacles_of_a_file(tmp_path, capsys) -> None:

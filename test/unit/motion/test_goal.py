@@ -14,10 +14,6 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Se
 HERE = JointState(("a", "b"), [0.0, 1.0])
 
 
-def test_state_has_zero_derivatives_unless_given() -> None:
-    assert not HERE.velocities.any() and not HERE.accelerations.any()
-
-
 def test_quaternion_is_made_of_length_one() -> None:
     pose = Pose("hand", [0, 0, 1], [0, 0, 0, 1.0005])
     assert pose.orientation is not None
@@ -45,10 +41,6 @@ def test_quaternion_is_made_of_length_one() -> None:
 def test_nonsense_is_refused(make: Any, words: str) -> None:
     with pytest.raises(GoalError, match=re.escape(words)):
         make()
-
-
-def test_times_of_a_sequence_are_the_planners_unless_given() -> None:
-    assert SequenceGoal((HERE, HERE)).times == (None, None)
 
 
 def test_sequence_says_of_each_target_whether_it_stops_there() -> None:

@@ -2,20 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trajectories and the array checks behind every value type."""
 
-import json
-import sys
-
 import numpy as np
 import pytest
 
-from mp_pca_planner.arrays import frozen_array, unique_names
+from mp_pca_planner.arrays import frozen_array
 from mp_pca_planner.exceptions import (
     GoalError,
-    MissingDependencyError,
     PlannerError,
     TrajectoryError,
 )
-from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 
 ZERO = np.zeros((3, 2))
@@ -47,12 +43,6 @@ def test_a_number_that_is_not_finite_is_refused_by_name_and_place(bad, field):
         Trajectory(("a", "b"), [0.0, 0.1, 0.2], *arrays)
 
 
-@pytest.mark.parametrize("names", [(), ("a", "a"), ("a", ""), ("a", 3)])
-def test_joint_names_must_be_unique_strings(names):
-    with pytest.raises(TrajectoryError):
-        unique_names(names, "joints", TrajectoryError)
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [
@@ -70,32 +60,6 @@ def test_arrays_of_wrong_content_or_shape_are_refused(values, message):
 def test_a_state_is_at_rest_unless_told_otherwise():
     state = JointState(["a"], [1.0])
     assert state.velocities.tolist() == state.accelerations.tolist() == [0.0]
-
-
-@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf])
-def test_a_goal_needs_a_positive_duration(duration):
-    with pytest.raises(GoalError, match="positive number of seconds"):
-        JointGoal(JointState(["a"], [1.0]), duration)
-
-
-@pytest.mark.parametrize("name", ["motion.csv", "motion.json", "motion.npz"])
-def test_a_saved_trajectory_holds_all_numbers_to_the_last_bit(name, tmp_path):
-    saved = Trajectory(["a", "b"], [0.0, 0.1], *np.random.default_rng(0).normal(size=(4, 2, 2)))
-    saved.save(tmp_path / name)
-    content = (tmp_path / name).read_text("latin-1")
-    if name.endswith("csv"):
-        header, *rows = content.splitlines()
-        assert header.startswith("time,a.positions,b.positions,a.velocities")
-        table = np.array([row.split(",") for row in rows], float)
-        positions, efforts = table[:, 1:3], table[:, 7:]
-    else:
-        loaded = json.loads(content) if name.endswith("json") else np.load(tmp_path / name)
-        assert list(loaded["joint_names"]) == ["a", "b"]
-        positions, efforts = loaded["positions"], loaded["efforts"]
-    np.testing.assert_array_equal(positions, saved.positions)
-    np.testing.assert_array_equal(efforts, saved.efforts)
-    with pytest.raises(PlannerError, match="exists already"):
-        saved.save(tmp_path / name)
 
 
 def test_a_trajectory_is_saved_as_a_bag(tmp_path):
@@ -117,15 +81,3 @@ def test_a_trajectory_becomes_a_message_point_by_point():
     assert message.points[1].time_from_start.nanosec == 250_000_000
     assert not message.points[1].effort
     assert list(motion.to_message(with_efforts=True).points[0].effort) == [6.0]
-
-
-def test_without_ros_the_message_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "trajectory_msgs", None)
-    monkeypatch.setitem(sys.modules, "rclpy.serialization", None)
-    with pytest.raises(MissingDependencyError, match=r"mp_pca_planner\[ros\]"):
-        Trajectory(["a"], [0.0], *np.zeros((3, 1, 1))).to_message()
-
-
-def test_a_trajectory_is_described_in_one_line():
-    motion = Trajectory(["a", "b"], [0.0, 0.5], *np.zeros((3, 2, 2)))
-    assert repr(motion) == "Trajectory: 2 joints, 2 points, 0.5 s"

@@ -4,19 +4,17 @@
 
 import math
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 
 import numpy as np
 import pytest
-from referee import RigidArm, SceneReferee
 from support.arm import JOINTS, arm_primitive, arm_robot
 from support.dense import assert_keeps, spline
+from support.motion_referee import RigidArm, SceneReferee
 from support.obstacle_scenes import WALL, write_scene
 from support.worlds import TRAY
 
 import mp_pca_planner as mp
-from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
@@ -24,8 +22,7 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.search import search
-from mp_pca_planner.planning.search.detours import PATH_REACH, paths, sampled_path
+from mp_pca_planner.planning.search.detours import paths, sampled_path
 from mp_pca_planner.robot.world import World
 
 BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
@@ -57,29 +54,11 @@ def test_search_finds_the_way_through_a_maze():
     assert other.shape != path.shape or not np.array_equal(other, path)
 
 
-def test_paths_of_threads_are_those_of_one_thread():
-    pytest.importorskip("ompl", reason="OMPL is not installed")
-
-    def path(seed):
-        return sampled_path(in_maze, BOUNDS, ENDS, seed=seed, step=0.01)
-
-    expected = [path(seed) for seed in range(1, 21)]
-    with ThreadPoolExecutor(4) as threads:
-        for found, alone in zip(threads.map(path, range(1, 21)), expected, strict=True):
-            np.testing.assert_array_equal(found, alone)
-
-
 def test_search_ends_on_request_or_after_enough_checks():
     pytest.importorskip("ompl", reason="OMPL is not installed")
     closed = lambda q: bool(abs(q[0]) < 0.1)  # noqa: E731
     assert sampled_path(closed, BOUNDS, ENDS, max_checks=500) is None
     assert sampled_path(closed, BOUNDS, ENDS, lambda: True) is None
-
-
-def test_without_ompl_the_search_names_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ompl.base", None)
-    with pytest.raises(MissingDependencyError, match=r"module 'ompl'.*install 'ompl'"):
-        sampled_path(in_maze, BOUNDS, ENDS)
 
 
 @pytest.fixture
@@ -107,18 +86,6 @@ def test_detour_avoids_what_descent_does_not(post):
     assert collision == ""
     assert_keeps(spline(plan.trajectory), planner.limits)
     np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, goal], atol=1e-12)
-
-
-def test_no_other_motion_is_optimised_when_time_is_over(post, monkeypatch):
-    def never(*_):
-        raise AssertionError("a stage began after the time")
-
-    monkeypatch.setattr(search, "ORDER", (search.descent, never))
-    _, planner, start, goal = post
-    options, model = PlannerOptions(max_solve_time=1e-6), planner.collision
-    hasty = Planner(planner.robot, planner.primitives, None, options, model)
-    plan = hasty.plan(goal, start)
-    assert plan.status != "solved"
 
 
 def test_without_the_library_descent_goes_on_where_a_path_would_be_searched(post, monkeypatch):
@@ -170,16 +137,6 @@ def test_end_inside_a_mesh_has_no_path_and_is_named(end):
     assert f"the {'goal' if end else 'start'} is in collision" in message
 
 
-def test_first_path_stays_near_its_ends(post):
-    pytest.importorskip("ompl", reason="OMPL is not installed")
-    _, planner, start, goal = post
-    path = next(paths(planner._context, (start, goal), Budget(math.inf)))
-    assert len(path) > 2
-    assert np.all(path >= np.minimum(start, goal) - PATH_REACH)
-    assert np.all(path <= np.maximum(start, goal) + PATH_REACH)
-    assert not any(map(planner.collision.collides, dense(path)))
-
-
 def test_search_for_paths_lasts_until_its_time_is_over(post):
     pytest.importorskip("ompl", reason="OMPL is not installed")
     _, planner, start, goal = post
@@ -190,25 +147,6 @@ def test_search_for_paths_lasts_until_its_time_is_over(post):
     for _ in paths(planner._context, (start, goal), budget):
         over.append(True)
     assert len(over) == 2
-
-
-def test_least_effort_begins_at_a_path_and_likeness_at_the_expected_motion():
-    pytest.importorskip("ompl", reason="OMPL is not installed")
-    primitive, robot = arm_primitive(), arm_robot()
-    start, goal = primitive.boundary_states[0, [0, 3]]
-    bare = Planner(robot, [primitive]).plan(goal, start).trajectory
-    middle = bare.positions[[bare.n_steps // 2]]
-    hand = robot.frame_positions(middle, [robot.frame_names[-1]])[0, 0]
-    beside = hand + np.array([0.0, 0.04, 0.0])
-    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, beside))])
-
-    def message(timing, naturalness):
-        options = PlannerOptions(timing=timing, naturalness=naturalness, max_solve_time=math.inf)
-        return Planner(robot, [primitive], None, options, world=world).plan(goal, start).message
-
-    assert "near a collision-free path" in message("free", 0.01)
-    for likeness in (("free", 1.0), ("demonstrated", 0.01)):
-        assert "bodies that would collide otherwise are kept apart" in message(*likeness)
 
 
 def test_same_problem_gives_the_same_detour(post):

@@ -13,7 +13,6 @@ from mp_pca_planner.planning.objectives import jerk
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.request import naturalness_for, timing_for
 from mp_pca_planner.recordings.reaches import random_ends
 from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.world import World
@@ -36,21 +35,6 @@ def unlike(i=0):
 def like(i=0):
     motion = generate_motions(20, 123)[i]
     return motion.positions[[0, -1]]
-
-
-@pytest.mark.parametrize(("score", "expected"), [(0.0, 1.0), (3.0, 1.0), (6.0, 0.125), (30, 1e-3)])
-def test_naturalness_falls_with_the_score_unless_it_is_given(score, expected):
-    assert naturalness_for(PlannerOptions(), score) == pytest.approx(expected)
-    assert naturalness_for(PlannerOptions(naturalness=0.5), score) == 0.5
-
-
-def test_duration_is_free_beyond_the_demonstrations_unless_its_timing_is_given():
-    assert timing_for(PlannerOptions(), 3.0) == "demonstrated"
-    assert timing_for(PlannerOptions(), 3.1) == "free"
-    assert timing_for(PlannerOptions(), 1.0, is_detour=True) == "free"
-    for timing in ("demonstrated", "shortest", "free"):
-        options = PlannerOptions(timing=timing)
-        assert timing_for(options, 9.0) == timing_for(options, 1.0, is_detour=True) == timing
 
 
 @pytest.mark.parametrize("i", range(3))

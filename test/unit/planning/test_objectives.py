@@ -8,7 +8,6 @@ from scipy.integrate import trapezoid
 from support.arm import JOINTS, arm_robot
 from support.motion_programs import BASES
 
-from mp_pca_planner.exceptions import GoalError, RobotError
 from mp_pca_planner.motion.goal import JointState, Pose
 from mp_pca_planner.planning.motion import Motion, Tables
 from mp_pca_planner.planning.objectives import OBJECTIVES, QUANTITIES, objective_by_name
@@ -124,10 +123,3 @@ def test_equations_of_a_pose_have_the_derivatives_of_central_differences():
     assert errors.shape == (6,)
     np.testing.assert_array_equal(errors, target.errors(x))
     np.testing.assert_allclose(rows, central_differences(target.errors, x), atol=1e-7)
-
-
-def test_an_unknown_objective_or_frame_is_refused_with_the_valid_names():
-    with pytest.raises(GoalError, match="no objective is called 'effrt'.*'effort'"):
-        objective_by_name("effrt", arm_robot())
-    with pytest.raises(RobotError, match="no link is called 'tool'.*valid names"):
-        objective_by_name("straightness", arm_robot(), "tool")

@@ -14,7 +14,7 @@ from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.planning.path_constraints import Upright, path_constraints
 from mp_pca_planner.planning.plan import INFEASIBLE
-from mp_pca_planner.planning.program.constraints import AlongPath, Findings
+from mp_pca_planner.planning.program.constraints import AlongPath
 
 FRAME = "wrist"
 
@@ -71,19 +71,6 @@ def test_rows_of_the_program_equal_central_differences(name):
     for k, step in enumerate(1e-6 * np.eye(x.size)):
         ahead, behind = (subject.at(segment.at(x + s * step)[0]).values for s in (1.0, -1.0))
         np.testing.assert_allclose(rows[:, k], (ahead - behind) / 2e-6, atol=1e-6)
-
-
-def test_phases_are_added_where_a_motion_strays_between_the_others():
-    segment, motion = compile_motion(BASES["arm"])
-    basis, phases = segment.tables.basis, np.array([0.33, 0.66])
-    subject = AlongPath(
-        arm_robot(), Upright(FRAME, 0.01), segment.unknowns, basis, (None, None), phases
-    )
-    at = np.linspace(0.0, 1.0, 41)
-    q, _, _ = motion.evaluate(motion.duration * at)
-    found = Findings(motion.duration, q, at)
-    assert subject.refined(found).lower.size > subject.lower.size
-    assert subject.refined(Findings(motion.duration, q[:0], at[:0])) is subject
 
 
 def test_a_motion_that_leans_too_far_is_planned_within_the_cone():

@@ -9,12 +9,10 @@ import pytest
 from support.arm import arm_demonstrations, arm_primitive, arm_robot
 from support.patience import PATIENT
 
-import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.planning import selection
 from mp_pca_planner.planning.motion import Motion, Tables, cost_of, rank_of
 from mp_pca_planner.planning.objectives import effort
-from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -46,17 +44,6 @@ def test_the_least_score_is_that_of_the_nearest_primitive() -> None:
         start, goal = motion.positions[[0, -1]]
         single = [one.model.predict(start, goal, 0.4).in_span_score for one in primitives]
         assert selector.least_score(start, goal, 0.4) == pytest.approx(min(single), rel=1e-9)
-
-
-def test_primitives_whose_demonstrations_are_far_away_are_not_compiled() -> None:
-    selector = Selector(arm_robot(), library())
-    for motion in arm_demonstrations(10, 9):
-        start, goal = motion.positions[0], motion.positions[-1]
-        scores = scores_of(library(), start, goal)
-        compiled, _ = selector.choose(start, goal)
-        limit = max(1.25 * scores.min(), 1.0)
-        assert len(compiled) == np.count_nonzero(scores <= limit)
-        assert all(c.expected.in_span_score <= limit for c in compiled)
 
 
 def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
@@ -151,17 +138,6 @@ def test_score_does_not_depend_on_whole_turns_of_a_joint_that_turns_without_end(
 
 def test_costs_that_are_not_numbers_come_last_in_a_ranking() -> None:
     assert sorted([np.nan, 2.0, 1.0, np.inf], key=rank_of)[:2] == [1.0, 2.0]
-
-
-def test_motions_without_optimisation_have_costs_where_primitives_are_compared() -> None:
-    # In no time, motions through the ball are led along detours without optimisation.
-    robot, (start, goal) = arm_robot(), arm_demonstrations(1, 9)[0].positions[[0, -1]]
-    hand = robot.frame_positions(arm_demonstrations(1, 9)[0].positions, [robot.end_effector])[:, 0]
-    world = mp.World([mp.Obstacle("ball", mp.Sphere(0.03, hand[len(hand) // 2]))])
-    for timing in ("demonstrated", "shortest", "free"):
-        options = PlannerOptions(timing=timing, naturalness=0.01, max_solve_time=0.2)
-        plan = Planner(robot, library(), None, options, world=world).plan(goal, start)
-        assert np.isfinite(plan.cost)
 
 
 def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:

@@ -5,8 +5,6 @@
 The deadline of these planners has always passed, or never passes: a busy machine changes nothing.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,16 +13,12 @@ from scipy.integrate import trapezoid
 from support.arm import JOINTS, arm_primitive, arm_robot, sequence_planner
 from support.arm_plans import planner, request
 from support.chain import ACROSS_BASE, chain, chain_planner
-from support.patience import EVER
 
-from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.learning.refined_motion import RefinedMotion, primitive_around
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.motion.validation import check_executable, check_limits
-from mp_pca_planner.planning.options import MODES, PlannerOptions
+from mp_pca_planner.planning.options import MODES
 from mp_pca_planner.planning.plan import INFEASIBLE, STOPPED_EARLY
-from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program import setting
 
 NO_TIME = 1e-9
@@ -86,25 +80,6 @@ def test_every_goal_is_served_from_rest_and_in_motion_without_any_time(
     np.testing.assert_array_equal(plan.trajectory.positions[-1], goal.state.positions)
 
 
-def test_message_says_that_time_ran_out_and_that_the_motion_is_usable(monkeypatch):
-    goal, start = request(1)
-    monkeypatch.setattr(setting, "MAX_STRETCH", 1.0)
-    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME)
-    plan = subject.plan(goal, start)
-    assert_serves(plan, start)
-    assert plan.status == STOPPED_EARLY
-    assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before")
-    assert "this motion follows a minimum-jerk path and keeps the limits" in plan.message
-    assert f"lengthened from {arm_duration(goal, start):.4g} to" in plan.message
-    summary = plan.summary()
-    assert summary["n_components_used"] == 0 and summary["correction_used"] == 0
-    assert summary["limit_violation"] == 0.0 and summary["goal_error"] == 0.0
-
-
-def arm_duration(goal: JointGoal, start: JointState) -> float:
-    return arm_primitive().model.predict(start.positions, goal.state.positions).duration
-
-
 def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow(monkeypatch):
     goal, start = request(1)
     monkeypatch.setattr(setting, "MAX_STRETCH", 1.0)
@@ -129,16 +104,6 @@ def test_effort_of_the_motion_is_that_of_its_trajectory():
 
 def replace_rates(state: JointState, rate: float) -> JointState:
     return JointState(JOINTS, state.positions, np.full(4, rate), np.full(4, -rate))
-
-
-def test_search_that_ends_without_a_motion_does_not_blame_the_time():
-    # Ten times the usual duration is the longest that is searched; these limits take more.
-    overrides = {name: {"max_jerk": 1e-3} for name in JOINTS}
-    goal, start = request(1)
-    plan = planner(overrides=overrides, max_solve_time=EVER).plan(goal, start)
-    assert_serves(plan, start, overrides)
-    assert plan.status == STOPPED_EARLY
-    assert plan.message.startswith("no motion optimised within the limits was found; this motion")
 
 
 @given(st.floats(0.2, 3.0), st.booleans())
@@ -207,17 +172,6 @@ def test_slow_motion_in_collision_is_not_returned():
     assert straight.is_executable and model.collisions(straight.trajectory)
 
 
-def test_slow_motion_can_be_kept_as_a_primitive():
-    goal, start = request(1)
-    plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, start)
-    family = primitive_around(arm_primitive(), RefinedMotion([plan.motion]), "kept", {})
-    again = Planner(
-        arm_robot(), [family], LIMITS, PlannerOptions(naturalness=100.0, max_solve_time=EVER)
-    ).plan(replace(goal, duration=plan.motion.duration), start)
-    q = again.motion.evaluate(plan.trajectory.times)[0]
-    np.testing.assert_allclose(q, plan.trajectory.positions, atol=2e-3)
-
-
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("times", [(), (None, 9.0, None), (5.0, 9.5, 14.0)])
 @pytest.mark.parametrize("moving", [False, True])
@@ -241,15 +195,6 @@ def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
         row = int(np.abs(plan.trajectory.times - end).argmin())
         np.testing.assert_array_equal(plan.trajectory.positions[row], target.positions)
         assert not (rests and plan.trajectory.velocities[row].any())
-
-
-def test_duration_beyond_all_measure_is_refused():
-    overrides = {name: {"max_velocity": 1e-4} for name in JOINTS}
-    goal, start = request(1)
-    plan = planner(overrides=overrides, max_solve_time=NO_TIME).plan(goal, start)
-    assert plan.status == INFEASIBLE
-    with pytest.raises(GoalError, match="at most 600 s are accepted"):
-        planner().plan(replace(goal, duration=601.0), start)
 
 
 @given(shares, shares, shares, shares)
@@ -280,12 +225,3 @@ def test_motions_that_would_take_too_long_are_rejected_before_they_are_sampled(q
     plan = subject.plan(target, start, kind if kind in MODES else "optimal")
     assert plan.status == INFEASIBLE
     assert plan.trajectory.n_steps < 10_000
-
-
-@pytest.mark.parametrize("quantity", ["max_acceleration", "max_jerk"])
-def test_brakes_that_would_take_too_long_are_rejected_before_they_are_sampled(quantity):
-    goal, start = request(1)
-    start = JointState(JOINTS, start.positions, np.full(4, 0.1))
-    subject = planner(overrides={name: {quantity: 1e-9} for name in JOINTS}, max_solve_time=0.05)
-    plan = subject.plan(goal, start)
-    assert plan.status == INFEASIBLE

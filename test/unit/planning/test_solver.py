@@ -17,8 +17,6 @@ from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.program.segment import Naturalness
 from mp_pca_planner.planning.solver import (
     FEASIBLE,
-    Subproblem,
-    nearest_step,
     solve,
     trust_region_step,
 )
@@ -94,19 +92,6 @@ def test_a_bound_in_the_valley_is_met():
     assert solution.kkt_residual < 1e-4
 
 
-@given(st.floats(-2.0, 0.5), st.floats(-2.0, 2.0), st.booleans())
-def test_no_step_within_all_bounds_gains_more_than_the_one_within_some(x, y, is_known):
-    program = Rosenbrock(wall=0.5)
-    here = program.evaluate(np.array([x, y]))
-    sides = np.array([1] if is_known else [], dtype=np.intp)
-    subproblem = Subproblem(program, here, here.hessian, 100.0, sides)
-    step, most = subproblem.solve(), subproblem.within_sides()[0]
-    assert x + step.change[0] <= 0.5 + 1e-9
-    assert step.decrease <= most + 1e-9 * here.cost
-    if is_known:  # then these are all
-        assert step.decrease == pytest.approx(most, rel=1e-9, abs=1e-12)
-
-
 @settings(max_examples=50, deadline=None)
 @given(st.floats(0.3, 3.0), st.floats(0.0, 6.28))
 def test_an_equality_holds_and_no_point_of_it_nearby_is_better(circle, angle):
@@ -152,23 +137,6 @@ def test_equalities_and_bounds_that_contradict_each_other_are_said():
     solution = solve(Rosenbrock(wall=-4.0, circle=3.0), np.array([-2.0, 1.0]))
     assert not solution.converged
     assert solution.infeasibility > 0.5
-
-
-@given(st.integers(0, 2**32 - 1), st.sampled_from([-0.3, 0.1, 5.0]))
-@settings(max_examples=60, deadline=None)
-def test_where_no_quadratic_program_is_solved_the_step_nearly_keeps_its_bounds(seed, room):
-    rng = np.random.default_rng(seed)
-    factor, rows = rng.normal(size=(2, 5, 5))
-    hessian, gradient, bounds = factor @ factor.T + np.eye(5), rng.normal(size=5), np.full(5, room)
-    with np.errstate(all="raise"):
-        step, multipliers = nearest_step(hessian, gradient, rows, bounds)
-    free = -np.linalg.solve(hessian, gradient)
-    watched = np.full(5, True) if room < 0.0 else rows @ free > room
-    left, before = (float(np.maximum(rows @ p - bounds, 0.0)[watched].sum()) for p in (step, free))
-    assert left <= 0.2 * before + 0.2
-    assert np.all(multipliers >= 0.0)
-    if not watched.any():
-        np.testing.assert_allclose(step, free)
 
 
 def test_going_on_from_where_it_stopped_takes_fewer_evaluations():

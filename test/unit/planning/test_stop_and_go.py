@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions without optimisation: time scaling by closed forms, brakes, and rests between."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,8 +14,6 @@ from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import Violation, check_limits
-from mp_pca_planner.planning.motion import samples_of
-from mp_pca_planner.planning.program.limits import limit_shares
 from mp_pca_planner.planning.search.stop_and_go import FixedShape, StopAndGo, stop_and_go
 from mp_pca_planner.planning.time_scaling import (
     least_duration,
@@ -103,24 +99,6 @@ def test_stretch_of_a_minimum_jerk_motion_gives_its_least_duration(first, second
             assert stretch == np.inf
         else:
             assert stretch * duration == pytest.approx(least, rel=5e-3, abs=1e-6)
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_shares_of_limits_are_those_of_the_largest_value_of_each_joint(seed):
-    rng = np.random.default_rng(seed)
-    limits = limits_of(max_velocity=0.7, max_acceleration=2.0, max_effort=50.0)
-    states, efforts = rng.normal(size=(4, 9, 4)), 30.0 * rng.normal(size=(9, 4))
-    found = limit_shares(limits, states, efforts).max(axis=1)
-    middle, half = (limits.upper + limits.lower) / 2.0, (limits.upper - limits.lower) / 2.0
-    for j in range(4):
-        expected = [
-            max(abs(q - middle[j]) for q in states[0, :, j]) / half[j],
-            max(map(abs, states[1, :, j])) / 0.7,
-            max(map(abs, states[2, :, j])) / 2.0,
-            0.0,
-            max(map(abs, efforts[:, j])) / 50.0,
-        ]
-        np.testing.assert_allclose(found[:, j], expected, rtol=1e-12)
 
 
 def test_gravity_beyond_a_limit_of_effort_is_said_with_joint_and_value():
@@ -264,19 +242,3 @@ def test_shape_is_that_of_the_quintics_through_the_knots():
 def test_slowdown_follows_the_law_of_time_scaling(quantity, factor):
     violated = [Violation(quantity, "elbow", 0.0, 1.2, 1.0, 0.2)]
     assert slowdown(violated) == pytest.approx(1.0 if factor is None else 1.02 * factor)
-
-
-def test_motion_that_breaks_a_limit_is_slowed_until_it_does_not():
-    route = through(moving=False)
-    limits = limits_of(max_velocity=2.0, max_acceleration=4.0, max_jerk=80.0)
-    hasty, lasted = replace(route, legs=0.7 * route.legs), []
-    for _ in range(10):
-        (motion,) = hasty.motions(hasty.durations, [len(hasty.durations)])
-        times, states = samples_of(motion, STEP)
-        check = check_limits(Trajectory(JOINTS, times, *states), arm_robot(), limits)
-        lasted.append(motion.duration)
-        if not check.violations:
-            break
-        hasty = hasty.slowed(slowdown(check.violations))
-    assert not check.violations
-    assert len(lasted) > 1 and np.all(np.diff(lasted) > 0.0)

@@ -14,16 +14,13 @@ import numpy as np
 import pytest
 from support.arm import arm_primitive, arm_robot
 
-from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.files import config_file
-from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.motion import (
     motion_figure,
     plan_figure,
-    plot_plan,
 )
 from mp_pca_planner.plotting.primitive import plot_primitive, primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
@@ -35,7 +32,6 @@ from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.recording_set import RecordingReport, Segment
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.robot.limits import JointLimits
-from mp_pca_planner.robot.model import Robot
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 
@@ -118,27 +114,6 @@ def test_picture_of_a_primitive_shows_its_components(tmp_path: Path, n_joints: i
     assert n_pixels(tmp_path / "p.png", ORANGE) > 100 * n_joints
 
 
-def test_more_joints_make_a_larger_picture_but_no_wider_one_than_four(tmp_path: Path) -> None:
-    shapes = []
-    for n_joints in (4, 8):
-        path = tmp_path / f"{n_joints}.png"
-        draw_primitive(path, primitive(n_joints))
-        shapes.append(pixels(path).shape)
-    assert shapes[1][1] == shapes[0][1]
-    assert shapes[1][0] > 1.5 * shapes[0][0]
-
-
-def test_components_of_one_joint_are_drawn_with_its_shares(tmp_path: Path) -> None:
-    shown = primitive(coupling="joint")
-    with styled_figure() as figure:
-        panels = primitive_figure(figure, shown)
-    for (_, below), shares in zip(panels, shown.explained_variance_ratio.values(), strict=True):
-        assert (
-            below.get_title() == "variance: " + ", ".join(f"{100 * x:.1f}" for x in shares) + " %"
-        )
-        assert len(below.lines) == 2 * len(shares) + 1
-
-
 def test_same_input_gives_the_same_picture(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
         draw_primitive(tmp_path / name, primitive())
@@ -154,20 +129,6 @@ def test_picture_of_a_motion_shows_the_motion_and_what_it_is_compared_with(tmp_p
     assert n_pixels(compared, ORANGE) > 500
 
 
-def test_torques_and_forces_are_not_called_as_the_cost_of_a_motion_is() -> None:
-    labels = ("torque [N·m]", "force [N]")
-    for prismatic, label in zip(((), names(2)), labels, strict=True):
-        with styled_figure() as figure:
-            panels = motion_figure(figure, {"a": trajectory()}, "", prismatic=prismatic)
-        assert panels[0][-1].get_ylabel() == label
-
-
-def test_efforts_have_panels_only_if_there_are_efforts(tmp_path: Path) -> None:
-    for name, with_efforts in (("with.png", True), ("without.png", False)):
-        draw_motion(tmp_path / name, trajectory(with_efforts=with_efforts))
-    assert pixels(tmp_path / "with.png").shape[0] > pixels(tmp_path / "without.png").shape[0] + 100
-
-
 def test_limits_are_drawn_where_the_motion_comes_near(tmp_path: Path) -> None:
     def black(max_velocity: float) -> int:
         limits = JointLimits(names(2), {"joint0": {"max_velocity": max_velocity}})
@@ -177,15 +138,6 @@ def test_limits_are_drawn_where_the_motion_comes_near(tmp_path: Path) -> None:
 
     # The fastest that joint0 gets is 2 rad/s; only the lines of the limit are pure black.
     assert black(2.1) > black(20.0) + 100
-
-
-@pytest.mark.parametrize(("max_velocity", "is_near"), [(2.1, True), (20.0, False)])
-def test_legend_names_the_limits_that_are_drawn(max_velocity: float, is_near: bool) -> None:
-    limits = JointLimits(names(2), {"joint0": {"max_velocity": max_velocity}})
-    with styled_figure() as figure:
-        motion_figure(figure, {"planned": trajectory()}, "A motion", limits)
-    (legend,) = figure.legends
-    assert ("limit" in [text.get_text() for text in legend.get_texts()]) == is_near
 
 
 def test_prismatic_joints_are_drawn_in_metres() -> None:
@@ -209,16 +161,6 @@ def test_shapes_of_prismatic_joints_are_drawn_in_metres() -> None:
     assert "shape [m]" in panels and "shape [deg]" in panels
 
 
-@pytest.mark.parametrize("n_joints", [1, 4, 7, 13])
-def test_every_joint_of_a_motion_has_panels_of_its_own(n_joints: int) -> None:
-    motions = {"a": trajectory(n_joints), "b": trajectory(n_joints, 0.5)}
-    with styled_figure() as figure:
-        panels = motion_figure(figure, motions, "Motions")
-    assert [column[0].get_title() for column in panels] == names(n_joints)
-    assert len(figure.axes) == 3 * n_joints
-    assert all(len(axes.lines) == 2 for axes in figure.axes)
-
-
 @pytest.mark.parametrize(("share", "is_reached"), [(0.99, True), (0.5, False)])
 def test_accelerations_have_panels_where_a_limit_is_reached(share: float, is_reached: bool) -> None:
     motion = trajectory()
@@ -233,18 +175,6 @@ def test_accelerations_have_panels_where_a_limit_is_reached(share: float, is_rea
         expected = np.rad2deg(largest / share)
         assert expected in [pytest.approx(abs(bound.get_ydata()[0])) for bound in bounds]
         assert panels[0][2].get_ylabel() == "acceleration [deg/s²]"
-
-
-def test_curves_behind_a_motion_are_not_cut() -> None:
-    motion = trajectory()
-    wide, low = 3.0 * motion.positions, motion.positions - 2.0
-    behind = [("behind", motion.times, wide), ("behind", motion.times, low)]
-    with styled_figure() as figure:
-        panels = motion_figure(figure, {"a": motion}, "M", curves=behind)
-    for joint, (axes, *_) in enumerate(panels):
-        low, high = axes.get_ylim()
-        values = np.rad2deg([positions[:, joint] for *_, positions in behind])
-        assert low < values.min() and values.max() < high
 
 
 def all_legends_inside(figure: Any) -> bool:
@@ -294,19 +224,6 @@ def test_legend_of_a_recording_names_every_joint_and_is_never_cut(
     assert texts == [*joints, "motion", "rest"]
 
 
-def test_joint_that_does_not_move_is_drawn(tmp_path: Path) -> None:
-    draw_motion(tmp_path / "m.png", trajectory(scale=0.0))
-    assert n_pixels(tmp_path / "m.png", BLUE) > 1000
-
-
-def test_legend_that_fits_nowhere_is_still_there() -> None:
-    with styled_figure() as figure:
-        figure.set_size_inches(1.0, 2.0)
-        add_header(figure, "Title", [line("m" * 100, "#000000")])
-    (text,) = figure.legends[0].get_texts()
-    assert text.get_text().replace("\n", "") == "m" * 100
-
-
 def test_names_are_shown_as_they_are() -> None:
     name = "a$_b$\n\x1b"
     motion = Trajectory([name], [0.0, 1.0], [[0.0], [1.0]], np.zeros((2, 1)), np.zeros((2, 1)))
@@ -318,44 +235,8 @@ def test_names_are_shown_as_they_are() -> None:
     assert not any(text.get_parse_math() for text in texts)
 
 
-def test_motion_of_one_point_is_refused(tmp_path: Path) -> None:
-    point = Trajectory(["joint0"], [0.0], [[1.0]], [[0.0]], [[0.0]])
-    with pytest.raises(PlannerError, match="one point"):
-        draw_motion(tmp_path / "m.png", point)
-
-
-def test_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
-    path = tmp_path / "m.png"
-    path.write_text("precious", encoding="utf-8")
-    with pytest.raises(PlannerError, match="exists already"):
-        draw_motion(path, trajectory())
-    assert path.read_text(encoding="utf-8") == "precious"
-    draw_motion(path, trajectory(), force=True)
-    assert pixels(path).size > 0
-
-
-def test_other_endings_than_png_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(PlannerError, match="pictures are PNG files"):
-        draw_motion(tmp_path / "motion.pdf", trajectory())
-
-
 def run_python(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-
-
-def test_missing_matplotlib_is_said_in_one_sentence(tmp_path: Path) -> None:
-    done = run_python(
-        "import sys; sys.modules['matplotlib'] = None\n"
-        "from mp_pca_planner.plotting.style import picture\n"
-        "from mp_pca_planner.exceptions import MissingDependencyError\n"
-        "try:\n"
-        f"    with picture({str(tmp_path / 'a.png')!r}): pass\n"
-        "except MissingDependencyError as error:\n"
-        "    print(error)"
-    )
-    assert done.stdout.count("\n") == 1
-    assert "'matplotlib', which is not installed" in done.stdout
-    assert "mp_pca_planner[plot]" in done.stdout
 
 
 def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
@@ -451,32 +332,6 @@ def pyplot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
     yield pyplot
     pyplot.close("all")
-
-
-@pytest.fixture(scope="module")
-def plan() -> Plan:
-    robot, shown = arm_robot(), arm_primitive()
-    start, goal = (JointState(robot.joint_names, shown.boundary_states[0, i]) for i in (0, 3))
-    return Planner(robot, [shown], robot.limits()).plan(JointGoal(goal), start)
-
-
-def test_plan_is_plotted_in_a_new_figure(pyplot: Any, plan: Plan) -> None:
-    panels = plot_plan(plan)
-    assert panels.shape == (4, 3) and panels[0, 0].figure.number in pyplot.get_fignums()
-    np.testing.assert_allclose(
-        panels[2, 0].lines[0].get_ydata(), np.rad2deg(plan.trajectory.positions[:, 2])
-    )
-
-
-def test_plan_of_a_sliding_joint_is_plotted_in_metres(pyplot: Any) -> None:
-    urdf = config_file("human_arm.urdf").read_text(encoding="utf-8")
-    assert 'name="elbow" type="revolute"' in urdf
-    robot = Robot(urdf.replace('name="elbow" type="revolute"', 'name="elbow" type="prismatic"'))
-    shown = arm_primitive()
-    start, goal = shown.boundary_states[0, [0, 3]]
-    plan = Planner(robot, shown).plan(goal, start)
-    labels = [column[0].get_ylabel() for column in plan.plot()]
-    assert labels[-1] == "position [m]" and "position [deg]" in labels
 
 
 def test_primitive_is_plotted_in_a_new_figure(pyplot: Any) -> None:

@@ -10,7 +10,7 @@ from scipy.stats import norm
 from support.arm import arm_demonstrations, arm_primitive
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.differences import FINE_PHASES, differences, expected_motion
+from mp_pca_planner.primitives.differences import FINE_PHASES, expected_motion, path_difference
 from mp_pca_planner.primitives.in_span import in_span_score, request_precision
 from mp_pca_planner.primitives.motion_statistics import thinned
 from mp_pca_planner.primitives.prediction import ConditionalModel
@@ -171,10 +171,10 @@ def test_a_motion_is_predicted_backwards_on_the_way_back():
     primitive = build_primitive([*demonstrations, *backwards[:-1]], "x")
     motion = backwards[-1]
     truth = motion.time_normalised(FINE_PHASES.size)
-    alone = expected_motion(build_primitive(demonstrations[:-1], "y"), motion)
-    (_, _, path) = differences(expected_motion(primitive, motion), truth)
-    (_, _, path_alone) = differences(alone, truth)
-    assert path < 0.5 * path_alone
+    ends = *motion.positions[[0, -1]], motion.duration
+    alone = expected_motion(build_primitive(demonstrations[:-1], "y"), *ends)
+    path = path_difference(expected_motion(primitive, *ends), truth)
+    assert path < 0.5 * path_difference(alone, truth)
 
 
 def reversed_in_time(motion):

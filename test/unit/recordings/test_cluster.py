@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from support import command_line
+from support import commands
 from support.bags import reaching, stamped, write_bag
 from support.cluster_work import die
 from support.patience import HANG
@@ -24,8 +24,8 @@ from mp_pca_planner.exceptions import MissingDependencyError, RecordingError
 from mp_pca_planner.recordings import load, workers
 from mp_pca_planner.recordings.load import load_recordings
 
-build = partial(command_line.result, "build_primitives")
-refusal = partial(command_line.refusal, "build_primitives")
+build = partial(commands.result, "build_primitives")
+refusal = partial(commands.refusal, "build_primitives")
 
 FOLDER = Path(__file__).parents[2]  # of the functions that workers call
 MOST_SECONDS = HANG

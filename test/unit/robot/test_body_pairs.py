@@ -192,23 +192,6 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
     assert n_clear > 100
 
 
-def test_check_among_very_many_bodies_is_that_among_each_part_of_them():
-    rng, limits = np.random.default_rng(3), arm_robot().limits()
-    places = rng.uniform(-0.9, 0.9, (400, 3))
-    balls = [mp.Obstacle(f"o{k}", mp.Sphere(0.02, place)) for k, place in enumerate(places)]
-    every, *parts = (
-        CollisionModel(arm_robot(), world=mp.World(some), margin=0.01, self_collision=False)
-        for some in (balls, *(balls[k : k + 100] for k in range(0, 400, 100)))
-    )
-    checks = [one.check(np.full(len(one.pairs), 0.02)) for one in (every, *parts)]
-    met = {False: 0, True: 0}
-    for q in rng.uniform(limits.lower, limits.upper, (200, 4)):
-        assert every.collides(q) == any(part.collides(q) for part in parts)
-        assert checks[0](q) == any(check(q) for check in checks[1:])
-        met[checks[0](q)] += 1
-    assert min(met.values()) > 10
-
-
 def test_derivatives_are_those_of_differences():
     rng, limits, step = np.random.default_rng(2), arm_robot().limits(), 1e-5
     n_checked = 0

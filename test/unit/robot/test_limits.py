@@ -89,27 +89,6 @@ def test_a_faulty_file_is_refused_with_its_name_and_the_reason(tmp_path, text, m
         given_limits(path, NAMES)
 
 
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(LimitsError, match=r"nowhere\.yaml.*No such file"):
-        given_limits(tmp_path / "nowhere.yaml", NAMES)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"elbo": {"max_velocity": 1.0}}, "did you mean 'elbow'"),
-        ({"elbow": {"max_velo": 1.0}}, "no limit is called 'max_velo'"),
-        ({"elbow": {"max_velocity": "fast"}}, "not a number"),
-        ({"elbow": 1.0}, "must be a mapping of limits"),
-        (1.0, "limits must hold a mapping"),
-        ("nowhere.yaml", "'nowhere.yaml' can't be read"),
-    ],
-)
-def test_limits_of_a_robot_that_mean_nothing_are_refused(given, said):
-    with pytest.raises(LimitsError, match=said):
-        arm_robot().limits(given)
-
-
 def test_limits_of_a_robot_come_from_a_mapping_or_a_file(tmp_path):
     path = tmp_path / "joint_limits.yaml"
     path.write_text("joint_limits: {elbow: {max_velocity: 1.5, has_jerk_limits: false}}")

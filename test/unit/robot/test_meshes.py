@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mesh files, and distances from meshes with and without a volume."""
 
-import weakref
-
 import numpy as np
 import pytest
 import trimesh
@@ -155,14 +153,6 @@ def test_stl_obj_and_collada_of_a_mesh_are_the_same(tmp_path, name):
     np.testing.assert_allclose(found.vertices[found.triangles], vertices[triangles], atol=1e-6)
 
 
-def test_a_file_is_read_once_until_it_changes(tmp_path):
-    path = saved(tmp_path / "a.stl", *FLOOR)
-    found = read_mesh(path)
-    assert read_mesh(path) is found
-    saved(path, *sphere(5))
-    assert len(read_mesh(path).triangles) == 32
-
-
 def collada(node, geometry="", *, unit="1", axis="Z_UP"):
     source = (
         '<source id="p"><float_array id="f" count="12">-1 -1 0 1 -1 0 1 1 0 -1 1 0</float_array>'
@@ -283,14 +273,6 @@ def test_bad_files_are_rejected_in_a_sentence_that_names_them(tmp_path, name):
         assert f"{name}' can't be read: " in str(rejection.value)
 
 
-@pytest.mark.parametrize("name", THIN)
-def test_thin_files_are_used(tmp_path, name):
-    (tmp_path / "thin.stl").write_bytes(stl(THIN[name]))
-    mesh = mp.Mesh.from_file(tmp_path / "thin.stl")
-    assert np.isfinite(mesh.solid.corners).all()
-    model(mp.Obstacle("thin", mesh)).collides(np.zeros(2))
-
-
 def test_links_have_flat_meshes_and_bad_ones_are_named(tmp_path):
     saved(tmp_path / "floor.stl", *FLOOR)
     ball = f'<sphere radius="{RADIUS}"/>'
@@ -307,12 +289,3 @@ def test_links_have_flat_meshes_and_bad_ones_are_named(tmp_path):
     (tmp_path / "bad.dae").write_bytes(b"<COLLADA")
     with pytest.raises(RobotError, match=r"link 'base': mesh .*bad\.dae' can't be read: "):
         CollisionModel(mp.Robot(URDF.replace(ball, mesh.format("bad.dae", "1 1 1"), 1)))
-
-
-def test_robots_with_equal_meshes_share_what_is_built_of_them():
-    solid, same, other = (solid_of(*sphere(n)) for n in (20, 20, 21))
-    assert same is solid and other is not solid
-    # Nobody needs them any more, so that they take no memory.
-    kept = weakref.ref(solid.surface)
-    del solid, same
-    assert kept() is None

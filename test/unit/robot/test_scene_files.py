@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
-BENCHMARK = Path(__file__).resolve().parents[4] / "shared/data/motion_bench_maker/problems"
 # As MoveIt 2 exports it: each object has a pose, each shape one in it, a colour, and no subframes.
 SCENE = """(noname)+
 * the table
@@ -309,10 +308,3 @@ def test_shapes_come_back_from_files(tmp_path_factory, groups):
                     np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-9)
                 # A quaternion and its negative are one orientation.
                 assert abs(a.orientation @ b.orientation) == pytest.approx(1.0, abs=1e-9)
-
-
-@pytest.mark.skipif(not BENCHMARK.exists(), reason="the problems are not on this machine")
-def test_scenes_of_motion_bench_maker_are_read():
-    for path in sorted(BENCHMARK.glob("*/scene00*.yaml"))[::40]:
-        world = World.from_file(path)
-        assert len(world) >= 3 and world.allowed

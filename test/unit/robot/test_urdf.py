@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is wrong with a description is said in a sentence, and never by urdfdom on stderr."""
 
-import os
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +12,6 @@ from mp_pca_planner.cli.example_robots import EXAMPLE_ROBOTS
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.robot import urdf
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.urdf import read_description
 
@@ -189,24 +186,3 @@ def test_description_of_unbounded_size_is_refused(urdf: str, message: str) -> No
 def test_largest_descriptions_are_read() -> None:
     assert Robot(many("fixed", 499)).n_joints == 1
     assert Robot(many("revolute", 200)).n_joints == 200
-
-
-def test_urdf_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "robot.urdf")
-    with pytest.raises(RobotError, match="not a regular file"):
-        Robot.from_file(tmp_path / "robot.urdf")
-
-
-def test_long_descriptions_are_parsed_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A part keeps the lock of the interpreter: 3 MB at once kept the robot from stopping."""
-    parts: list[str] = []
-
-    class Parser(ElementTree.XMLParser):
-        def feed(self, text: str) -> None:
-            parts.append(text)
-            super().feed(text)
-
-    monkeypatch.setattr(urdf.ET, "XMLParser", Parser)
-    text = f"<robot name='ü{'ä' * 200_000}'/>"
-    assert urdf.parse_xml(text, "it").get("name") == "ü" + "ä" * 200_000
-    assert "".join(parts) == text and max(map(len, parts)) <= 1 << 16

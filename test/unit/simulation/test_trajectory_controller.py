@@ -113,11 +113,12 @@ def test_first_point_that_lies_ahead_is_approached_from_the_measured_state():
     np.testing.assert_allclose(command[:, 0], expected, atol=1e-9)
 
 
-def test_continuous_joints_take_the_shorter_direction():
+@pytest.mark.parametrize("goal", [0.3, 0.1])
+def test_continuous_joints_take_the_shorter_direction(goal):
     loop = Loop(continuous=np.array([True, False]))
     loop.measured = (np.array([0.2 + 4 * np.pi, -0.1]), np.zeros(2))
-    loop.send(moving(0.5, [0.3, 0.0]))
-    np.testing.assert_allclose(loop.cycle(250)[0], [0.25, -0.05], atol=1e-3)
+    loop.send(moving(0.5, [goal, 0.0]))
+    np.testing.assert_allclose(loop.cycle(250)[0], [(0.2 + goal) / 2.0, -0.05], atol=1e-3)
 
 
 def test_stamp_in_the_past_enters_the_trajectory_where_it_is_by_now():

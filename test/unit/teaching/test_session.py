@@ -4,26 +4,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from support.bags import minimum_jerk, reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
+from mp_pca_planner.recordings.bags import JOINT_STATE
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.synthetic import write_example_recording
-from mp_pca_planner.teaching.dialogue import KEYS, PlayedBag, SessionWords, hold_dialogue
-from mp_pca_planner.teaching.session import TeachingSession
+from mp_pca_planner.teaching.dialogue import KEYS, SessionWords, hold_dialogue
+from mp_pca_planner.teaching.session import StoredStates, TeachingSession, stored_states
 
 GOALS = (0.0, 1.0, 0.2, 0.9)
 
 
-def played(folder: Path, positions: np.ndarray, bag_format: str = "mcap") -> PlayedBag:
+def states(folder: Path, positions: np.ndarray, bag_format: str = "mcap") -> StoredStates:
     path = write_bag(folder / f"made_{positions.shape[0]}", bag_format, stamped(positions))
-    return PlayedBag(path)
+    return stored_states(path)[1]
 
 
 def session(folder: Path) -> TeachingSession:
@@ -34,16 +36,12 @@ def spans(motions: tuple[Demonstration, ...]) -> list[tuple[float, float]]:
     return [(motion.start_time, motion.end_time) for motion in motions]
 
 
-def feed_all(source: PlayedBag, into: TeachingSession) -> None:
-    while source.feed(into.record):
-        pass
-
-
 def test_motions_are_those_that_are_cut_offline(tmp_path: Path) -> None:
     bag = write_example_recording(tmp_path / "example.mcap", 8)
-    source, found = PlayedBag(bag), list[Demonstration]()
+    (_, messages), found = stored_states(bag), list[Demonstration]()
     with session(tmp_path) as taught:
-        while source.feed(taught.record):
+        for k in range(0, len(messages), 50):
+            taught.record(messages[k : k + 50])
             new, _, _ = taught.update()
             found += new
         new, _, _ = taught.update(is_over=True)
@@ -59,9 +57,8 @@ def test_motions_are_those_that_are_cut_offline(tmp_path: Path) -> None:
 
 
 def test_joint_states_of_every_format_are_recorded(tmp_path: Path, bag_format: str) -> None:
-    source = played(tmp_path, reaching(GOALS), bag_format)
     with session(tmp_path) as taught:
-        feed_all(source, taught)
+        taught.record(states(tmp_path, reaching(GOALS), bag_format))
         taught.update(is_over=True)
         assert len(taught.motions) == 3
     assert len(load_recordings(tmp_path / "taught.mcap").demonstrations) == 3
@@ -71,7 +68,7 @@ def test_a_motion_is_shown_when_the_arm_rests(tmp_path: Path) -> None:
     positions = reaching(GOALS[:2])  # rests 1 s, moves 1 s, rests 1 s
     shown = []
     with session(tmp_path) as taught:
-        for message in stamped_messages(tmp_path, positions):
+        for message in states(tmp_path, positions):
             taught.record([message])
             found, _, _ = taught.update()
             shown.append(len(found))
@@ -80,17 +77,9 @@ def test_a_motion_is_shown_when_the_arm_rests(tmp_path: Path) -> None:
     assert shown[step] == 1
 
 
-def stamped_messages(folder: Path, positions: np.ndarray) -> list[tuple[int, bytes]]:
-    messages = list[tuple[int, bytes]]()
-    source = played(folder, positions)
-    while source.feed(messages.extend):
-        pass
-    return messages
-
-
 def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
-        feed_all(played(tmp_path, reaching(GOALS)), taught)
+        taught.record(states(tmp_path, reaching(GOALS)))
         taught.update(is_over=True)
         last = taught.discard_last()
         assert last is not None
@@ -109,7 +98,7 @@ def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path:
 def test_discarding_ends_with_the_first_motion(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
         assert taught.discard_last() is None
-        feed_all(played(tmp_path, reaching(GOALS)), taught)
+        taught.record(states(tmp_path, reaching(GOALS)))
         taught.update(is_over=True)
         assert [taught.discard_last() is not None for _ in range(4)] == [True] * 3 + [False]
         found, _, _ = taught.update(is_over=True)
@@ -119,7 +108,7 @@ def test_discarding_ends_with_the_first_motion(tmp_path: Path) -> None:
 def test_a_motion_that_the_recording_cuts_off_is_left_out(tmp_path: Path) -> None:
     positions = reaching(GOALS)[:-150]  # ends within the last motion
     with session(tmp_path) as taught:
-        feed_all(played(tmp_path, positions), taught)
+        taught.record(states(tmp_path, positions))
         found, _, _ = taught.update()
         assert found == ()
         found, _, notes = taught.update(is_over=True)
@@ -131,7 +120,7 @@ def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
     small = np.concatenate([minimum_jerk(1.0, 0.92, 40), np.full(100, 0.92)])
     positions = np.concatenate([reaching(GOALS[:2]), np.column_stack([small, -0.5 * small])])
     with session(tmp_path) as taught:
-        feed_all(played(tmp_path, positions), taught)
+        taught.record(states(tmp_path, positions))
         found, _, notes = taught.update(is_over=True)
     assert len(found) == 1
     assert notes == ("1 motions over less than 10% of the extent of the largest are left out",)
@@ -139,7 +128,7 @@ def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
 
 def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
-        feed_all(played(tmp_path, reaching((0.0, 1.0, 0.0))), taught)
+        taught.record(states(tmp_path, reaching((0.0, 1.0, 0.0))))
         taught.update(is_over=True)
         np.testing.assert_allclose(taught.first_goal(), [1.0, -0.5], atol=0.01)
 
@@ -149,76 +138,99 @@ def test_tables_that_are_damaged_are_refused(tmp_path: Path) -> None:
     discarded.write_text("recording,start_time_s,end_time_s\nother,1,2\n")
     with pytest.raises(RecordingError, match="no recording is called 'other'"):
         session(tmp_path)
-    discarded.unlink()
+
+
+def test_the_recording_is_complete_from_the_first_motion_on(tmp_path: Path) -> None:
+    """An independent reader finds the messages; a process that is killed leaves them."""
+    positions, path = reaching(GOALS), tmp_path / "taught.mcap"
+    messages = states(tmp_path, positions)
+    killed = session(tmp_path)
+    for n in range(100, len(messages), 100):
+        killed.record(messages[n - 100 : n])
+        killed.update()
+    assert len(killed.motions) == 2  # the third was under way
+    with AnyReader([path]) as reader:
+        (connection,) = reader.connections
+        assert (connection.topic, connection.msgtype) == ("/joint_states", JOINT_STATE)
+        kept = [(stamp, bytes(data)) for _, stamp, data in reader.messages()]
+    assert len(kept) > 400 and kept == messages[: len(kept)]
     with session(tmp_path) as taught:
-        _, _, notes = taught.update()
-        assert notes == ()
+        found, _, _ = taught.update()
+        assert spans(found) == spans(killed.motions)
+        taught.record(messages[len(kept) :])
+        assert len(taught.update(is_over=True).found) == 1
+    assert stored_states(path)[1] == messages
+
+
+def test_files_of_others_and_of_other_topics_are_left_alone(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "made", "mcap", stamped(reaching(GOALS)))
+    taught = tmp_path / "taught.mcap"
+    for content, reason in (
+        (next(path.glob("*.mcap")).read_bytes(), "holds other topics than '/x'"),
+        (b"\x89MCAP0\r\nanother program's", "can't be read"),
+    ):
+        taught.write_bytes(content)
+        with pytest.raises(RecordingError, match=reason):
+            TeachingSession(tmp_path / "taught.npz", "/x", None)
+        assert taught.read_bytes() == content
 
 
 class Silent:
     """A source without messages, such as a topic that nobody publishes on."""
 
-    def __init__(self, n_looks: int) -> None:
-        self.n_left = n_looks
+    pause = 1e-6
 
-    def feed(self, record: Callable[[Sequence[tuple[int, bytes]]], None]) -> bool:
-        self.n_left -= 1
+    def feed(self, record: Callable[[StoredStates], None]) -> None:
         record([])
-        return self.n_left >= 0
 
     def silence(self) -> str:
         return "nobody publishes"
 
 
 class Pressed:
-    """Keys of a person who waits until the source has ended."""
+    """Keys of a person who waits for some time."""
 
-    def __init__(self, keys: str) -> None:
-        self.keys = list(keys)
+    def __init__(self, keys: str, n_pauses: int = 30) -> None:
+        self.keys, self.n_left = list(keys), n_pauses
 
     def pressed(self, timeout: float | None) -> str | None:
-        return "" if timeout else self.keys.pop(0)
+        self.n_left -= timeout is not None
+        return "" if timeout and self.n_left > 0 else self.keys.pop(0)
 
 
-def dialogue(folder: Path, source: Silent, keys: str) -> list[str]:
+def dialogue(folder: Path, source: Silent | None, keys: str) -> list[str]:
     lines: list[str] = []
     with session(folder) as taught:
-        hold_dialogue(
-            taught,
-            source.feed,
-            Pressed(keys).pressed,
-            SessionWords(),
-            lambda *x: lines.extend(x),
-            pause=1e-6,
-            silence=source.silence,
-        )
+        pressed = Pressed(keys).pressed
+        hold_dialogue(taught, source, pressed, SessionWords(), lambda *x: lines.extend(x))
     return lines
 
 
 def test_a_topic_that_stays_silent_is_named_once(tmp_path: Path) -> None:
     reason = "no motion yet: there is no well-formed message on '/joint_states'"
-    assert dialogue(tmp_path, Silent(30), "q") == ["nobody publishes", reason]
-    assert dialogue(tmp_path, Silent(0), "q") == [reason]
+    assert dialogue(tmp_path, Silent(), "q") == ["nobody publishes"]
+    assert dialogue(tmp_path, None, "q") == [reason]
 
 
 def test_a_continued_session_names_a_silent_topic_too(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
-        feed_all(played(tmp_path, reaching(GOALS[:2])), taught)
-    assert "nobody publishes" in dialogue(tmp_path, Silent(30), "q")
+        taught.record(states(tmp_path, reaching(GOALS[:2])))
+    assert "nobody publishes" in dialogue(tmp_path, Silent(), "q")
 
 
 def test_a_key_without_a_meaning_is_named(tmp_path: Path) -> None:
-    lines = dialogue(tmp_path, Silent(0), "ybq")
+    lines = dialogue(tmp_path, None, "ybdq")
     assert lines[1:] == [
         f"'y' does nothing: {KEYS}",
         "there is no motion to build a primitive from",
+        "there is no motion to discard",
     ]
 
 
-def test_reasons_are_not_given_while_more_follows(tmp_path: Path) -> None:
+def test_the_same_reason_is_given_once(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
-        feed_all(played(tmp_path, np.zeros((5, 2))), taught)
-        _, _, notes = taught.update(explains=False)
-        assert notes == ()
-        _, _, notes = taught.update()
-        assert "5 usable samples" in notes[0]
+        given = []
+        for message in states(tmp_path, np.zeros((5, 2))):
+            taught.record([message])
+            given += taught.update().notes
+    assert len(given) == 1 and "usable samples" in given[0]

@@ -62,13 +62,6 @@ def test_a_robot_without_shapes_gets_a_skeleton_up_to_its_tip():
     assert bounds[:, 1, 0].max() == pytest.approx(0.5, abs=0.05)
 
 
-def test_a_link_without_a_shape_gets_a_skeleton_beside_the_shapes_of_the_others():
-    found = shapes(base=part('<box size="1 1 1"/>'))
-    assert sum(s.joint == 0 for s in found.shapes) == 1
-    tip = np.array([s.mesh.bounds for s in found.shapes if s.joint == 1])
-    assert tip[:, 1, 0].max() == pytest.approx(0.5, abs=0.05)
-
-
 def test_a_link_whose_mesh_is_missing_is_drawn_by_its_collision_shape_or_a_skeleton():
     base, missing = part('<box size="1 1 1"/>'), MESH.format("nowhere.stl")
     covered = shapes(base, missing + part('<sphere radius="0.3"/>', "collision"))
@@ -77,11 +70,6 @@ def test_a_link_whose_mesh_is_missing_is_drawn_by_its_collision_shape_or_a_skele
     bare = shapes(base, missing)
     assert max(s.mesh.bounds[1, 0] for s in bare.shapes if s.joint == 1) > 0.45
     assert all("nowhere.stl" in found.notes[0] for found in (covered, bare))
-
-
-def test_collision_shapes_of_links_without_visual_ones_are_not_drawn_over_a_robot_that_has_some():
-    arm = part('<sphere radius="9"/>', "collision")
-    assert max(s.mesh.extents.max() for s in shapes(part('<box size="1 1 1"/>'), arm).shapes) < 2
 
 
 def test_meshes_are_found_in_packages_and_scaled(tmp_path):
@@ -123,18 +111,6 @@ def test_places_agree_with_the_kinematics_of_the_robot():
             joints[-1], robot.frame_positions(q[None], ["lower_arm"])[0, 0], atol=1e-12
         )
         np.testing.assert_allclose(np.linalg.norm(turns, axis=1), 1.0)
-
-
-def test_all_shapes_lie_between_the_corners():
-    found = shapes(part('<box size="1 2 3"/>'), part('<box size="1 1 1"/>'))
-    np.testing.assert_allclose(found.corners(np.zeros(1)), [[-0.5, -1, -1.5], [0.5, 1, 1.5]])
-
-
-def test_a_ghost_surrounds_its_shape():
-    box, *_ = shapes(part('<box size="1 2 3"/>')).shapes
-    low, high = box.hull.bounds
-    assert np.all(low < box.mesh.bounds[0]) and np.all(high > box.mesh.bounds[1])
-    np.testing.assert_allclose(box.hull.extents, box.mesh.extents, rtol=0.05)
 
 
 def test_a_mesh_with_its_own_colours_is_not_drawn_as_metal():

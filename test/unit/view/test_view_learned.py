@@ -17,7 +17,6 @@ from mp_pca_planner.view.content import typical_demonstration
 from mp_pca_planner.view.learned import (
     bent_demonstration,
     component_names,
-    explanation,
     variance_shares,
 )
 from mp_pca_planner.view.stage import Playback, ShownMotion
@@ -64,13 +63,6 @@ def test_what_is_bent_moves_as_far_as_the_demonstrations_also_where_half_of_them
     assert np.quantile(own, 0.2) <= shown <= np.quantile(own, 0.8)
     mean = primitive.boundary_states[:, [0, 3]].mean(axis=0)
     assert travel(mean) < 0.1 * shown  # what the page showed before
-
-
-def test_a_primitive_is_explained_with_its_own_numbers():
-    primitive = arm_primitive()
-    text = explanation(primitive)
-    assert f"{len(primitive.durations)} times" in text
-    assert f"{primitive.n_components} components" in text
 
 
 def test_one_deviation_is_the_standard_deviation_of_the_demonstrations():

@@ -14,7 +14,7 @@ from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import first_ends
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
-from mp_pca_planner.view.planning import FIXED, InteractivePlanner, ViewRequest
+from mp_pca_planner.view.planning import InteractivePlanner, ViewRequest
 
 FRAME = "wrist"
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
@@ -80,28 +80,3 @@ def test_obstacles_that_cannot_be_avoided_are_an_answer():
     ball = Obstacle("ball", Sphere(0.08, [9.0, 9.0, 9.0]))
     answer = planner().answer(ViewRequest(START, GOAL, world=World([ball])))
     assert answer.plan is None and "obstacles can't be avoided" in answer.problem
-
-
-@pytest.mark.parametrize("timing", ["demonstrated", "shortest", "free"])
-def test_every_timing_is_served(timing):
-    answer = planner().answer(ViewRequest(START, GOAL, timing=timing))
-    assert answer.problem == ""
-
-
-def test_a_fixed_duration_is_kept():
-    request = ViewRequest(START, GOAL, timing=FIXED, duration=2.5)
-    assert planner().answer(request).plan.duration == 2.5
-
-
-def test_less_naturalness_needs_less_effort():
-    subject = planner()
-    natural, free = (
-        subject.answer(ViewRequest(START, GOAL, naturalness=rho)) for rho in (10.0, 0.01)
-    )
-    assert free.plan.effort_cost < natural.plan.effort_cost
-
-
-def test_the_first_ends_are_those_of_a_demonstration():
-    ends = arm_primitive().boundary_states[:, [0, 3]]
-    assert np.abs(ends - [START, GOAL]).max(axis=(1, 2)).min() < 1e-12
-    assert START.shape == (len(JOINTS),)

@@ -18,8 +18,7 @@ pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import Pose
 from mp_pca_planner.robot.limits import JointLimits
-from mp_pca_planner.robot.world import Obstacle, Sphere, World
-from mp_pca_planner.view.content import PageContent, first_ends, read_content
+from mp_pca_planner.view.content import PageContent, read_content
 from mp_pca_planner.view.page import ViewPage
 
 
@@ -45,38 +44,6 @@ def until(holds: Callable[[], Any]) -> None:
 # Tabs
 
 
-def test_a_tab_shows_its_subject_and_no_handle_of_another(page):
-    page.world._on_add("Sphere")
-    until(lambda: page.plan.is_settled)
-    obstacle = page.world.handle
-    for name, handles in (
-        ("Plan", (True, False)),
-        ("Components", (False, False)),
-        ("World", (False, True)),
-    ):
-        page.open(name)
-        assert (page.plan.handle.visible, obstacle.visible) == handles
-        assert [folder for folder, one in page._folders.items() if one.visible] == [name]
-        assert page.components._bent.visible == (name == "Components")
-        is_planned = name in ("Plan", "World")
-        assert page.plan._ghost.visible == is_planned
-        assert page.plan._path.visible == is_planned
-        shown = page.player.playback.motion
-        if name == "Components":
-            assert shown is page.components.motion
-        else:
-            motion = page.plan.answer.plan.trajectory
-            np.testing.assert_array_equal(shown.positions, motion.positions)
-
-
-def test_an_answer_does_not_replace_the_motion_of_another_tab(page):
-    page.open("Components")
-    page.plan.submit(start=page.plan._home[1])
-    until(lambda: page.plan.is_settled)
-    assert page.player.playback.motion is page.components.motion
-    assert not page.plan._path.visible
-
-
 # Widgets
 
 
@@ -93,15 +60,6 @@ def test_joint_sliders_have_the_range_of_the_joint_and_its_unit():
     turn = 2.0 * np.pi
     ends = [(low, 3.2), (-turn, turn), (low, 2.9), (low, 3.0)]
     assert found == [(f"{name} [rad]", *end) for name, end in zip(names, ends, strict=True)]
-
-
-def test_bars_go_with_the_plan(page):
-    assert "width:" in page.plan._bars.content
-    _, goal = first_ends(arm_primitive(), page.stage.limits)
-    wrist = page.stage.path(goal[None])[0]
-    page.plan.submit(world=World([Obstacle("ball", Sphere(0.06, wrist))]))
-    until(lambda: page.plan.is_settled and page.plan.answer.problem)
-    assert "no motion" in page.plan._bars.content and "width:" not in page.plan._bars.content
 
 
 def test_a_handle_that_is_released_out_of_reach_returns_to_the_end_effector(page):

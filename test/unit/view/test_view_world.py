@@ -53,10 +53,6 @@ def test_sizes_are_read_and_written(shape):
     assert type(editor["it"].shapes[0]) is type(shape)
 
 
-def test_an_obstacle_of_several_shapes_has_no_sizes():
-    assert WorldEditor(World([pair])).sizes("pair") == {}
-
-
 def test_order_and_allowed_contacts_survive_a_change():
     editor = WorldEditor(World([ball, box], [("ball", "wrist")]))
     editor.move("ball", np.array([0.0, 0, 0, 0, 0, 0, 1]))

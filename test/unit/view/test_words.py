@@ -19,10 +19,8 @@ from mp_pca_planner.view.planning import (
     PlanAnswer,
     ViewRequest,
     answer_html,
-    in_span_words,
     limit_shares,
 )
-from mp_pca_planner.view.stage import BAD, GOOD, WARNING, part
 
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
 
@@ -31,25 +29,6 @@ def answer(**changes) -> PlanAnswer:
     plan = Planner(arm_robot(), [arm_primitive()]).plan(GOAL, JointState(JOINTS, START))
     whole = PlanAnswer(ViewRequest(START, GOAL), GOAL, plan, "", 0.01)
     return replace(whole, **changes)
-
-
-def test_scores_get_worse_words_as_they_grow():
-    words = [in_span_words(score) for score in (0.5, 1.0, 2.0, 10.0)]
-    assert words[0] == words[1] == "like the demonstrations"
-    assert "edge" in words[2] and "unlike" in words[3]
-
-
-def test_a_plan_states_its_figures_and_a_refusal_its_reason():
-    good = answer()
-    assert f"{good.plan.duration:.2f} s" in answer_html(good) and GOOD in answer_html(good)
-    refused = answer_html(answer(problem="the goal is in the wall"))
-    assert "the goal is in the wall" in refused and BAD in refused and GOOD not in refused
-
-
-def test_a_goal_out_of_reach_says_how_far_the_motion_ends_from_it():
-    shown = answer_html(answer(distance=0.123))
-    assert "Out of reach" in shown and "123 mm" in shown and WARNING in shown
-    assert "orientation" in answer_html(answer(distance=1e-9))
 
 
 def test_text_from_files_is_no_markup():
@@ -81,8 +60,3 @@ def test_shares_of_limits():
     np.testing.assert_allclose(shares["jerk"], [0.5, 0.0])
     np.testing.assert_allclose(shares["torque"], [0.0, 0.75])
     assert set(shares) == {"position", "velocity", "jerk", "torque"}
-
-
-def test_a_bar_fills_up_to_its_share_and_is_red_beyond_the_limit():
-    assert "width:25%" in part("bar", 0.25) and GOOD in part("bar", 0.25)
-    assert "width:100%" in part("bar", 1.7) and BAD in part("bar", 1.7)

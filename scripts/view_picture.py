@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of the page in the guide.
 
-python benchmarks/view_picture.py doc/view.png
+PYTHONPATH=.:test python3 scripts/view_picture.py doc/view.png
 """
 
 from __future__ import annotations

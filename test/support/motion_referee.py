@@ -17,9 +17,9 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from problems import Problem
 from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
+from support.problems import Problem
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import PlannerError

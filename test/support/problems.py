@@ -77,6 +77,11 @@ class Scene:
     primitive: MovementPrimitive | None = None
     collision: CollisionModel | None = None
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.robot.joint_names
+
 
 def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int) -> Scene:
     """A robot with the limits of its description and randomly generated motions.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The animation at the top of the README: a goal and a box are dragged, and motions are played.
 
-    python benchmarks/view_animation.py doc/panda.gif
+    PYTHONPATH=.:test python3 scripts/view_animation.py doc/panda.gif
 
 It shows the page in a browser without a GPU, moved by its own mouse. Each frame is taken when
 nothing changes any more, so it does not matter how slow the machine is.

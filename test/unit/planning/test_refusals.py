@@ -1,0 +1,183 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the planner can't serve: a sentence that names it and what is accepted."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from support.arm_plans import planner, request
+
+from mp_pca_planner.exceptions import PlannerError
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.motion.validation import check_limits
+from mp_pca_planner.planning.objectives import effort, objective_by_name
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.primitives.build import build_primitive
+
+GOAL, START = request(1)
+HERE, THERE = START.positions, GOAL.state
+
+
+def joint_goal(positions, names=JOINTS, velocities=None, **options):
+    return JointGoal(JointState(names, positions, velocities), **options)
+
+
+def sequence(*targets, times=()):
+    return SequenceGoal(targets, times)
+
+
+def plan(goal, start=START, *mode, **options):
+    return planner(**options).plan(goal, start, *mode)
+
+
+def of_three_joints():
+    parts = [
+        type(d)(
+            JOINTS[:3],
+            d.times,
+            *(x[:, :3] for x in (d.positions, d.velocities, d.accelerations)),
+            recording="x",
+            start_time=0.0,
+            end_time=1.0,
+        )
+        for d in arm_demonstrations()
+    ]
+    return build_primitive(parts, "other")
+
+
+REFUSED = {
+    # Options
+    "basis": (lambda: PlannerOptions(basis="fourier"), "'pca'"),
+    "naturalness": (lambda: PlannerOptions(naturalness=-1.0), "naturalness .* -1"),
+    "NaN": (lambda: PlannerOptions(naturalness=np.nan), "naturalness .* nan"),
+    "period": (lambda: PlannerOptions(sample_period=0.0), "sample_period"),
+    "solve time": (lambda: PlannerOptions(max_solve_time=0.0), "max_solve_time"),
+    "timing": (lambda: PlannerOptions(timing="quick"), "'shortest'"),
+    "no objective": (lambda: PlannerOptions(objectives=()), "objective"),
+    "negative weight": (lambda: PlannerOptions(objectives=((-1.0, effort),)), "-1"),
+    "no start": (lambda: PlannerOptions(n_starts=0), "whole number from 1 to 5"),
+    "objective": (lambda: objective_by_name("effrt", arm_robot()), "'effrt'.*'effort'"),
+    "frame": (lambda: objective_by_name("straightness", arm_robot(), "tool"), "'tool'.*valid"),
+    # Primitives
+    "none": (lambda: Planner(arm_robot(), []), "primitive"),
+    "twice": (lambda: Planner(arm_robot(), [arm_primitive()] * 2), "'arm_arm_4'"),
+    "other joints": (lambda: Planner(arm_robot(), [of_three_joints()]), "'other' moves"),
+    "primitive": (
+        lambda: plan(request(primitive="arm_am")[0]),
+        "no primitive is called 'arm_am'.*'arm_arm_4'",
+    ),
+    # Goals
+    "joint": (lambda: plan(joint_goal([0.0, 0.0], ["elbow", "wrist"])), "'wrist'.*'shoulder1'"),
+    "absurd": (lambda: plan(joint_goal([1e300], ["shoulder1"])), r"'shoulder1' is 1e\+300"),
+    "outside": (
+        lambda: plan(joint_goal([5.0], ["elbow"])),
+        r"'elbow' is 5, outside its limits \[.*\] in radians; in degrees, 286.48, outside \[.*\]$",
+    ),
+    "degrees": (
+        lambda: plan(joint_goal([-50.0], ["elbow"])),
+        "'elbow' is -50, outside .*; commands read degrees with --degrees$",
+    ),
+    "end velocity": (
+        lambda: plan(joint_goal(THERE.positions, velocities=[0, 0, 0, -0.2])),
+        "goal velocity of joint 'elbow' is not 0",
+    ),
+    "array for check": (lambda: planner().check(HERE), "the goal must be a JointGoal"),
+    "long": (lambda: plan(request(duration=1e9)[0]), r"1e\+09 s, at most 600 s"),
+    "dense": (lambda: plan(request(duration=11.0)[0], sample_period=1e-4), "at most 10 s"),
+    "short": (lambda: plan(request(duration=1e-7)[0]), "at least 1e-06 s are accepted"),
+    "no frame": (lambda: plan(PoseGoal(Pose("hand", [0.3, 0, 0]))), "'hand'.*'wrist'"),
+    # Starts
+    "start outside": (
+        lambda: plan(GOAL, JointState(JOINTS, [*HERE[:3], 1.0])),
+        "present position of joint 'elbow' is 1",
+    ),
+    "start lacks": (lambda: plan(GOAL, JointState(JOINTS[:3], HERE[:3])), "lacks 'elbow'"),
+    "start too fast": (
+        lambda: plan(GOAL, JointState(JOINTS, HERE, [0, 0, 0, 99.0])),
+        "present velocity of joint 'elbow' is 99, outside",
+    ),
+    # Sequences
+    "frame of a target": (lambda: plan(sequence(Pose("hand", [0, 0, 0]))), "'hand'"),
+    "out of reach": (
+        lambda: plan(sequence(THERE, Pose("wrist", [9, 9, 9]))),
+        "target 2: no configuration within the joint limits",
+    ),
+    "joint of a target": (
+        lambda: plan(sequence(JointState(["elbo"], [0.0]))),
+        "target 1 .* no joint is called 'elbo'",
+    ),
+    "target outside": (lambda: plan(sequence(JointState(["elbow"], [9.0]))), "outside its limits"),
+    "many": (lambda: plan(sequence(*(THERE,) * 201)), "201 targets, at most 200"),
+    "late": (lambda: plan(sequence(THERE, times=(1e9,))), r"time of 1e\+09 s, at most 600 s"),
+    "soon": (
+        lambda: plan(sequence(JointState(JOINTS, HERE + 0.2), THERE, times=(1e-7, 1.0))),
+        "at least 1e-06 s are accepted",
+    ),
+    "endless": (
+        lambda: plan(sequence(*(THERE, START) * 100, times=(599.9, *[None] * 199))),
+        "sequence would take",
+    ),
+    "mode": (lambda: plan(sequence(THERE), START, "fast"), "the mode must be one of"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_can_not_be_served_is_named_with_what_is_accepted(name):
+    ask, words = REFUSED[name]
+    with pytest.raises(PlannerError, match=words) as caught:
+        ask()
+    assert "\n" not in str(caught.value)
+
+
+def attempt(ask):
+    """The result, and what a refusal says."""
+    try:
+        return ask(), ""
+    except PlannerError as error:
+        return None, str(error)
+
+
+extremes = st.one_of(
+    st.floats(-1.0, 0.0), st.floats(allow_nan=False, allow_infinity=False), st.just(0.0)
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(extremes, min_size=20, max_size=20),
+    st.one_of(st.none(), st.floats(1e-300, 1e300), st.floats(0.2, 3.0)),
+    st.sampled_from([*[None] * 6, "arm_arm_4", "leg"]),
+    st.sampled_from(["joints", "joints", "elbow", "pose"]),
+)
+def test_absurd_requests_are_refused_or_come_to_an_honest_plan(numbers, duration, name, kind):
+    q0, v0, a0, q, v = np.reshape(numbers, (5, 4))
+    subject = planner(allow_nonzero_end_velocity=True, max_solve_time=0.5)
+    start = JointState(JOINTS, q0, v0, a0)
+    chosen = {"joints": slice(None), "elbow": slice(3, 4), "pose": slice(0, 3)}[kind]
+    options = {"duration": duration, "primitive": name}
+    goal, _ = attempt(
+        lambda: (
+            PoseGoal(Pose("wrist", q[chosen]), **options)
+            if kind == "pose"
+            else joint_goal(q[chosen], JOINTS[chosen], v[chosen], **options)
+        )
+    )
+    if goal is None:
+        return
+    found, refused = attempt(lambda: subject.plan(goal, start))
+    _, from_nowhere = attempt(lambda: subject.check(goal))
+    if from_nowhere:
+        assert refused == from_nowhere or "present" in refused
+    if found is None:
+        return
+    if found.is_executable:
+        assert not check_limits(found.trajectory, arm_robot(), arm_robot().limits()).violations
+        np.testing.assert_array_equal(found.trajectory.positions[0], q0)
+        assert found.goal_error <= 1e-6
+        if kind == "joints":
+            np.testing.assert_array_equal(found.trajectory.velocities[-1], v)
+    else:
+        assert found.limit_check.worst_excess > 0.0
