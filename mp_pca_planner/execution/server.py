@@ -21,6 +21,7 @@ from ..exceptions import GoalError, PlannerError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
+from ..planning.resolve import check_goal
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .link import (
@@ -267,6 +268,12 @@ class MotionServer:
         if model is None or self.hold:
             self.refuse(request.name, self.hold or "the robot model is not known yet")
             return
+        if isinstance(request.goal, JointGoal):
+            try:  # an invalid goal preempts none
+                check_goal(model.robot, model.limits, request.goal)
+            except GoalError as error:
+                self.refuse(request.name, str(error))
+                return
         if self._waiting is not None:
             self._overtaken(self._waiting)
         self._waiting = request

@@ -42,7 +42,7 @@ from .options import MODES, OPTIMAL, PlannerOptions
 from .plan import Plan
 from .program.bases import BasisStore
 from .report import report
-from .resolve import check_goal, in_order, resolve, target
+from .resolve import in_order, resolve, target
 from .search.search import search
 from .selection import Selector
 
@@ -147,20 +147,6 @@ class Planner:
     def use_collision(self, collision: CollisionModel) -> None:
         """Avoid collisions by another model of the same robot from now on."""
         self._context = replace(self._context, collision=collision)
-
-    def check(self, goal: JointGoal) -> None:
-        """Reject a goal that can't be served from any start state.
-
-        This takes far less time than planning, and may be done while another thread plans.
-
-        Raises
-        ------
-        GoalError
-            If it names unknown joints or no primitive of the planner, is outside the limits, or
-            its duration is too long.
-        """
-        check_type(goal, "the goal", GoalError, JointGoal)
-        check_goal(self._context, self._selector, goal)
 
     def target(self, goal: JointGoal, start: StateLike) -> JointState:
         """The configuration of all joints that a goal specifies.

@@ -95,7 +95,7 @@ def resolve(
     here = in_order(start, context.robot.joint_names)
     # A start may be a little outside the limits of position.
     inside = nearest_start(here.positions, context.limits)
-    _check_within_limits(context, "present", here, inside)
+    _check_within_limits(context.robot, context.limits, "present", here, inside)
     _check_path(context, "start", here)
     if not isinstance(goal, SequenceGoal) and goal.duration is not None:
         check_duration(context, "the duration is", goal.duration)
@@ -159,20 +159,20 @@ def _requests(
     return tuple(found)
 
 
-def check_goal(context: Context, selector: Selector, goal: JointGoal) -> None:
-    """Reject a goal that can't be served from any start, see :meth:`.Planner.check`."""
-    robot, limits = context.robot, context.limits
-    if goal.duration is not None:
-        check_duration(context, "the duration is", goal.duration)
-    if goal.primitive is not None:
-        selector.primitives.named(goal.primitive)
+def check_goal(robot: Robot, limits: JointLimits, goal: JointGoal) -> None:
+    """Reject a configuration that no motion can end at, wherever it starts.
+
+    Raises
+    ------
+    GoalError
+        If it names unknown joints, or is outside the limits.
+    """
     zero = np.zeros(robot.n_joints)
     here = JointState(robot.joint_names, np.clip(zero, limits.lower, limits.upper))
     there = completed(goal.state, here, robot, "goal")
     # The number of turns of a continuous joint depends on the start.
     q = np.where(robot.continuous, here.positions, there.positions)
-    end = JointState(here.joint_names, q, there.velocities, there.accelerations)
-    _check_end(context, end)
+    _check_within_limits(robot, limits, "goal", there, q)
 
 
 def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
@@ -184,7 +184,7 @@ def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
 
 
 def _check_end(context: Context, there: JointState) -> None:
-    _check_within_limits(context, "goal", there, there.positions)
+    _check_within_limits(context.robot, context.limits, "goal", there, there.positions)
     if not context.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
         moving = there.joint_names[int(np.abs(there.velocities).argmax())]
         raise GoalError(
@@ -314,7 +314,7 @@ def _route(
             what = f"target {number}"
             positions = completed(aim, route.states[-1], robot, what).positions
             there = JointState(here.joint_names, positions)
-            _check_within_limits(context, what, there, there.positions)
+            _check_within_limits(context.robot, context.limits, what, there, there.positions)
             _check_path(context, what, there)
             longer.append(route.to(there, selector))
         named_all = len(aim.joint_names) == robot.n_joints
@@ -425,11 +425,11 @@ def unwrapped(q: FloatArray, before: JointState, robot: Robot) -> FloatArray:
 
 
 def _check_within_limits(
-    context: Context, what: str, state: JointState, positions: FloatArray
+    robot: Robot, limits: JointLimits, what: str, state: JointState, positions: FloatArray
 ) -> None:
     """Reject an end of a motion, with the positions that count, that violates a limit."""
     values = np.array([positions, state.velocities, state.accelerations])
-    low, high = _bounds(context.limits)
+    low, high = _bounds(limits)
     inside = (low <= values) & (values <= high)
     if inside.all():
         return
@@ -439,7 +439,7 @@ def _check_within_limits(
         f"the {what} {_QUANTITIES[k]} of joint '{name}' is {value:.9g}, outside its limits "
         f"[{bounds[0]:.9g}, {bounds[1]:.9g}] in "
     )
-    if name in context.robot.prismatic_joints:
+    if name in robot.prismatic_joints:
         raise GoalError(f"{text}{_METRES[k]}")
     # The values may have been given in degrees, so the message states both.
     given, least, most = (f"{math.degrees(x):.5g}" for x in (value, *bounds))

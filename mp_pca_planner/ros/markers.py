@@ -384,7 +384,8 @@ class Obstacles:
     @property
     def facts(self) -> WorldFacts:
         """What the node needs to know."""
-        return WorldFacts(len(self.world), self.missing, self._foreign())
+        n = len(self._stated if self._model is None else self.world)
+        return WorldFacts(n, self.missing, self._foreign())
 
     def _foreign(self) -> tuple[str, ...]:
         """Frames of obstacles that are neither links nor fixed."""

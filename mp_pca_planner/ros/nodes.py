@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -126,16 +127,22 @@ class PolledSubscription:
             message_type, topic, lambda _: None, qos, callback_group=_Unexecuted(), raw=True
         )
 
-    def poll(self, most: int | None = None) -> list[tuple[bytes, dict[str, int]]]:
-        """Return the serialised messages that have arrived, the newest last, and their facts."""
+    def poll(self, most_bytes: float = math.inf) -> list[tuple[bytes, dict[str, int]]]:
+        """Return the serialised messages that have arrived, the newest last, and their facts.
+
+        After so many bytes, the others wait for the next poll.
+        """
         subscription: Any = self._subscription
         polled = []
         with subscription.handle:
-            for _ in range(most or subscription.qos_profile.depth):
+            for _ in range(subscription.qos_profile.depth):
                 taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is None:
                     break
                 polled.append(taken)
+                most_bytes -= len(taken[0])
+                if most_bytes <= 0:
+                    break
         return polled
 
     def destroy(self) -> None:

@@ -69,7 +69,7 @@ def simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Simu
         "use_sim_time": True,
         "primitives": [str(file)],
         "start_from": "commanded",
-        "commanded_tolerance": 10.0,
+        "following_tolerance": 10.0,
         "duration": DURATION,
         **PATIENCE,
     }
