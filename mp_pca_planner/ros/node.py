@@ -190,6 +190,8 @@ class PlannerNode(Node):
         """Describe an error in one sentence; log the traceback of an internal one."""
         if isinstance(error, PlannerError):
             return to_text(error)
+        if isinstance(error, RuntimeError) and "deserialize" in str(error):
+            return to_text(f"rclpy rejects the received message: {error}")
         if isinstance(error, OSError) and error.strerror:
             file = f": '{error.filename!s:.80}'" if error.filename else ""
             return to_text(f"the operating system reports: {error.strerror}{file}")
@@ -311,7 +313,11 @@ class PlannerNode(Node):
                 then = sent or now - _age(facts, longest)
                 self._tracker.controller.receive(partial(to_command, content), then)
         for content, facts in self._states.poll():
-            message = deserialize_message(content, JointState)
+            try:
+                message = deserialize_message(content, JointState)
+            except RuntimeError:  # what is no message
+                self._tracker.measured.n_unusable += 1
+                continue
             stamp = to_seconds(message.header.stamp)
             values = message.name, message.position, message.velocity
             self._tracker.measured.receive(*values, stamp, _age(facts, longest))
