@@ -9,9 +9,9 @@ import mp_pca_planner
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import reference  # noqa: E402  (beside this file)
-from docutils.nodes import SkipNode  # noqa: E402
-from docutils.utils.math.latex2mathml import tex2mathml  # noqa: E402
+import reference
+from docutils.nodes import SkipNode
+from docutils.utils.math.latex2mathml import tex2mathml
 
 project = "mp_pca_planner"
 author = "mp_pca_planner developers"
