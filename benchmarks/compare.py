@@ -456,25 +456,16 @@ def _compared(
     """All results, and the ratios of the planner's methods to the others."""
     names = [method.name for method in methods]
     own = [name for name in names if name.startswith("pca_")]
-    compared = {one: {name: ratios(results, one, name) for name in names} for one in own}
     # Other methods have no naturalness term, so all methods minimise the effort alone.
     chosen = next(name for name in own if name.endswith("_effort_only"))
+    compared = {name: ratios(results, chosen, name) for name in names}
     facts = _facts(scene, methods, absent, results) | {
-        "summary": summarise(results, names),
-        "ratios": compared,
         "ratios_of": chosen,
-        **{
-            f"{kind}_pca_over_{name}": compared[chosen][name][kind]
-            for name in names
-            if name not in own
-            for kind in ("time_ratio", "cost_ratio")
-        },
         "solved_by_bspline_only": {name: unsolved(results, name) for name in own},
-        "random_ends": arguments.random_ends,
     }
     drawn = "anywhere within the limits" if arguments.random_ends else "like the demonstrations"
     title = f"{_title(facts)}, {drawn}"
-    facts["tables"] = {title: _table(facts["summary"], compared[chosen])}
+    facts["tables"] = {title: _table(summarise(results, names), compared)}
     return facts
 
 
@@ -500,7 +491,6 @@ def _in_scenes(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[str]
     summaries = summarise_scenes(problems, results)
     facts = _facts(scene, methods, absent, results) | {
         "time_limit_s": max_time,
-        "summary": summaries,
         "tables": {
             group: (
                 ["method", *_SCENE_COLUMNS],

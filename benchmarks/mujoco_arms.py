@@ -1,17 +1,21 @@
 #!/usr/bin/env python3
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Arms of MuJoCo Menagerie, driven by the core of the node: a physics engine of others.
+"""Efforts of planned motions on arms of MuJoCo Menagerie, beside those that plans state.
+
+    PYTHONPATH=.:test python3 benchmarks/mujoco_arms.py [--goals 60] [--arms panda,ur5e,xarm7]
+        [--models FOLDER] [--json]
 
 The models come from the package mujoco-menagerie, which downloads them, or from a clone of it
-(--models). Links, joints, inertias, rotors and effort limits are Menagerie's; MuJoCo moves them.
-The planner gets the same links and joints as a URDF, but no rotors, as URDFs of real robots have
-none. The controller is that of the simulated robot. Its drives replace those of Menagerie with
-their damping: they are stiff, compensate gravity, and give no more than Menagerie's limits. Efforts
-are those of the drives, relative to the planned ones. Node and arm are stepped in virtual time.
+(--models). Links, joints, inertias, rotors, friction and effort limits are Menagerie's; the planner
+gets them as a URDF. MuJoCo moves the arms, two steps each millisecond, by two kinds of drives:
 
-    PYTHONPATH=.:test python3 benchmarks/mujoco_arms.py [--goals 20]
-        [--arms panda,ur5e,iiwa14] [--models FOLDER] [--json]
+pd: the position servos of the model, with the planned velocities, too, and MuJoCo's own bias forces
+    (gravity, Coriolis) added.
+own: the same servos, commanded the planned positions alone: the arm lags behind and sags.
+
+Each reach is driven by three motions of the same duration: the planner's with ρ = 1 and with ρ = 0,
+and the minimum-jerk motion. The effort is ½∫‖τ‖²dt of the drives.
 """
 
 from __future__ import annotations
@@ -23,72 +27,72 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pinocchio as pin
-from scipy.integrate import trapezoid
+from support.motion_referee import executed
 from support.tables import benchmark_parser, show
-from support.virtual_node import VirtualNode
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.execution.outcomes import MotionOutcome
-from mp_pca_planner.execution.parameters import Settings
-from mp_pca_planner.execution.planning import assemble_model
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.motion.trajectory import Trajectory
+from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.recordings.reaches import random_reaches
 from mp_pca_planner.robot.model import Robot
-from mp_pca_planner.simulation.robot import PERIOD, Plant
 
 ARMS = {
     "panda": ("franka_emika_panda", "panda_nohand"),
     "ur5e": ("universal_robots_ur5e", "ur5e"),
-    "iiwa14": ("kuka_iiwa_14", "iiwa14"),
+    "xarm7": ("ufactory_xarm7", "xarm7_nohand"),
 }
 VELOCITY = 2.0  # Menagerie has no limits of velocities [rad/s]
 ACCELERATION, JERK = 4.0, 80.0  # and of their derivatives
-N_SUBSTEPS = 5  # the drives' torques are explicit, which is stable in shorter steps only
-WAIT = 2.0  # longest time from the end of a motion to its report [s]
+STEP = 5e-4  # of MuJoCo [s]
+REST = 1.0  # time before and after a motion [s]
+ARRIVED = 0.01  # largest error of a motion that arrives [rad]
+MOTIONS = ("ρ = 1", "ρ = 0", "minimum jerk")
 
 
 def main() -> int:
-    """Print a row for each arm; returns 1 if a motion was refused or did not arrive."""
+    """Print a row for each arm and drive."""
     parser = benchmark_parser(__doc__)
-    parser.add_argument("--goals", type=int, default=20, help="for each arm")
-    parser.add_argument("--arms", default=",".join(ARMS))
+    parser.add_argument("--goals", type=int, default=60, help="for each arm")
+    parser.add_argument("--arms", default="panda,ur5e,xarm7", help=f"of {', '.join(ARMS)}")
     parser.add_argument("--models", type=Path, help="clone of mujoco_menagerie")
     arguments = parser.parse_args()
     rows = []
     for name in arguments.arms.split(","):
         model = arm_model(name, arguments.models)
-        rows.append([name, str(arguments.goals), *drive(model, arguments.goals)])
-    header = ["arm", "goals", "arrived", "end error [mrad], median", "largest"]
-    header += ["effort over planned, median", "largest", "saturated [%]"]
+        motions = planned_motions(model, arguments.goals)
+        for drive in ("pd", "own"):
+            rows.append([name, drive, str(arguments.goals), *figures(model, motions, drive)])
+    header = ["arm", "drive", "goals", "arrived [%]", "end error [mrad], median", "largest"]
+    header += ["effort / stated, median", "least", "most", "torque / limit", "speed / limit"]
+    header += ["saved by ρ = 0 over ρ = 1 [%]", "over minimum jerk [%]"]
     show({"Arms of MuJoCo Menagerie": (header, rows)}, as_json=arguments.json)
-    return int(any(row[1] != row[2] for row in rows))
+    return 0
 
 
 def arm_model(name: str, folder: Path | None) -> mujoco.MjModel:
-    """An arm without its shapes and drives, which are not needed."""
+    """An arm without its shapes, which are not needed."""
     directory, entry = ARMS[name]
     if folder is None:
         import mujoco_menagerie
 
-        path = mujoco_menagerie.get(directory).path() / f"{entry}.xml"
-    else:
-        path = folder / directory / f"{entry}.xml"
-    root = ET.parse(path).getroot()
+        folder = mujoco_menagerie.get(directory).path().parent
+    root = ET.parse(folder / directory / f"{entry}.xml").getroot()
     for parent in list(root.iter()):
         for child in list(parent):
             if child.tag in ("geom", "asset", "light", "contact", "keyframe"):
                 parent.remove(child)
-    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-    spec.option.timestep = PERIOD / N_SUBSTEPS
-    model = spec.compile()
-    model.actuator_gainprm[:] = model.actuator_biasprm[:] = model.dof_damping[:] = 0.0
+    model = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode")).compile()
+    model.opt.timestep = STEP
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     return model
 
 
 def urdf_of(model: mujoco.MjModel) -> str:
-    """The links, joints, inertias and limits of an arm as a URDF."""
+    """The links, joints, inertias, friction and limits of an arm as a URDF."""
     root = ET.Element("robot", name="arm")
     ET.SubElement(root, "link", name="world")
 
@@ -97,12 +101,13 @@ def urdf_of(model: mujoco.MjModel) -> str:
         rpy = pin.rpy.matrixToRpy(pin.Quaternion(w, x, y, z).normalized().matrix())
         ET.SubElement(parent, "origin", xyz=text(position), rpy=text(rpy))
 
+    efforts = effort_limits(model)
     for i in range(1, model.nbody):
         body, parent = model.body(i), model.body(model.body_parentid[i])
         link = ET.SubElement(root, "link", name=body.name)
         inertial = ET.SubElement(link, "inertial")
         pose(inertial, body.ipos, body.iquat)
-        ET.SubElement(inertial, "mass", value=repr(float(body.mass[0])))
+        ET.SubElement(inertial, "mass", value=text(body.mass))
         xx, yy, zz = map(repr, body.inertia.tolist())
         ET.SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
         moves = bool(body.jntnum[0])
@@ -113,117 +118,147 @@ def urdf_of(model: mujoco.MjModel) -> str:
         ET.SubElement(joint, "child", link=body.name)
         if moves:
             found = model.joint(name)
+            dof = found.dofadr[0]
             ET.SubElement(joint, "axis", xyz=text(found.axis))
             lower, upper = map(repr, found.range.tolist())
-            effort = repr(float(efforts_of(model)[found.dofadr[0]]))
-            ET.SubElement(
-                joint, "limit", lower=lower, upper=upper, effort=effort, velocity=str(VELOCITY)
-            )
+            limits = {"lower": lower, "upper": upper, "velocity": str(VELOCITY)}
+            ET.SubElement(joint, "limit", limits, effort=text(efforts[dof]))
+            damping, friction = model.dof_damping[dof], model.dof_frictionloss[dof]
+            ET.SubElement(joint, "dynamics", damping=text(damping), friction=text(friction))
     return ET.tostring(root, encoding="unicode")
 
 
-def text(values: FloatArray | list[float]) -> str:
+def text(values: FloatArray | float) -> str:
     """Numbers of an attribute."""
-    return " ".join(repr(float(x)) for x in values)
+    return " ".join(repr(float(x)) for x in np.atleast_1d(values))
 
 
-def efforts_of(model: mujoco.MjModel) -> FloatArray:
+def effort_limits(model: mujoco.MjModel) -> FloatArray:
     """Largest efforts of the joints [N·m]."""
-    found = np.full(model.nv, np.inf)
-    for k in range(model.nu):
-        joint = model.joint(model.actuator_trnid[k, 0])
-        found[joint.dofadr[0]] = model.actuator_forcerange[k, 1]
+    found = np.zeros(model.nv)
+    found[model.jnt_dofadr[model.actuator_trnid[:, 0]]] = model.actuator_forcerange[:, 1]
     return found
 
 
-class MujocoArm(Plant):
-    """An arm that MuJoCo moves, with the drives of the simulated robot.
-
-    Attributes
-    ----------
-    cost : float
-        Effort of the drives J = ½∫‖τ‖²dt since it was set to 0 [N²·m²·s].
-    n_saturated, n_steps : int
-        Steps in which a drive was at its limit, and all steps.
-    """
-
-    def __init__(self, robot: Robot, start: FloatArray, model: mujoco.MjModel) -> None:
-        super().__init__(robot, start)
-        self._model, self._data = model, mujoco.MjData(model)
-        self._dofs = np.array([model.joint(name).dofadr[0] for name in robot.joint_names])
-        self._data.qpos[self._dofs] = start
-        self._command, self.cost = start, 0.0
-        self.n_saturated = self.n_steps = 0
-
-    def step(self, command: FloatArray) -> None:
-        """Move for one period towards commanded positions."""
-        data, there = self._data, self._dofs
-        rate = (command - self._command) / PERIOD
-        self._command = command
-        gravity = self._robot.gravity_efforts(self.q)
-        for _ in range(N_SUBSTEPS):
-            q, v = data.qpos[there], data.qvel[there]
-            tau = gravity + self.kp * (command - self.lag * rate - q) + self.kd * (rate - v)
-            acting = np.clip(tau, -self.effort, self.effort)
-            data.qfrc_applied[there] = acting
-            mujoco.mj_step(self._model, data)
-            self.cost += 0.5 * float(acting @ acting) * PERIOD / N_SUBSTEPS
-            self.n_saturated += int(np.any(acting != tau))
-            self.n_steps += 1
-        self.q, self.v = data.qpos[there].copy(), data.qvel[there].copy()
+def planned_motions(
+    model: mujoco.MjModel, n_goals: int
+) -> list[dict[str, tuple[Trajectory, float]]]:
+    """For each goal the motions by their names, and the efforts that are stated for them."""
+    robot = Robot(urdf_of(model))
+    robot = robot.with_armature(model.dof_armature[dofs_of(model, robot.joint_names)])
+    names = robot.joint_names
+    limits = robot.limits(
+        {name: {"max_acceleration": ACCELERATION, "max_jerk": JERK} for name in names}
+    )
+    primitive = build_primitive(random_reaches(robot, limits, 30, 1), "reach")
+    natural, least = (
+        Planner(robot, [primitive], limits, PlannerOptions(naturalness=rho, max_solve_time=60.0))
+        for rho in (1.0, 0.0)
+    )
+    found = []
+    for reach in random_reaches(robot, limits, n_goals, 2):
+        start, goal = (JointState(names, reach.positions[k]) for k in (0, -1))
+        usual = natural.plan(JointGoal(goal), start)
+        quiet = least.plan(JointGoal(goal, usual.motion.duration), start)
+        straight = minimum_jerk(usual.trajectory)
+        motions = {}
+        for name, plan in zip(MOTIONS, (usual, quiet), strict=False):
+            if not plan.is_executable:
+                print(f"no motion with {name}: {plan.message}", file=sys.stderr)
+                break
+            motions[name] = plan.trajectory, plan.effort_cost
+        else:
+            found.append(motions | {MOTIONS[2]: (straight, np.nan)})
+    return found
 
 
-def drive(model: mujoco.MjModel, n_goals: int) -> list[str]:
-    """Send goals to the node of an arm, and summarise what became of them."""
-    urdf = urdf_of(model)
-    robot = Robot(urdf)
-    motions = random_reaches(robot, robot.limits(), 30, 1)
-    limits = {
-        name: {"max_acceleration": ACCELERATION, "max_jerk": JERK} for name in robot.joint_names
-    }
-    settings = Settings(limits=limits, max_solve_time=60.0)
-    served = assemble_model(urdf, [build_primitive(motions, "reach")], settings, {})
-    problems = random_reaches(robot, robot.limits(), n_goals, 2)
-    start = problems[0].positions[0]
-    node = VirtualNode(served, start)
-    arm = node.robot.plant = MujocoArm(robot, start, model)
-    node.run(0.1)  # the first joint states arrive
-    errors, ratios, n_arrived = [], [], 0
-    for i, problem in enumerate(problems):
-        goal = problem.positions[-1 if i % 2 == 0 else 0]
-        n_sent, n_reports = len(node.sent), len(node.execution_reports)
-        arm.cost = 0.0
-        node.goal(JointGoal(JointState(robot.joint_names, goal)), i)
-        while len(node.sent) == n_sent and len(node.plan_reports) <= i:
-            node.run(0.01)
-        if len(node.sent) == n_sent:
-            print(f"{i}: {node.plan_reports[-1].message}", file=sys.stderr)
-            continue
-        planned = node.sent[-1][1]
-        deadline = node.now + planned.duration + WAIT
-        while len(node.execution_reports) == n_reports and node.now < deadline:
-            node.run(0.01)
-        done = node.execution_reports[n_reports:]
-        for _, report in done:
-            if report.outcome != MotionOutcome.ARRIVED:
-                print(f"{i}: {report.message}", file=sys.stderr)
-        n_arrived += any(report.outcome == MotionOutcome.ARRIVED for _, report in done)
-        errors.append(1e3 * float(np.abs(arm.q - goal).max()))
-        ratios.append(arm.cost / planned_effort(robot, planned))
+def minimum_jerk(trajectory: Trajectory) -> Trajectory:
+    """The minimum-jerk motion with the ends and the duration of another one."""
+    phases, ends = trajectory.times / trajectory.duration, trajectory.positions[[0, -1]]
+    states = [
+        hermite_functions(phases, order)[:, [0, 3]] @ ends / trajectory.duration**order
+        for order in range(3)
+    ]
+    return Trajectory(trajectory.joint_names, trajectory.times, *states)
+
+
+def dofs_of(model: mujoco.MjModel, names: tuple[str, ...]) -> FloatArray:
+    """Where MuJoCo has some joints."""
+    return np.array([model.joint(name).dofadr[0] for name in names])
+
+
+def figures(
+    model: mujoco.MjModel, found: list[dict[str, tuple[Trajectory, float]]], drive: str
+) -> list[str]:
+    """What became of the motions with one kind of drives."""
+    driven = [
+        {name: execute(model, motion, drive) for name, (motion, _) in motions.items()}
+        for motions in found
+    ]
+    planned = [
+        (one[name], motions[name][1])
+        for one, motions in zip(driven, found, strict=True)
+        for name in MOTIONS[:2]
+    ]
+    errors = np.array([1e3 * error for (_, error, _, _), _ in planned])
+    ratios = np.array([effort / stated for (effort, *_), stated in planned])
+    torque, speed = np.max([rest for (_, _, *rest), _ in planned], axis=0)
+    efforts = np.array([[one[name][0] for name in MOTIONS] for one in driven])
+    saved = 100.0 * (1.0 - np.median(efforts[:, [1]] / efforts[:, [0, 2]], axis=0))
     return [
-        str(n_arrived),
-        f"{np.median(errors):.3f}",
-        f"{max(errors):.3f}",
-        f"{np.median(ratios):.3f}",
-        f"{max(ratios):.3f}",
-        f"{100.0 * arm.n_saturated / arm.n_steps:.2f}",
+        f"{100.0 * np.mean(errors < 1e3 * ARRIVED):.0f}",
+        *(f"{x:.2f}" for x in (np.median(errors), errors.max())),
+        *(f"{x:.3f}" for x in (np.median(ratios), ratios.min(), ratios.max())),
+        *(f"{x:.2f}" for x in (torque, speed)),
+        *(f"{x:.1f}" for x in saved),
     ]
 
 
-def planned_effort(robot: Robot, motion: Trajectory) -> float:
-    """J of a planned motion by the planner's model [N²·m²·s]."""
-    tau = robot.inverse_dynamics(motion.positions, motion.velocities, motion.accelerations)
-    return float(trapezoid(0.5 * np.sum(tau**2, axis=1), motion.times))
+def execute(
+    model: mujoco.MjModel, motion: Trajectory, drive: str
+) -> tuple[float, float, float, float]:
+    """Drive a motion.
+
+    Returns
+    -------
+    effort, error, torque, speed : float
+        Effort of the drives until the end of the motion [N²·m²·s], largest error after it [rad],
+        and largest torques and speeds as shares of their limits.
+    """
+    data = mujoco.MjData(model)
+    there = dofs_of(model, motion.joint_names)
+    servos = [list(model.actuator_trnid[:, 0]).index(model.dof_jntid[dof]) for dof in there]
+    data.qpos[there] = data.ctrl[servos] = motion.positions[0]
+    n_rest = round(REST / STEP)
+    for _ in range(n_rest):  # the servos come to rest
+        drive_step(model, data, drive)
+    curve, n = executed(motion), round(motion.duration / STEP)
+    times = np.minimum(np.arange(n + n_rest) * STEP, motion.duration)
+    lead = -model.actuator_biasprm[servos, 2] / model.actuator_gainprm[servos, 0]
+    commands = curve(times) + (lead * curve.derivative()(times) if drive == "pd" else 0.0)
+    efforts = np.empty((n, len(there)))
+    speed = 0.0
+    for k, command in enumerate(commands):
+        data.ctrl[servos], before = command, data.qvel[there]
+        drive_step(model, data, drive)
+        if k < n:
+            # MuJoCo takes the velocity gain at the end of a step, but reports it at the beginning.
+            efforts[k] = (data.qfrc_actuator + data.qfrc_applied)[there]
+            efforts[k] -= model.actuator_biasprm[servos, 2] * (before - data.qvel[there])
+            speed = max(speed, float(np.abs(data.qvel[there]).max()) / VELOCITY)
+    return (
+        0.5 * float(np.sum(efforts**2)) * STEP,
+        float(np.abs(data.qpos[there] - motion.positions[-1]).max()),
+        float((np.abs(efforts) / effort_limits(model)[there]).max()),
+        speed,
+    )
+
+
+def drive_step(model: mujoco.MjModel, data: mujoco.MjData, drive: str) -> None:
+    """Move for one step; of "pd", with the bias forces of the step before."""
+    if drive == "pd":
+        data.qfrc_applied[:] = data.qfrc_bias
+    mujoco.mj_step(model, data)
 
 
 if __name__ == "__main__":

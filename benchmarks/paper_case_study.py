@@ -16,8 +16,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from paper_figures import draw_pictures
 from paper_method import study
-from paper_tables import draw_pictures, facts, notes, titled_tables
+from paper_tables import notes, titled_tables
 from support.tables import benchmark_parser, show
 
 from mp_pca_planner.cli.common import progress_bar
@@ -58,7 +59,6 @@ def main() -> int:
     show(
         titled_tables(found),
         as_json=arguments.json,
-        facts=facts(found, source),
         notes=[source, *notes(found)],
     )
     return 0

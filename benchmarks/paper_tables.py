@@ -4,17 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from arm_figure import arm_figure
 from paper_method import (
     FREE_BSPLINES,
     FREE_ENDS,
     MAX_ROUNDS,
-    N_COMPONENTS,
     PAPER,
     REST_BSPLINES,
     SAME_ENDS,
@@ -23,18 +19,9 @@ from paper_method import (
     n_agreeing,
     variance_shares,
 )
-from prediction import BSPLINES, MEASURES, PLANNED, QUANTITIES, Comparison, Prediction, error_table
+from prediction import BSPLINES, PLANNED, Prediction, error_table
 
-from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.plotting.style import (
-    add_header,
-    joint_panels,
-    label_left,
-    palette_line,
-    picture,
-)
 from mp_pca_planner.plotting.text import Table, percent, percents, variance_table
-from mp_pca_planner.robot.model import Robot
 
 TABLE_2 = {
     "shoulder1": (0.9249, 0.0639, 0.0082, 0.0013),
@@ -188,6 +175,7 @@ def starts_table(study: CaseStudy) -> Table:
 
 def notes(study: CaseStudy) -> list[str]:
     """What columns and rows of the tables mean, in sentences."""
+    nearer = study.closer_than_bsplines
     numbers = sorted({len(starts) for name in SAME_ENDS for starts in study.searches(name)})
     used = f"{numbers[0]}" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"
     starts = (
@@ -201,90 +189,15 @@ def notes(study: CaseStudy) -> list[str]:
         "Starts: 'same ends': relative to B-splines with the same ends and starts. 'one start': "
         "relative to B-splines at rest from one start. The last columns: shares of the motions for "
         "which these starts lead to the least effort of all starts, at least once and twice.",
-        "Naturalness: 'deviation' is that of the weights, in standard deviations. 'effort ratio' "
-        "is the median of the ratios to the effort of B-splines.",
+        "Naturalness: 'deviation' is that of the weights, in standard deviations. 'effort' is the "
+        "median of the ratios to the effort of B-splines.",
+        f"'{PLANNED}' is nearer to the person's motion than B-splines in {nearer('time'):.0%} of "
+        f"the motions in joint angle and in {nearer('tip'):.0%} in the tip's path. The arm-raising "
+        f"motion is that at {study.raising.start_time:.2f} s of {study.raising.recording}.",
     ]
-
-
-def facts(study: CaseStudy, source: str) -> dict[str, Any]:
-    """All results as numbers, of JSON types."""
-    names = study.motions[0].joint_names
-    other = study.other_activities
-    return {
-        "source": source,
-        "n_motions": len(study.motions),
-        "motions": [
-            {"recording": m.recording, "start_time_s": m.start_time, "label": m.label}
-            for m in study.motions
-        ],
-        "table_2": {
-            name: {"ours": shares, "paper": TABLE_2.get(name)}
-            for name, shares in _shares(study).items()
-        },
-        "table_2_by_activity": {
-            activity: dict(zip(names, shares, strict=True))
-            for activity, shares in study.shares_by_activity.items()
-        },
-        "table_3": {
-            "recording": study.raising.recording,
-            "start_time_s": study.raising.start_time,
-            "ours": {name: _cost(p.effort, p.solve_time) for name, p in study.raised.items()},
-            "paper": {name: _cost(*values) for name, values in TABLE_3.items()},
-        },
-        "time_ratio_pca_over_bspline": {
-            **{name: study.time_ratio(name) for name in TABLE_3_METHODS},
-            "paper": _paper_ratio(),
-        },
-        "free_ends": FREE_ENDS,
-        "closer_than_bspline": {
-            quantity: study.closer_than_bsplines(quantity) for quantity in (*MEASURES, "tip")
-        },
-        "naturalness": _by_method(study.held_out),
-        "naturalness_other_activities": None if other is None else _by_method(other),
-    }
 
 
 def _shares(study: CaseStudy) -> dict[str, Any]:
     """Shares of the variance, shape (4,), by joint."""
     names = study.motions[0].joint_names
     return dict(zip(names, variance_shares(study.components), strict=True))
-
-
-def _cost(effort: float | None, seconds: float) -> dict[str, float | None]:
-    return {"effort_cost": effort, "solve_time_s": seconds}
-
-
-def _paper_ratio() -> float:
-    return TABLE_3["PCA"][1] / TABLE_3["B-spline"][1]
-
-
-def _by_method(comparison: Comparison) -> dict[str, Any]:
-    return {
-        name: {quantity: comparison.column(name, quantity) for quantity in QUANTITIES}
-        for name in comparison.results
-    }
-
-
-def draw_pictures(study: CaseStudy, robot: Robot, frames: Sequence[str], folder: Path) -> None:
-    """Draw Figure 2, and Figures 3 and 4, of [P] into a folder."""
-    with picture(folder / "figure_2.png", force=True) as figure:
-        lines = [palette_line(f"PC{k + 1}", k) for k in range(N_COMPONENTS)]
-        panels = joint_panels(figure, study.motions[0].joint_names, 1)
-        add_header(figure, "Principal components of the joint angles (paper: Fig. 2)", lines)
-        for (axes,), found in zip(panels, study.components, strict=True):
-            for row, style in zip(found.components[:N_COMPONENTS], lines, strict=False):
-                axes.plot(np.linspace(0.0, 1.0, row.size), row, **style)
-            axes.set(xlabel="share of the duration", ylabel="component [–]", xlim=(0.0, 1.0))
-            label_left(axes)
-    with picture(folder / "figures_3_4.png", force=True) as figure:
-        title = "The arm-raising motion (paper: Figs. 3 and 4)"
-        arm_figure(figure, _chains(study, robot, frames), title, frames[-1])
-
-
-def _chains(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, FloatArray]:
-    """Origins of the frames, shape (n_frames, n_points, 3), by the label of the motion."""
-    n_frames = 61
-    chosen = np.linspace(0, 1000, n_frames).round().astype(int)
-    positions = {name: study.raised[name].positions[chosen] for name in (BSPLINES, PAPER, PLANNED)}
-    positions["demonstrated"] = study.raising.time_normalised(n_frames)
-    return {name: robot.frame_positions(q, frames) for name, q in positions.items()}

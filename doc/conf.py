@@ -7,14 +7,11 @@ from pathlib import Path
 
 import mp_pca_planner
 
-# Not from the place of this file: rosdoc2 runs it elsewhere.
-ROOT = Path(mp_pca_planner.__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "doc"), str(ROOT / "scripts")]
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import gallery  # noqa: E402  (in scripts/)
-import reference  # noqa: E402  (beside this file)
-from docutils.nodes import SkipNode  # noqa: E402
-from docutils.utils.math.latex2mathml import tex2mathml  # noqa: E402
+import reference
+from docutils.nodes import SkipNode
+from docutils.utils.math.latex2mathml import tex2mathml
 
 project = "mp_pca_planner"
 author = "mp_pca_planner developers"
@@ -46,9 +43,8 @@ exclude_patterns = ["_build"]
 
 
 def setup(app):
-    """Write the generated pages and figures; render equations as MathML, without network."""
+    """Write the generated pages; render equations as MathML, without network."""
     reference.write_pages(Path(app.srcdir) / "reference")
-    gallery.write_figures(Path(app.srcdir) / "gallery")
     inline, block = render(as_block=False), render(as_block=True)
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
 

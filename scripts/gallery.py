@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the figures of the gallery, from the example recording.
 
-python3 scripts/gallery.py FOLDER    # as the documentation site does
+python3 scripts/gallery.py doc/gallery
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 import mp_pca_planner as mp
 from mp_pca_planner.plotting.motion import plan_figure
@@ -65,6 +66,8 @@ def write_figures(folder: Path) -> None:
         primitive_figure(figure, found.primitive, shown, title)
     with picture(folder / "motion.png", force=True) as figure:
         plan_figure(figure, found.plan())
+    for file in folder.glob("*.png"):  # a few colours make small files
+        Image.open(file).convert("RGB").quantize(64).save(file, optimize=True)
 
 
 def main() -> None:

@@ -30,6 +30,7 @@ COMMANDS = {
     "planning_cases": "python3 benchmarks/planning.py cases",
     "optimality": "python3 -m campaigns.optimality --problems 13",
     "scenes": "python3 benchmarks/compare.py --scenes problems --problems 100",
+    "poses": "python3 benchmarks/planning.py poses",
     "sequences": "python3 benchmarks/planning.py sequences",
     "benchmark_human_arm": "python3 benchmarks/compare.py --problems 200 --repeats 1 "
     "--peer-problems 10",
@@ -39,6 +40,8 @@ COMMANDS = {
     "--by-label --robot config/human_arm.urdf --tip wrist",
     "case_study": "python3 benchmarks/paper_case_study.py --recordings markers "
     "--segments motions.csv",
+    "node": "python3 benchmarks/node.py",
+    "mujoco_arms": "python3 benchmarks/mujoco_arms.py --models mujoco_menagerie",
     "moving_robot": "python3 -m campaigns.moving_robot --events 1000",
     "control_bound": "python3 benchmarks/control_bound.py",
     "learning": "python3 benchmarks/learning.py",

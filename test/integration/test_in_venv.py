@@ -64,21 +64,3 @@ def test_changed_dependencies_are_installed(checkout: Path, tmp_path: Path) -> N
         in_venv(checkout, "plot", "true", cwd=tmp_path)
     in_venv(checkout, "test", "true", cwd=tmp_path)
     assert installed(checkout) == ["plot,test", "plot", "test"]
-
-
-def test_failed_installation_is_repeated(checkout: Path, tmp_path: Path) -> None:
-    python = checkout / ".venv/bin/python3"
-    python.write_text(LOGGING_PYTHON.replace("true", "false"), encoding="utf-8")
-    with pytest.raises(subprocess.CalledProcessError):
-        in_venv(checkout, "plot", "true", cwd=tmp_path)
-    python.write_text(LOGGING_PYTHON, encoding="utf-8")
-    in_venv(checkout, "plot", "true", cwd=tmp_path)
-    assert installed(checkout) == ["plot", "plot"]
-
-
-def test_command_runs_in_the_folder_of_the_caller(checkout: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "elsewhere"
-    folder.mkdir()
-    assert in_venv(checkout, "plot", "pwd", cwd=folder).strip() == str(folder)
-    found = in_venv(checkout, "plot", "sh", "-c", "command -v python3", cwd=folder)
-    assert found.strip() == str(checkout / ".venv/bin/python3")

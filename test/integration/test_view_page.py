@@ -122,22 +122,6 @@ def test_the_page_loads_without_errors_and_without_the_internet(browser, page):
     tab.close()
 
 
-def test_every_tab_is_shown(browser, page):
-    tab = opened(browser, page)
-    for name, text in (
-        ("Components", "Back to the demonstration"),
-        ("World", "Add an obstacle"),
-    ):
-        tab.get_by_role("button", name=name, exact=True).click()
-        tab.get_by_text(text).wait_for()
-        keep(tab, name.lower())
-    tab.close()
-
-
-def test_no_page_opens_it_to_the_internet(page):
-    assert page.server.request_share_url() is None
-
-
 def test_a_plan_is_shown_from_python():
     planner = Planner(arm_robot(), [arm_primitive()])
     goal, start = arm_primitive().boundary_states[3, [3, 0]]
@@ -191,15 +175,6 @@ def test_a_goal_in_collision_turns_red_with_its_reason(browser):
         tab.close()
 
 
-def test_an_added_obstacle_reaches_the_planner(browser, page):
-    tab = opened(browser, page)
-    tab.get_by_role("button", name="World", exact=True).click()
-    tab.get_by_role("button", name="Sphere", exact=True).click()
-    until(lambda: page.plan.answer.request.world.names == ("sphere 1",))
-    keep(tab, "obstacle")
-    tab.close()
-
-
 def test_a_motion_is_saved_as_the_browser_saves_files(browser, page, tmp_path):
     tab = opened(browser, page)
     with tab.expect_download() as download:
@@ -213,34 +188,6 @@ def test_a_motion_is_saved_as_the_browser_saves_files(browser, page, tmp_path):
 
 
 # Motions
-
-
-def test_play_moves_the_robot_and_pause_stops_it(browser, page):
-    tab = opened(browser, page)
-    start = page.stage.drawn.configuration
-    still = tab.locator("canvas").first.screenshot()
-    tab.get_by_role("button", name="Play").click()
-    until(lambda: np.abs(page.stage.drawn.configuration - start).max() > 0.1)
-    tab.get_by_role("button", name="Pause").click()
-    until(lambda: not page.player.playback.is_playing)
-    stopped = page.stage.drawn.configuration
-    until(lambda: tab.locator("canvas").first.screenshot() != still)
-    np.testing.assert_array_equal(page.stage.drawn.configuration, stopped)
-    tab.close()
-
-
-def test_a_slider_of_a_component_bends_the_motion_that_is_played(browser, page):
-    tab = opened(browser, page)
-    tab.get_by_role("button", name="Components", exact=True).click()
-    slider = tab.get_by_role("slider").filter(visible=True).nth(1)
-    before = page.components.motion.positions
-    slider.focus()
-    for _ in range(10):
-        slider.press("ArrowRight")
-    until(lambda: np.abs(page.components.motion.positions - before).max() > 0.05)
-    until(lambda: page.player.playback.motion is page.components.motion)
-    keep(tab, "bent")
-    tab.close()
 
 
 # Several people

@@ -35,10 +35,10 @@ MODEL = model()
 
 
 class Node(VirtualNode):
-    """A node whose goals are numbered from 1."""
+    """A node, of the arm unless given, whose goals are numbered from 1."""
 
-    def __init__(self, model=MODEL, **options):
-        super().__init__(model, START, **{"planning_time": (0.01, 0.01), **options})
+    def __init__(self, model=MODEL, start=START, **options):
+        super().__init__(model, start, **{"planning_time": (0.01, 0.01), **options})
         self.model = model
         self.n_goals = 0
         self.run(0.3)
@@ -66,18 +66,26 @@ class Node(VirtualNode):
     def commanded(self):
         return self.robot.record.q[-1]
 
+    def verdict(self, cuts=(), joins=()):
+        """What the referee says of all commands."""
+        record, limits = self.robot.record, self.model.limits
+        names = ("lower", "upper", "velocity", "acceleration", "jerk")
+        return judge(
+            record.q,
+            record.clock,
+            {name: getattr(limits, name) for name in names},
+            time=record.times,
+            cuts=[*record.cuts, *cuts],
+            joins=joins,
+            finest=FINEST,
+        )
+
     def assert_smooth(self, cuts=()):
         """No command is beyond a limit, and none jumps."""
         assert not self.robot.rejections
-        record, limits = self.robot.record, self.model.limits
-        bounds = {
-            name: getattr(limits, name)
-            for name in ("lower", "upper", "velocity", "acceleration", "jerk")
-        }
-        cuts = [*record.cuts, *cuts]
-        verdict = judge(record.q, record.clock, bounds, time=record.times, cuts=cuts, finest=FINEST)
+        verdict = self.verdict(cuts)
         assert verdict.is_clean, verdict
 
-    def assert_rests_at(self, positions):
-        np.testing.assert_allclose(self.commanded, positions, atol=1e-9)
+    def assert_rests_at(self, positions, atol=1e-9):
+        np.testing.assert_allclose(self.commanded, positions, atol=atol)
         assert not self.robot.record.v[-1].any()

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
+from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from support.chain import (
     ACROSS_BASE,
     CHAIN,
@@ -26,14 +26,11 @@ from support.patience import PATIENT
 import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file
-from mp_pca_planner.learning.refinement import refine
 from mp_pca_planner.motion.collision import Collision, CollisionModel, package_folders
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.planning.motion import Motion
-from mp_pca_planner.planning.options import OPTIMAL, REAL_TIME
-from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED, Plan
+from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.robot.model import Robot
@@ -279,61 +276,7 @@ def test_robot_without_collision_geometry_is_said_so():
     assert "self-collisions were not checked" in plan.message
 
 
-def sequence_of_chain(model: CollisionModel, *targets: list[float], mode: str = OPTIMAL) -> Plan:
-    robot = chain()
-    planner = sequence_planner(robot, [fold()], robot.limits(), collision=model)
-    start, *states = (JointState(NAMES, q) for q in targets)
-    return planner.plan(SequenceGoal(tuple(states)), start, mode)
-
-
-def test_sequence_that_collides_is_infeasible(model):
-    across = [[0.0, 1.5, 2.09], [0.0, 2.1, 2.09], [0.0, 2.7, 2.09]]
-    for mode in (OPTIMAL, REAL_TIME):
-        plan = sequence_of_chain(model, *across, mode=mode)
-        assert plan.status == INFEASIBLE
-        assert plan.message.startswith("target 1 is in collision: 'base' and 'c' collide by")
-    free = sequence_of_chain(model, [0.0, 0.5, 0.0], [0.1, 0.7, 0.5], [0.2, 0.9, 1.0])
-    assert (free.status, free.mode) == (SOLVED, OPTIMAL)
-    blind = CollisionModel(Robot(CHAIN.replace("collision>", "visual>"), NAMES))
-    plan = sequence_of_chain(blind, *across)
-    assert plan.is_executable and "self-collisions were not checked" in plan.message
-
-
-def test_optimal_sequence_that_would_collide_takes_a_detour():
-    robot, model = arm_robot(), CollisionModel(arm_robot())
-    start, *targets = (JointState(JOINTS, d.positions[-1]) for d in arm_demonstrations()[:3])
-    goal = SequenceGoal(tuple(targets))
-    bold = sequence_planner(robot, [arm_primitive()], robot.limits(), naturalness=0.0)
-    careful = sequence_planner(
-        robot, [arm_primitive()], robot.limits(), naturalness=0.0, collision=model
-    )
-    assert model.collisions(bold.plan(goal, start).trajectory)
-    plan = careful.plan(goal, start)
-    assert plan.mode == OPTIMAL and plan.is_executable
-    assert "kept apart" in plan.message
-    assert not model.collisions(plan.trajectory)
-
-
 # Learning
-
-
-@pytest.fixture(scope="module")
-def around_base() -> Motion:
-    """A motion that goes around the base, for no other reason than what is there."""
-    start, goal = ACROSS_BASE
-    planner = chain_planner(CollisionModel(chain()))
-    plan = planner.plan(JointGoal(goal, 1.5), start)
-    assert plan.is_executable
-    return plan.motion
-
-
-def test_refinement_does_not_lead_through_the_body(model, around_base):
-    robot = chain()
-    blind = refine([around_base], robot, robot.limits())
-    assert model.collisions(blind.trajectory)
-    found = refine([around_base], robot, robot.limits(), collision=model)
-    assert not model.collisions(found.trajectory)
-    assert blind.cost < found.cost <= found.original_cost
 
 
 # The command

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
-from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from support.arm import JOINTS, arm_primitive, arm_robot
 from support.arm_plans import REQUESTS, planner, request
 from support.patience import PATIENT
 
@@ -242,31 +242,6 @@ def test_a_goal_velocity_needs_permission():
     plan = planner(allow_nonzero_end_velocity=True).plan(goal, start)
     assert plan.is_executable
     assert plan.trajectory.velocities[-1, 3] == -0.2
-
-
-def test_the_primitive_with_the_nearest_demonstrations_is_used():
-    far = [
-        Demonstration(
-            JOINTS,
-            d.times,
-            d.positions[::-1],
-            -d.velocities[::-1],
-            d.accelerations[::-1],
-            recording=d.recording,
-            start_time=0.0,
-            end_time=d.duration,
-        )
-        for d in arm_demonstrations()
-    ]
-    lowering = build_primitive(far, "lowering", PrimitiveOptions(n_components=4))
-    robot = arm_robot()
-    subject = Planner(robot, [lowering, arm_primitive()], robot.limits(), PATIENT)
-    low, high = REQUESTS[0]
-    for start, end, name in ((low, high, "arm_arm_4"), (high, low, "lowering")):
-        goal = JointGoal(JointState(JOINTS, end))
-        assert subject.plan(goal, JointState(JOINTS, start)).primitive == name
-    goal = JointGoal(JointState(JOINTS, high), primitive="lowering")
-    assert subject.plan(goal, JointState(JOINTS, low)).primitive == "lowering"
 
 
 def test_a_joint_that_turns_without_end_goes_the_shorter_way():

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sequences: joints, derivatives by finite differences, limits, and the command."""
 
-import json
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,9 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
+from support.commands import URDF, result
 
-from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.context import Budget
@@ -114,7 +112,7 @@ def test_optimal_takes_less_effort_in_the_same_time() -> None:
     assert best.effort_cost == pytest.approx(integral, rel=5e-3)
 
 
-def chain(posed: bool, *, with_limits: bool) -> MotionProgram:
+def chained(posed: bool, *, with_limits: bool) -> MotionProgram:
     """The program of a sequence with tight limits, bounded by them or not."""
     goal, start = with_poses() if posed else request(3)
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
@@ -132,7 +130,7 @@ def chain(posed: bool, *, with_limits: bool) -> MotionProgram:
 
 @pytest.mark.parametrize("posed", [False, True])
 def test_derivatives_of_a_chain_agree_with_finite_differences(posed: bool) -> None:
-    program = chain(posed, with_limits=True)
+    program = chained(posed, with_limits=True)
     rng, h = np.random.default_rng(0), 1e-5
     x = program.starts[0]
     x = x + 0.1 * rng.standard_normal(x.size)
@@ -154,7 +152,7 @@ def test_derivatives_of_a_chain_agree_with_finite_differences(posed: bool) -> No
 
 @pytest.mark.parametrize("posed", [False, True])
 def test_nothing_near_the_optimum_of_a_chain_is_better(posed: bool) -> None:
-    program = chain(posed, with_limits=False)
+    program = chained(posed, with_limits=False)
     x = program.starts[0]
     found = solve(program, x, SolverOptions(tolerance=1e-10, max_iterations=200))
     assert found.converged
@@ -193,13 +191,6 @@ def test_jerk_limits_are_kept_by_optimal_sequences() -> None:
         plan = planner(**limits).plan(SequenceGoal(tuple(targets)), start)
         assert (plan.status, plan.mode) == ("solved", OPTIMAL)
         assert not check_limits(plan.trajectory, arm_robot(), planner(**limits).limits).violations
-
-
-def test_fixed_times_that_limits_forbid_are_infeasible_and_said_so() -> None:
-    goal, start = request(2, (0.2, 0.4))
-    plan = planner(max_velocity=0.5).plan(goal, start)
-    assert not plan.is_executable
-    assert "no motion within the limits was found: velocity" in plan.message
 
 
 def test_best_motion_so_far_is_returned_when_time_runs_out() -> None:
@@ -319,47 +310,20 @@ def test_most_demonstrated_of_several_configurations_is_chosen() -> None:
         assert plan.in_span_score < 1.5 * usual.in_span_score + 0.5
 
 
-def test_joints_that_targets_leave_out_keep_their_position() -> None:
-    start = configurations(1)[0]
-    goal = SequenceGoal((JointState(["elbow"], [-0.5]), JointState(["shoulder1"], [-0.3])))
-    plan = planner().plan(goal, JointState(JOINTS, start), REAL_TIME)
-    end = plan.trajectory.positions[-1]
-    assert end[3] == -0.5
-    assert end[1] == start[1]
-
-
-def test_command_plans_through_vias(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_plans_through_vias_and_stops(tmp_path: Path) -> None:
     save_primitive(arm_primitive(), tmp_path / "reach.npz")
     start, via, end = (",".join(map(str, q)) for q in configurations(3))
-    arguments = [str(tmp_path / "reach.npz"), "--robot", str(config_file("human_arm.urdf"))]
-    arguments += ["--start", start, "--via", f"{via}@1.5", "--goal", end]
-    output = tmp_path / "motion.csv"
-    assert main(["sequence", *arguments, "--json", "--output", str(output)]) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["n_segments"] == 2
-    assert facts["durations"][0] == pytest.approx(1.5)
-    assert len(output.read_text().splitlines()) == len(facts["times"]) + 1
-    pose = wrist_pose(configurations(4)[3]).position
-    x, y, z = pose
-    arguments[-1] = f"wrist: {x} {y} {z}"
-    assert main(["sequence", *arguments, "--via", f"wrist: {x} {y} {z + 0.05} @2", "--json"]) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["n_segments"] == 3
+    given = ("sequence", tmp_path / "reach.npz", "--robot", URDF, f"--start={start}")
+    facts = result(*given, f"--via={via}@1.5", f"--goal={end}")
+    assert facts["n_segments"] == 2 and facts["durations"][0] == pytest.approx(1.5)
+    place = x, y, z = wrist_pose(configurations(4)[3]).position
+    poses = [f"wrist: {x} {y} {z + dz}" for dz in (0.05, 0.1, 0.15, 0.0)]
+    options = zip(("--stop", "--via", "--stop", "--goal"), poses, strict=True)
+    facts = result(*given, *chain.from_iterable(options))
     assert facts["via_error"] < 1e-6
     reached = wrist_pose(np.array(facts["positions"][-1])).position
-    np.testing.assert_allclose(reached, pose, atol=1e-6)
-    poses = [f"wrist: {x} {y} {z + dz}" for dz in (0.05, 0.1, 0.15)]
-    options = [
-        part for one in zip(("--stop", "--via", "--stop"), poses, strict=True) for part in one
-    ]
-    at = arguments.index("--via")
-    assert main(["sequence", *arguments[:at], *arguments[at + 2 :], *options, "--json"]) == 0
-    facts = json.loads(capsys.readouterr().out)
-    ends = np.cumsum(facts["durations"])
+    np.testing.assert_allclose(reached, place, atol=1e-6)
     speeds = np.abs(facts["velocities"]).max(axis=1)
+    ends = np.cumsum(facts["durations"])
     rows = [int(np.abs(np.array(facts["times"]) - end).argmin()) for end in ends]
     assert [bool(speeds[row] == 0.0) for row in rows] == [True, False, True, True]
-    assert main(["sequence", *arguments, "--via", "wrist: 1 2"]) == 2
-    assert "2 numbers" in capsys.readouterr().err
-    assert main(["sequence", *arguments, "--via", f"{via}@soon"]) == 2
-    assert "after @, 'soon' is not a number" in capsys.readouterr().err

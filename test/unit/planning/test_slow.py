@@ -147,21 +147,6 @@ def test_robot_that_is_there_already_stays():
     assert_serves(plan, start)
 
 
-def test_gravity_beyond_the_limits_of_effort_is_said():
-    goal, start = request(1)
-    rest = np.zeros((1, 4))
-    tau = [
-        np.abs(arm_robot().inverse_dynamics(q[None], rest, rest)).max(axis=0)
-        for q in np.linspace(start.positions, goal.state.positions, 11)
-    ]
-    j = int(np.argmax(np.max(tau, axis=0)))
-    overrides = {JOINTS[j]: {"max_effort": 0.5 * float(np.max(tau, axis=0)[j])}}
-    for limit in (NO_TIME, 30.0):
-        plan = planner(overrides=overrides, max_solve_time=limit).plan(goal, start)
-        assert plan.status == INFEASIBLE
-        assert f"effort of joint '{JOINTS[j]}'" in plan.message
-
-
 def test_slow_motion_in_collision_is_not_returned():
     start, goal = ACROSS_BASE
     model = CollisionModel(chain())
@@ -195,24 +180,6 @@ def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
         row = int(np.abs(plan.trajectory.times - end).argmin())
         np.testing.assert_array_equal(plan.trajectory.positions[row], target.positions)
         assert not (rests and plan.trajectory.velocities[row].any())
-
-
-@given(shares, shares, shares, shares)
-def test_knots_of_a_brake_are_points_of_the_trajectory_in_any_predicted_duration(
-    first, second, v, a
-):
-    # Between other points, quintics exceed the jerk of the brake, which no slowing changes.
-    bounds = {"max_velocity": 4.0, "max_acceleration": 8.0, "max_jerk": 160.0}
-    start = JointState(JOINTS, configuration(0.4 + 0.2 * first), 3.0 * (v - 0.5), 15.0 * (a - 0.5))
-    # So near, the slow motion needs far less than the predicted duration.
-    goal = JointGoal(JointState(JOINTS, start.positions + 0.1 * (second - 0.5)))
-    bounds["max_effort"] = np.inf
-    subject = planner(overrides=dict.fromkeys(JOINTS, bounds), max_solve_time=NO_TIME)
-    plan = subject.plan(goal, start)
-    assert plan.is_executable, plan.message
-    if np.any(start.velocities) and "this motion follows" in plan.message:
-        steps = plan.trajectory.times / subject.options.sample_period
-        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 
 
 @pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_jerk"])

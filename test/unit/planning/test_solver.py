@@ -117,36 +117,11 @@ def test_from_beyond_a_bound_the_way_back_along_an_equality_is_found(circle, wal
     assert solution.unknowns[0] <= wall + 1e-6
 
 
-def test_equalities_that_depend_on_each_other_are_met_once():
-    class Twice(Rosenbrock):
-        def evaluate(self, x):
-            at = super().evaluate(x)
-            at.equalities = np.tile(at.equalities, 2)
-            at.equality_rows = np.tile(at.equality_rows, (2, 1))
-            return at
-
-    options = SolverOptions(tolerance=1e-12)
-    once = solve(Rosenbrock(circle=1.5), np.ones(2), options)
-    twice = solve(Twice(circle=1.5), np.ones(2), options)
-    assert twice.converged
-    np.testing.assert_allclose(twice.unknowns, once.unknowns, atol=1e-5)
-
-
 def test_equalities_and_bounds_that_contradict_each_other_are_said():
     # The circle of radius 3 meets x₁ ≤ −4 nowhere.
     solution = solve(Rosenbrock(wall=-4.0, circle=3.0), np.array([-2.0, 1.0]))
     assert not solution.converged
     assert solution.infeasibility > 0.5
-
-
-def test_going_on_from_where_it_stopped_takes_fewer_evaluations():
-    program, motion = unlimited(BASES["joint"])
-    x = motion.weights / program.segments[0].unknowns.scales
-    whole = solve(program, x)
-    part = solve(program, x, SolverOptions(max_iterations=whole.iterations - 2))
-    rest = solve(program, part.unknowns, memory=part.memory)
-    assert rest.converged and rest.iterations <= 4
-    assert rest.cost == pytest.approx(whole.cost, rel=1e-4)
 
 
 def unlimited(basis, seed=0, rho=0.0):

@@ -22,7 +22,7 @@ from mp_pca_planner.plotting.motion import (
     motion_figure,
     plan_figure,
 )
-from mp_pca_planner.plotting.primitive import plot_primitive, primitive_figure
+from mp_pca_planner.plotting.primitive import primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
 from mp_pca_planner.plotting.style import MAX_BEHIND, add_header, line, picture, styled_figure
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -311,17 +311,6 @@ def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
         assert {x.get_xdata()[-1] for x in behind} == {found.duration}
 
 
-def test_plan_far_from_the_demonstrations_carries_the_warning() -> None:
-    far = plan_between(0, 1, scale=6.0)
-    assert far.in_span_score > 3.0
-    for found, n_warnings in ((far, 1), (plan_between(0, 0), 0)):
-        with styled_figure() as figure:
-            plan_figure(figure, found)
-            assert all_legends_inside(figure)
-        texts = [x.get_text().replace("\n", " ") for x in figure.legends[0].get_texts()]
-        assert sum("unlike the demonstrations" in text for text in texts) == n_warnings
-
-
 # Figures for notebooks
 
 
@@ -332,15 +321,6 @@ def pyplot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
     yield pyplot
     pyplot.close("all")
-
-
-def test_primitive_is_plotted_in_a_new_figure(pyplot: Any) -> None:
-    shown = arm_primitive()
-    panels = plot_primitive(shown)
-    assert panels.shape == (4, 2)
-    # Without the recordings, demonstrations are what the components reproduce.
-    ends = np.array([x.get_ydata()[[0, -1]] for x in panels[1, 0].lines[:-1]])
-    np.testing.assert_allclose(ends, np.rad2deg(shown.boundary_states[:, [0, 3], 1]), atol=1e-6)
 
 
 def test_a_prediction_without_a_robot_is_drawn_as_it_is() -> None:

@@ -1,17 +1,31 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stills of an arm in motion, from the front and from the side."""
+"""Figures 2 to 4 of the case study: components, and stills of the arm-raising motion."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from paper_method import N_COMPONENTS, PAPER, CaseStudy
+from prediction import BSPLINES, PLANNED
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import printable
-from mp_pca_planner.plotting.style import BLACK, COLOURS, Line, add_header, line
+from mp_pca_planner.plotting.style import (
+    BLACK,
+    COLOURS,
+    Line,
+    add_header,
+    joint_panels,
+    label_left,
+    line,
+    palette_line,
+    picture,
+)
+from mp_pca_planner.robot.model import Robot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,23 +41,37 @@ _VIEWS = (
 )
 
 
+def draw_pictures(study: CaseStudy, robot: Robot, frames: Sequence[str], folder: Path) -> None:
+    """Draw Figure 2, and Figures 3 and 4, of [P] into a folder."""
+    with picture(folder / "figure_2.png", force=True) as figure:
+        lines = [palette_line(f"PC{k + 1}", k) for k in range(N_COMPONENTS)]
+        panels = joint_panels(figure, study.motions[0].joint_names, 1)
+        add_header(figure, "Principal components of the joint angles (paper: Fig. 2)", lines)
+        for (axes,), found in zip(panels, study.components, strict=True):
+            for row, style in zip(found.components[:N_COMPONENTS], lines, strict=False):
+                axes.plot(np.linspace(0.0, 1.0, row.size), row, **style)
+            axes.set(xlabel="share of the duration", ylabel="component [–]", xlim=(0.0, 1.0))
+            label_left(axes)
+    with picture(folder / "figures_3_4.png", force=True) as figure:
+        title = "The arm-raising motion (paper: Figs. 3 and 4)"
+        arm_figure(figure, _chains(study, robot, frames), title, frames[-1])
+
+
+def _chains(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, FloatArray]:
+    """Origins of the frames, shape (n_frames, n_points, 3), by the label of the motion."""
+    n_frames = 61
+    chosen = np.linspace(0, 1000, n_frames).round().astype(int)
+    positions = {name: study.raised[name].positions[chosen] for name in (BSPLINES, PAPER, PLANNED)}
+    positions["demonstrated"] = study.raising.time_normalised(n_frames)
+    return {name: robot.frame_positions(q, frames) for name, q in positions.items()}
+
+
 def plot_arm(
     axes: Axes, chain: FloatArray, horizontal: int, colour: str, n_stills: int = 8
 ) -> Axes:
-    """Plot stills of an arm that fade in, and the path of its tip.
+    """Plot stills of an arm that fade in, and the path of its tip; z is the vertical axis.
 
-    Parameters
-    ----------
-    axes : Axes
-        Where to plot.
-    chain : array, shape (n_steps, n_points, 3)
-        Origins of the frames along the arm in the base frame [m], evenly spaced in time.
-    horizontal : int
-        Coordinate of the horizontal axis; z is the vertical one.
-    colour : str
-        Colour of the arm.
-    n_stills : int
-        Number of stills, first and last included.
+    A chain are origins of the frames along the arm [m], shape (n_steps, n_points, 3).
     """
     flat = chain[:, :, [horizontal, 2]]
     chosen = np.unique(np.linspace(0, len(flat) - 1, n_stills).round().astype(int))
@@ -68,18 +96,6 @@ def arm_figure(
 
     One row per motion, all in the same scale. The front view looks along -x, facing a person who
     looks along x; the side view looks along y, at the person's right.
-
-    Parameters
-    ----------
-    figure : Figure
-        An empty figure, see :func:`.styled_figure`.
-    motions : mapping of str to array, shape (n_steps, n_points, 3)
-        By label, origins of the frames along the arm in the base frame [m] (x forward, y left,
-        z up), evenly spaced in time.
-    title : str
-        Title of the figure.
-    tip : str
-        Name of the frame at the end of the arm.
     """
     box = _view_box(np.concatenate([chain.reshape(-1, 3) for chain in motions.values()]))
     side, front, up = box[:, 1] - box[:, 0]
