@@ -30,7 +30,7 @@ _REST_SPREAD, _MIN_SPAN = 0.005, 0.08
 # simulated time advances in steps.
 _LEAST_DELAY, _LARGEST_DELAY = -0.02, 0.1
 # Stamps that are compared: their least distance [s], the fewest that show a difference, the most.
-_STAMP_SPACING, _FEWEST, _MOST = 0.02, 20, 250
+_STAMP_SPACING, _FEWEST, _MOST = 0.02, 50, 250
 
 
 class LateStateError(GoalError):
