@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Times to read recordings, cut them into motions and learn from them.
 
-    PYTHONPATH=.:test python3 benchmarks/recordings.py [BAG...] [--motions 400] [--repeats 3]
+    python3 benchmarks/recordings.py [BAG...] [--motions 400] [--repeats 3]
 
 By default with generated sessions of the human-like arm at 100 Hz, as an MCAP file and as a folder
 of rosbag2. Times are the least of some repeats; the first one may wait for the disk.
