@@ -38,6 +38,7 @@ from ..execution.threads import SAFETY_WAIT, BusyError, IsCancelled, PreemptiveW
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..planning.plan import ALREADY_THERE
 from ..planning.resolve import in_order
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
@@ -563,7 +564,10 @@ class GoalTopics:
                     "goal again when they are at rest"
                 )
         except UnexecutablePlanError as error:
-            self._reject(str(error), stamp, error.plan)
+            if error.plan.status == ALREADY_THERE:
+                self._finish(GoalOutcome.UNDER_WAY, str(error), stamp, error.plan)
+            else:
+                self._reject(str(error), stamp, error.plan)
         except CancelledError:
             if is_cancelled():
                 raise

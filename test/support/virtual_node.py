@@ -39,6 +39,7 @@ from mp_pca_planner.execution.tracking.following import MotionFollower
 from mp_pca_planner.execution.tracking.measured import MeasuredStates
 from mp_pca_planner.execution.tracking.published_motion import PublishedMotion
 from mp_pca_planner.motion.goal import Goal, JointState
+from mp_pca_planner.planning.plan import ALREADY_THERE
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.simulation.robot import SimulatedRobot
 
@@ -213,7 +214,9 @@ class VirtualNode:
             self._answer(name, GoalOutcome.OVERTAKEN, "")
         except PlannerError as error:
             self._may_cancel = True
-            self._answer(name, GoalOutcome.REFUSED, str(error))
+            is_there = getattr(getattr(error, "plan", None), "status", "") == ALREADY_THERE
+            outcome = GoalOutcome.UNDER_WAY if is_there else GoalOutcome.REFUSED
+            self._answer(name, outcome, str(error))
             self.advance(0.001)
         else:
             self._may_cancel = True

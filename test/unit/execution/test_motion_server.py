@@ -224,6 +224,12 @@ def test_measured_serves_a_resting_robot_and_refuses_one_that_moves():
     np.testing.assert_allclose(node.commanded, START, atol=1e-9)
 
 
+def test_goal_where_the_robot_rests_publishes_nothing(node):
+    node.ask(START)
+    assert (node.statuses, node.sent) == (["under_way"], [])
+    assert "already there" in node.plan_reports[-1].message
+
+
 def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(node):
     node.ask(GOAL)
     node.run(0.3)
