@@ -40,10 +40,15 @@ class World:
         self.clock_ahead = 0.0
         self.here = np.zeros(2)
         self.set_back = 0.0  # time by which the clock of motions was set back
+        self.tick = 0.0  # time that passes between two looks at the clock
         self.follower = MotionFollower(
-            MeasuredStates(lambda: self.now + self.set_back, lambda: self.now)
+            MeasuredStates(lambda: self.now + self.set_back, self._clock)
         )
         self.follower.expect(JOINTS)
+
+    def _clock(self):
+        self.now += self.tick
+        return self.now
 
     def measure(self, positions, velocities=(0.0, 0.0)):
         self.here = np.asarray(positions)
@@ -300,6 +305,25 @@ def test_motion_leads_to_the_start_along_the_running_one(moving):
             np.testing.assert_allclose(new(since, order), expected, atol=1e-4)
         for since in np.linspace(0.0, 1.0, 20):
             np.testing.assert_allclose(new(lead + since, order), rest(since, order), atol=1e-4)
+
+
+def test_stamp_is_that_of_the_first_point_however_long_computing_takes(moving):
+    moving.tick = 0.002
+    start = moving.choose(latency=0.1)
+    joined = moving.join(continuing(start), start)
+    assert joined.is_timed
+    there = moving.motion.state(joined.time - moving.motion.began).positions
+    np.testing.assert_allclose(joined.sent.positions[0], there, atol=2e-6)
+
+
+def test_robot_that_was_last_heard_of_before_its_motion_ended_has_not_arrived(world):
+    world.begin()
+    world.now += 10.0
+    forever = replace(SETTINGS, state_timeout=0.0)
+    assert not world.follower.follow(forever).at_rest
+    world.measure(world.motion.end)
+    following = world.follower.follow(forever)
+    assert following.is_over and following.at_rest
 
 
 def test_start_is_refused_when_no_message_can_be_there_in_time(moving):
