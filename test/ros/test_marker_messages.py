@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,13 +29,15 @@ from support.nodes import ros_node
 from support.patience import HANG
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mp_pca_planner.exceptions import WorldError
+from mp_pca_planner.exceptions import GoalError, WorldError
 from mp_pca_planner.robot.world import World
+from mp_pca_planner.ros import obstacle_topic
 from mp_pca_planner.ros.obstacle_markers import (
     MarkerMessage,
     MarkerMessages,
     MarkerSubscription,
 )
+from mp_pca_planner.ros.obstacle_topic import ObstacleTopic
 from mp_pca_planner.ros.serialised import MarkerData, read_markers
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -267,3 +271,61 @@ def test_latched_markers_are_heard_late_beside_other_publishers(nodes: tuple[Nod
     listener.until_it_hears(live, 2)
     listener.until_it_hears(latched, 3)
     assert latched.n_incompatible == 0
+
+
+# Waiting
+
+
+class Meshes:
+    """Markers of which one mesh is still being read."""
+
+    def __init__(self) -> None:
+        self.meshes, self.used = (1, 0), (0, 0)
+        self.rejected: dict[str, str] = {}
+
+    def refresh(self, *_: object) -> None:
+        self.used = self.meshes
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def topic(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[ObstacleTopic, Meshes]]:
+    """The topic without a middleware."""
+    meshes, silence = Meshes(), SimpleNamespace(poll=list)
+    monkeypatch.setattr(obstacle_topic, "MarkerMessages", lambda: meshes)
+    monkeypatch.setattr(obstacle_topic, "MarkerSubscription", lambda *_: silence)
+    node = SimpleNamespace(guarded=lambda function: function, seconds=time.monotonic)
+    setup = SimpleNamespace(context=None, last_context=None)
+    made = ObstacleTopic(node, setup, SimpleNamespace(), None)
+    yield made, meshes
+    made.close()
+
+
+def test_goal_waits_until_the_meshes_of_obstacles_are_read_and_used(
+    topic: tuple[ObstacleTopic, Meshes],
+) -> None:
+    waiting, meshes = topic
+    looks = iter(range(10_000))
+
+    def is_cancelled() -> bool:
+        if next(looks) == 5:
+            meshes.meshes = 1, 1
+        return False
+
+    waiting.settle(is_cancelled)
+    assert meshes.used == (1, 1)
+    waiting.settle(lambda: False)  # nothing is waited for
+
+
+def test_goal_waits_for_meshes_until_it_is_cancelled_or_a_time_is_over(
+    topic: tuple[ObstacleTopic, Meshes],
+) -> None:
+    waiting, _ = topic
+    waiting.mesh_timeout = 0.05
+    with pytest.raises(GoalError, match="still being read; send the goal again"):
+        waiting.settle(lambda: False)
+    looks = iter([False, False])
+    with pytest.raises(CancelledError):
+        waiting.settle(lambda: next(looks, True))

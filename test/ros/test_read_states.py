@@ -14,6 +14,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from support.patience import HANG
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.ros import safety_thread
@@ -89,8 +90,9 @@ def test_velocity_that_is_nan_was_not_measured():
         to_state(message, WANTED)
 
 
-@pytest.mark.parametrize("clock_set", [-3600.0, 0.0, 3600.0])
-def test_age_of_a_state_survives_that_the_wall_clock_is_set(monkeypatch, clock_set):
+@pytest.fixture
+def arriving(monkeypatch):
+    """States of the robot, and the messages that wait for them, with their times of receipt."""
     waiting = []
 
     class Subscription:
@@ -98,17 +100,31 @@ def test_age_of_a_state_survives_that_the_wall_clock_is_set(monkeypatch, clock_s
             pass
 
         def poll(self):
-            return [waiting.pop()] if waiting else []
+            found = [(bytes(serialize_message(x)), {"received_timestamp": t}) for x, t in waiting]
+            waiting.clear()
+            return found
 
     monkeypatch.setattr(safety_thread, "PolledSubscription", Subscription)
-    states = safety_thread.RobotStates(SimpleNamespace(seconds=lambda: time.monotonic()))
+    states = safety_thread.RobotStates(SimpleNamespace(seconds=time.monotonic))
     states.measured.expect(WANTED)
     states.poll()
+    return states, waiting
+
+
+@pytest.mark.parametrize("clock_set", [-3600.0, 0.0, 3600.0])
+def test_age_of_a_state_survives_that_the_wall_clock_is_set(arriving, clock_set):
+    states, waiting = arriving
     began = time.monotonic()
     time.sleep(0.05)
-    facts = {"received_timestamp": time.time_ns() - 20_000_000 - round(1e9 * clock_set)}
     message = JointState(name=list(WANTED), position=[1.0, 2.0])
-    waiting.append((bytes(serialize_message(message)), facts))
+    waiting.append((message, time.time_ns() - 20_000_000 - round(1e9 * clock_set)))
     states.poll()
     age = states.measured.age
-    assert (0.02 if clock_set >= 0.0 else 0.0) <= age <= time.monotonic() - began
+    assert (0.02 if clock_set >= 0.0 else 0.0) <= age <= time.monotonic() - began + 0.05
+
+
+def test_all_states_that_wait_are_read_for_joints_may_come_in_several(arriving):
+    states, waiting = arriving
+    for name, position in (("shoulder", 0.5), ("elbow", 0.25)):
+        waiting.append((JointState(name=[name], position=[position]), time.time_ns()))
+    assert states.measured.newest(HANG).positions.tolist() == [0.25, 0.5]
