@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Efforts of planned motions on arms of MuJoCo Menagerie, beside those that plans state.
 
-    PYTHONPATH=.:test python3 benchmarks/mujoco_arms.py [--goals 60] [--arms panda,ur5e,xarm7]
+    python3 benchmarks/mujoco_arms.py [--goals 60] [--arms panda,ur5e,xarm7]
         [--models FOLDER] [--json]
 
 The models come from the package mujoco-menagerie, which downloads them, or from a clone of it

@@ -3,7 +3,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Latencies of the node over real topics: goals, stops and obstacles.
 
-    PYTHONPATH=.:test python3 benchmarks/node.py [--goals 40] [--motions 15] [--obstacles 20]
+    python3 benchmarks/node.py [--goals 40] [--motions 15] [--obstacles 20]
 
 The arm is that of ``config/human_arm.urdf``, the node a process of its own, without other robots.
 A goal's latency ends when the client's middleware has its trajectory. "Among obstacles" there are

@@ -73,7 +73,7 @@ def record(name: str, data: Path) -> None:
     found = [str(data / word) if (data / word).exists() else word for word in words[1:]]
     state, before = commit(), os.getloadavg()[0]
     command = [sys.executable, *found, "--json"]
-    paths = os.pathsep.join(str(ROOT / folder) for folder in (".", "test"))
+    paths = os.pathsep.join([str(ROOT), str(ROOT / "test")])
     environment = os.environ | {"PYTHONPATH": paths}
     done = subprocess.run(
         command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment

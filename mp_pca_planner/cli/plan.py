@@ -20,7 +20,7 @@ from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.options import MOST_STARTS, PlannerOptions
 from ..planning.path_constraints import path_constraints
-from ..planning.plan import Plan
+from ..planning.plan import ALREADY_THERE, Plan
 from ..planning.planner import Planner
 from ..planning.report import collision_words
 from ..plotting.motion import plan_figure
@@ -67,13 +67,15 @@ def run(arguments: argparse.Namespace) -> int:
     if plan.is_executable:
         write_motion(output, plan.trajectory, facts, force=force)
     elif output is not None:
-        complain(f"{PROGRAM} plan: '{output}' is not written: the motion must not be executed")
-    if plot is not None:
+        why = "the motion must not be executed" if plan.motions else "there is no motion"
+        complain(f"{PROGRAM} plan: '{output}' is not written: {why}")
+    if plot is not None and plan.motions:
         with picture(plot, force=force) as figure:
             plan_figure(figure, plan)
-    written = [file for file in (output if plan.is_executable else None, plot) if file is not None]
+    made = (output if plan.is_executable else None, plot if plan.motions else None)
+    written = [file for file in made if file is not None]
     show(arguments, facts | {"written": written}, hidden=("kkt_residual",))
-    return DONE if plan.is_executable else FAILED
+    return DONE if plan.is_executable or plan.status == ALREADY_THERE else FAILED
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,11 +129,12 @@ class PlannedRequest:
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
         """What is printed of the request and of a motion planned for it."""
         motions, check = self.plan.motions, self.planner.collision
-        states = [motions[0].start, *(motion.goal for motion in motions)]
-        found = [by_name(state.joint_names, state.positions) for state in states]
+        ends = self.plan.trajectory.positions[[0, -1]]
+        states = [motion.start.positions for motion in motions[:1]]
+        states += [motion.goal.positions for motion in motions]
+        found = [by_name(trajectory.joint_names, q) for q in states or ends]
         described = self.planner.robot.described_joints
         start, *vias, goal = [{name: each[name] for name in described} for each in found]
-        ends = self.plan.trajectory.positions[[0, -1]]
         hand = self.planner.robot.frame_positions(ends, [self.frame])[:, 0]
         return {
             "start": start,

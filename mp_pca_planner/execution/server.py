@@ -21,6 +21,7 @@ from ..exceptions import GoalError, PlannerError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
+from ..planning.plan import ALREADY_THERE
 from ..planning.resolve import check_goal
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -418,9 +419,7 @@ class MotionServer:
         is_free = math.isinf(self._verdict.place) and not attempt.is_detour
         repeats = execution.repeats(goal, where.following) if execution and is_free else ""
         if repeats and execution is not None:
-            self.statistics.counts[GoalOutcome.UNDER_WAY] += 1
-            planned = execution.planned
-            self._outputs.report_goal(GoalOutcome.UNDER_WAY, request.name, repeats, planned)
+            self._under_way(request, repeats, execution.planned)
             self._may_cancel = True
             self._go_on()
             return
@@ -471,7 +470,18 @@ class MotionServer:
             if not attempt.is_detour:
                 self._overtaken(attempt.request)
             return
+        if message.values.get("status") == ALREADY_THERE and not attempt.is_detour:
+            self._may_cancel = True
+            self._under_way(attempt.request, message.reason, message)
+            return
         self._failed(attempt, message.reason, message)
+
+    def _under_way(
+        self, request: GoalRequest, reason: str, planned: Planned | Rejected | None
+    ) -> None:
+        """A goal that is under way, or reached, already."""
+        self.statistics.counts[GoalOutcome.UNDER_WAY] += 1
+        self._outputs.report_goal(GoalOutcome.UNDER_WAY, request.name, reason, planned)
 
     def _publish_planned(self, attempt: _Attempt, planned: Planned) -> None:
         """Join, check and publish a planned motion; plan again if it comes too late."""

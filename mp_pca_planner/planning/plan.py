@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 SOLVED = "solved"
 STOPPED_EARLY = "stopped_early"
 INFEASIBLE = "infeasible"
+ALREADY_THERE = "already_there"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +77,15 @@ class Plan:
     status : str
         'solved': converged, and executable. 'stopped_early': executable, but not optimal: time
         ran out, or no optimised motion met the limits. 'infeasible': must not be executed.
+        'already_there': the robot rests at the goal; there is no motion, and the trajectory is the
+        present state alone.
     message : str
         One sentence for the user.
     trajectory : Trajectory
         The sampled motion with its efforts; present for an infeasible plan, too, for inspection.
     motions : tuple of Motion
-        The continuous motion, segment by segment; a single goal has one.
+        The continuous motion, segment by segment; one for a single goal, none where
+        the robot is there already.
     primitives : tuple of str
         Names of the primitives of the segments.
     solution : MotionSolution
@@ -160,6 +164,8 @@ class Plan:
     planner: Planner | None = None
 
     def __repr__(self) -> str:
+        if self.status == ALREADY_THERE:
+            return f"Plan: {self.status}: {self.message}"
         names = ", ".join(dict.fromkeys(self.primitives))
         facts = (
             f"Plan: {self.status}, {self.duration:.2f} s by '{names}', "
@@ -209,7 +215,7 @@ class Plan:
     @property
     def is_executable(self) -> bool:
         """Whether the trajectory may be sent to a robot."""
-        return self.status != INFEASIBLE
+        return self.status in (SOLVED, STOPPED_EARLY)
 
     @property
     def motion(self) -> Motion:
@@ -224,7 +230,7 @@ class Plan:
     @property
     def duration(self) -> float:
         """Duration of all segments [s]."""
-        return sum(motion.duration for motion in self.motions)
+        return sum((motion.duration for motion in self.motions), 0.0)
 
     @property
     def cost(self) -> float:

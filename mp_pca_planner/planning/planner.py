@@ -41,7 +41,7 @@ from .objectives import uses_efforts
 from .options import MODES, OPTIMAL, PlannerOptions
 from .plan import Plan
 from .program.bases import BasisStore
-from .report import report
+from .report import already_there, report
 from .resolve import in_order, resolve, target
 from .search.search import search
 from .selection import Selector
@@ -192,7 +192,8 @@ class Planner:
         ----------
         goal : Goal, Pose, JointState, mapping, array, shape (n_joints,), or sequence of these
             The goal. Joints that are not named keep their position. Initial targets of a sequence
-            at the robot's position count as passed.
+            at the robot's position count as passed. At a goal where the robot rests already, no
+            motion is planned.
         start : JointState, mapping or array, shape (n_joints,)
             Present state; further joints are ignored.
         mode : {'optimal', 'real_time'}
@@ -223,5 +224,7 @@ class Planner:
         deadline = began + most - min(n_segments * each, 0.4 * most)
         budget = Budget(deadline, self.options.should_stop)
         requests = resolve(self._context, self._selector, goal, start, mode, budget)
+        if isinstance(requests, tuple) and not requests:
+            return already_there(self._context, start, began, self)
         outcome = search(self._context, requests, budget)
         return report(self._context, outcome, began, self)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -18,8 +19,9 @@ from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
 from .context import Context
 from .options import DEMONSTRATED, REAL_TIME
-from .plan import INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
+from .plan import ALREADY_THERE, INFEASIBLE, NOT_SOLVED, SOLVED, STOPPED_EARLY, Plan
 from .request import Request
+from .resolve import in_order
 from .search.candidate import Candidate
 from .search.detours import missing_planner
 from .search.search import Outcome
@@ -79,6 +81,37 @@ def report(context: Context, outcome: Outcome, began: float, planner: Planner) -
         naturalness=best.naturalness,
         solve_time=solve_time,
         mode=outcome.mode,
+        planner=planner,
+    )
+
+
+def already_there(context: Context, start: JointState, began: float, planner: Planner) -> Plan:
+    """The plan for a goal at which the robot rests: no motion; see :func:`report`."""
+    here = in_order(start, context.robot.joint_names)
+    zero = np.zeros((1, len(here.joint_names)))
+    still = Trajectory(here.joint_names, [0.0], [here.positions], zero, zero)
+    nan = float("nan")
+    return Plan(
+        status=ALREADY_THERE,
+        message="already there: the robot rests at the goal, so no motion is needed",
+        trajectory=still,
+        motions=(),
+        primitives=(),
+        solution=NOT_SOLVED,
+        considered=0,
+        in_span_score=nan,
+        outside="",
+        expected_error=nan,
+        limit_check=LimitCheck(),
+        start_error=0.0,
+        goal_error=0.0,
+        via_error=0.0,
+        via_phases=(),
+        n_components_used=0,
+        correction=0.0,
+        deviation_score=nan,
+        naturalness=nan,
+        solve_time=time.perf_counter() - began,
         planner=planner,
     )
 
@@ -199,6 +232,9 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
     request, collision, notes = best.request, context.collision, []
     is_detour = best.bases[0].is_detour
     usual, asked = request.duration, request.naturalness
+    if n_passed := request.n_passed:
+        which = "target 1 is" if n_passed == 1 else f"targets 1 to {n_passed} are"
+        notes.append(f"{which} left out, because the robot is there")
     if best.duration > usual * (1.0 + 1e-9) and request.timing == DEMONSTRATED:
         notes.append(f"the duration was lengthened from {usual:.4g} to {best.duration:.4g} s")
     if best.naturalness > asked and not is_detour:
@@ -311,6 +347,8 @@ def _of_weights(best: Candidate) -> tuple[float, float, int]:
 def table(plan: Plan) -> str:
     """A plan as some lines of text: what was found, how good it is, and where each joint goes."""
     trajectory, planner = plan.trajectory, plan.planner
+    if not plan.motions:
+        return repr(plan)
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(plan.primitives))
     head = f"Plan: {plan.status}, {plan.duration:.2f} s by {names}"
     lines = [head, f"  {plan.message}"]

@@ -77,6 +77,8 @@ class Request:
         ρ, see :func:`naturalness_for`.
     timing : {'demonstrated', 'shortest', 'free'}
         Timing of a free duration of a single goal.
+    n_passed : int
+        Initial targets of the goal that are left out, because the robot is there.
     start, goal : JointState
         States at the start and at the last target.
     pose : Pose or None
@@ -92,6 +94,7 @@ class Request:
     mode: str = ""
     naturalness: float = NATURAL
     timing: str = DEMONSTRATED
+    n_passed: int = 0
     start: JointState = field(init=False)
     goal: JointState = field(init=False)
     pose: Pose | None = field(init=False)

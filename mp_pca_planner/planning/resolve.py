@@ -55,6 +55,9 @@ _N_COMPARED, _N_KNOWN = 12, 4
 _N_CONFIGURATIONS, _N_ROUTE_CONFIGURATIONS = 3, 6
 # Initial targets within this distance of the robot count as passed [rad or m].
 _HERE = 0.01
+# The robot is at a goal if it rests there within this distance [rad or m], at velocities of at most
+# the same number [/s]. Drives repeat positions to about this.
+_THERE = 1e-4
 
 
 def resolve(
@@ -87,6 +90,11 @@ def resolve(
     budget : Budget
         The time for planning.
 
+    Returns
+    -------
+    requests : iterable of Request
+        The requests; an empty tuple if the robot already is at the goal.
+
     Raises
     ------
     GoalError, RobotError
@@ -102,11 +110,43 @@ def resolve(
     if goal.primitive is not None:
         selector = selector.named(goal.primitive)
     if isinstance(goal, SequenceGoal):
-        return (_sequence(context, selector, goal, here, mode),)
+        n_passed = _n_passed(context, goal, here)
+        if n_passed == len(goal.targets) - 1 and _is_there(
+            context, goal.targets[-1], here, f"target {n_passed + 1}"
+        ):
+            return ()
+        return (_sequence(context, selector, goal, here, mode, n_passed),)
     if isinstance(goal, JointGoal):
         there = target(context, goal, here)
+        if _is_there(context, there, here):
+            return ()
         return _requests(context, selector, goal, here, there)
+    if _is_there(context, goal.pose, here):
+        return ()
     return _cheapest_first(context, selector, goal, here, budget)
+
+
+def _is_there(
+    context: Context, aim: JointState | Pose, here: JointState, what: str = "goal"
+) -> bool:
+    """Whether the robot rests at a target at which it is to rest."""
+    rates = [here.velocities]
+    if isinstance(aim, JointState):
+        aim = completed(aim, here, context.robot, what)
+        rates += [aim.velocities, aim.accelerations]
+    missed = _distance(context, aim, here)
+    return bool(missed <= _THERE and np.abs(rates).max() <= _THERE)
+
+
+def _distance(context: Context, aim: JointState | Pose, here: JointState) -> float:
+    """The largest distance from a target [rad or m]."""
+    if isinstance(aim, JointState):
+        missed = aim.positions - here.positions
+    else:
+        missed, _ = context.robot.pose_error(
+            aim.frame, here.positions, aim.position, aim.orientation
+        )
+    return float(np.abs(missed).max())
 
 
 def _cheapest_first(
@@ -224,12 +264,16 @@ def _configurations(
 
 
 def _sequence(
-    context: Context, selector: Selector, goal: SequenceGoal, here: JointState, mode: str
+    context: Context,
+    selector: Selector,
+    goal: SequenceGoal,
+    here: JointState,
+    mode: str,
+    n_passed: int,
 ) -> Request:
     """Choose configurations, primitives and usual durations of a sequence."""
     last = max((when for when in goal.times if when is not None), default=1.0)
     check_duration(context, "the sequence asks for a time of", last)
-    n_passed = _n_passed(context, goal, here)
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
     states = _route(context, selector, targets, here, n_passed + 1)
@@ -255,20 +299,15 @@ def _sequence(
         )
     # Sequences are planned like the demonstrations unless the options say otherwise.
     naturalness = naturalness_for(context.options, 0.0)
-    return Request(tuple(segments), duration_groups(times), mode, naturalness)
+    return Request(tuple(segments), duration_groups(times), mode, naturalness, n_passed=n_passed)
 
 
 def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
     """The number of initial targets at the robot's position."""
     for n_passed, (aim, when) in enumerate(zip(goal.targets[:-1], goal.times[:-1], strict=True)):
         if isinstance(aim, JointState):
-            there = completed(aim, here, context.robot, f"target {n_passed + 1}")
-            missed = there.positions - here.positions
-        else:
-            missed, _ = context.robot.pose_error(
-                aim.frame, here.positions, aim.position, aim.orientation
-            )
-        if np.abs(missed).max() > _HERE:
+            aim = completed(aim, here, context.robot, f"target {n_passed + 1}")
+        if _distance(context, aim, here) > _HERE:
             return n_passed
         if when is not None:
             raise GoalError(

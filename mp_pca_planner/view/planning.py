@@ -147,6 +147,7 @@ class InteractivePlanner:
             plan = self._planner(*options).plan(goal, start)
             reached = plan.trajectory.positions[-1]
             problem = "" if plan.is_executable else plan.message
+            plan = plan if plan.motions else None
         except PlannerError as error:
             problem = str(error)
         seconds = time.perf_counter() - began

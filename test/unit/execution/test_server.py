@@ -19,6 +19,7 @@ import pytest
 from mp_pca_planner.execution.options import Serving
 from mp_pca_planner.execution.serving import motion_server
 from mp_pca_planner.execution.serving.assembly import assemble_model
+from mp_pca_planner.execution.serving.execution import MotionOutcome
 from mp_pca_planner.execution.serving.motion_monitor import MotionMonitor
 from mp_pca_planner.execution.serving.motion_server import (
     AdaptedPlan,
@@ -224,6 +225,12 @@ def test_measured_serves_a_resting_robot_and_refuses_one_that_moves():
     np.testing.assert_allclose(node.commanded, START, atol=1e-9)
 
 
+def test_goal_where_the_robot_rests_publishes_nothing(node):
+    node.ask(START)
+    assert (node.statuses, node.sent) == (["under_way"], [])
+    assert "already there" in node.plan_reports[-1].message
+
+
 def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(node):
     node.ask(GOAL)
     node.run(0.3)
@@ -326,6 +333,41 @@ def test_motion_whose_message_is_lost_is_reported_and_the_next_goal_served(node)
     node.run(5.0)
     assert node.outcomes[2:] == ["arrived"]
     np.testing.assert_allclose(node.commanded, START, atol=1e-9)
+
+
+def test_motion_that_the_controller_rejects_leaves_the_robot_on_the_one_before(node):
+    node.ask(GOAL)
+    node.run(0.4)
+    old = node.follower.commanded.motion
+    node.robot.faults.drop = 1.0
+    node.ask(START)
+    node.robot.faults.drop = 0.0
+    node.monitor.hear(node.sent[-1][1], "rejected the goal", MotionOutcome.NEVER_STARTED)
+    assert node.outcomes == ["replaced", "never_started"]
+    assert node.follower.commanded.motion is old
+    began = node.now
+    node.ask(HALF)
+    assert node.sent[-1][0] - began < 0.04  # at once, because nothing has to be seen
+    node.run(5.0)
+    assert node.verdict().is_clean
+    node.assert_rests_at(HALF)
+
+
+@pytest.mark.parametrize("growth", [1.2, 1.9])
+def test_planning_that_gets_slower_is_planned_for_in_the_next_attempt(node, growth):
+    node.ask(GOAL, duration=5.0)
+    node.run(0.3)
+    plan, attempts = node._model.planner.plan, []
+
+    def slow(*request):
+        attempts.append(0.15 * growth ** len(attempts))
+        node.advance(attempts[-1])
+        return plan(*request)
+
+    node._model.planner.plan = slow
+    node.ask_sequence(HALF, START)
+    assert node.statuses[-1] == "served"
+    assert len(attempts) == 2
 
 
 def test_cancelled_goal_publishes_nothing(node):

@@ -52,6 +52,22 @@ def kept(plan):
     return not check_limits(plan.trajectory, arm_robot(), arm_robot().limits()).violations
 
 
+def test_a_robot_that_rests_at_its_goal_gets_no_motion():
+    _, start = request(0)
+    here, subject = start.positions, planner()
+    there = JointState(JOINTS, here)
+    near = JointState(JOINTS, here + 5e-5)
+    aims = [there, near, {"elbow": here[3]}, pose_at(here, full=True), [there], [near, there]]
+    for aim in aims:
+        plan = subject.plan(aim, start)
+        assert plan.status == "already_there" and "already there" in str(plan)
+        assert plan.trajectory.positions.tolist() == [here.tolist()]
+        assert not (plan.is_executable or plan.duration)
+    moving = JointState(JOINTS, here, [0.0, 0.0, 0.0, 0.1])
+    for aim, begin in ((JointState(JOINTS, here + 1e-3), start), (there, moving)):
+        assert subject.plan(aim, begin).is_executable
+
+
 @pytest.mark.parametrize("full", [True, False])
 def test_a_pose_is_reached_to_1e_6_within_the_limits(full):
     subject = planner()

@@ -228,6 +228,7 @@ def test_targets_where_the_robot_is_already_are_passed() -> None:
     here = wrist_pose(start.positions)
     plan = planner().plan(SequenceGoal((near, part, here, *goal.targets)), start)
     assert np.array_equal(plan.trajectory.positions, expected.trajectory.positions)
+    assert "targets 1 to 3 are left out" in plan.message
     with pytest.raises(GoalError, match="target 2 of the sequence is where the robot is"):
         planner().plan(SequenceGoal((near, near, *goal.targets), (None, 1.0, 2.0, 3.0)), start)
     there = goal.targets[0]
@@ -327,3 +328,9 @@ def test_command_plans_through_vias_and_stops(tmp_path: Path) -> None:
     ends = np.cumsum(facts["durations"])
     rows = [int(np.abs(np.array(facts["times"]) - end).argmin()) for end in ends]
     assert [bool(speeds[row] == 0.0) for row in rows] == [True, False, True, True]
+    files = tmp_path / "none.csv", tmp_path / "none.png"
+    stay = (f"--goal={start}", "--output", files[0], "--plot", files[1])
+    for passed in ((), (f"--via={start}",)):
+        facts = result(*given, *passed, *stay)
+        assert (facts["status"], facts["written"]) == ("already_there", [])
+        assert facts["goal"] == facts["start"] and not any(file.exists() for file in files)
