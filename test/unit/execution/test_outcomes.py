@@ -178,9 +178,9 @@ def test_robot_that_is_released_in_time_arrives(world):
 
 
 def test_motion_at_whose_start_the_robot_rests_never_started(world):
-    world.run(0.95, How.HELD, place=0.0)
+    world.run(1.6, How.HELD, place=0.0)  # at a tenth of the speed, it would not have left
     assert not world.reports
-    world.run(0.2, How.HELD, place=0.0)
+    world.run(0.3, How.HELD, place=0.0)
     report = world.only_report()
     assert (report.outcome, report.outcome.is_good, report.progress) == (
         "never_started",
@@ -194,9 +194,9 @@ def test_motion_never_started_if_the_robot_follows_the_one_before(world):
     before = world.current
     world.run(0.5)
     world.begin("newer")
-    world.run(0.95, motion=before)  # on a busy machine, the message comes late
+    world.run(1.6, motion=before)  # on a busy machine, the message comes late
     assert [report.outcome for report in world.reports] == ["replaced"]
-    world.run(2 * PERIOD, motion=before)
+    world.run(0.3, motion=before)
     assert [report.outcome for report in world.reports] == ["replaced", "never_started"]
     world.run(30.0)
     assert len(world.reports) == 2
