@@ -326,7 +326,7 @@ class MotionServer:
             If the robot's state is unknown; nothing was published then.
         """
         self._drop("")
-        return self._stop(reason)
+        return self._stop(reason, max(self._threat_time() - self.tracker.clock(), 0.0))
 
     def release(self, reason: str) -> None:
         """Stop the robot if it executes the motion of a goal."""

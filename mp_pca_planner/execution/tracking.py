@@ -87,7 +87,7 @@ class StatedCommand:
 
     @property
     def held(self) -> FloatArray:
-        """Where a controller at rest holds the robot [rad or m]: it is a cycle ahead of its state."""
+        """Where a controller at rest holds the robot [rad or m]: a cycle ahead of its state."""
         return self.state.positions + USUAL_TRANSPORT * self.state.velocities
 
     def at(self, time: float) -> JointState:

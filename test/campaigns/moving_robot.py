@@ -9,13 +9,13 @@ runs, one has joint states without velocities, one has them in two messages, and
 node and the robot are stepped together in virtual time. Therefore the outcome does not depend on
 the load of the machine, and a seed reproduces a run.
 
-Some jumps are counted separately, because the sender can't prevent them. They are up to 10 mrad with
-the state of the controller, and up to 50 mrad without. (1) If the robot's place on its motion is
-unknown, a stop is a single point. The controller leads there from the measured state, so its first
-command jumps by the tracking error. (2) A robot that was slowed is behind its motion by less than
-`following_tolerance` at first: without the state of its controller, that can't be told from the lag
-of servos, and goals and stops continue the motion by the clock. (3) A controller that restarts
-shortly before the end of a motion holds a position close to that end.
+Some jumps are counted separately, because the sender can't prevent them. They are up to 10 mrad
+with the state of the controller, and up to 50 mrad without. (1) If the robot's place on its motion
+is unknown, a stop is a single point. The controller leads there from the measured state, so its
+first command jumps by the tracking error. (2) A robot that was slowed is behind its motion by less
+than `following_tolerance` at first: without the state of its controller, that can't be told from
+the lag of servos, and goals and stops continue the motion by the clock. (3) A controller that
+restarts shortly before the end of a motion holds a position close to that end.
 
     python3 -m campaigns.moving_robot [--events 1000] [--robots panda,ur5] [--seed 0] [--json]
 

@@ -99,6 +99,7 @@ class Course:
             if PlainCheck(self._scene, world).collides(node.robot.record.q[-1:], MARGIN):
                 return None
             node.use_world(world)
+            node.run(0.01)
         elif kind == "slowed":
             faults.speed_scaling = random.uniform(0.2, 0.8)
             node.run(random.uniform(0.0, 0.3))

@@ -154,12 +154,12 @@ def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node
         node.robot.faults.drop = 1.0  # of the next motion alone
         node.ask(HALF, duration=4.0)
         node.run(0.02)
+        node.robot.faults.drop = 0.0
     else:
         setattr(node.robot.faults, fault, True)
         node.run(0.7)
     node.use_world(world)
     node.run(0.1)
-    node.robot.faults.drop = 0.0
     if fault != "refused":
         setattr(node.robot.faults, fault, False)
     node.run(8.0)
@@ -236,16 +236,19 @@ def test_newer_goal_takes_the_place_of_the_avoidance(node):
     assert node.outcomes == ["replaced", "arrived"]
 
 
-def test_stop_leaves_its_path_where_that_alone_is_quick_enough(node):
+@pytest.mark.parametrize("is_asked_for", [False, True])
+def test_stop_leaves_its_path_where_that_alone_is_quick_enough(node, is_asked_for):
     """Before the obstacle, the quickest stop is used."""
     n_off = 0
     for share in (0.45, 0.5, 0.55):
         node.ask(GOAL, duration=1.2)
         node.run(0.55)
         node.use_world(ball_at(place_on_motion(node, share)))
+        node.run(0.002)
+        said = node.stop() if is_asked_for else ""
         node.run(3.0)
         assert not node.robot.record.v[-1].any()
-        n_off += any("off its path" in text for text in node.logged)
+        n_off += any("off its path" in text for text in (said, *node.logged))
         node.use_world(World())
         node.ask(START)
         node.run(4.0)

@@ -287,7 +287,11 @@ def test_failure_that_a_controller_states_ends_the_motion(world, failure):
 def test_rest_of_a_sequence_leaves_out_the_targets_that_were_passed(world):
     motion = world.motion()
     names = ("a", "b")
-    targets = JointState(names, [0.5, -0.2]), Pose("hand", [0.1, 0.2, 0.3]), JointState(("a",), [1.0])
+    targets = (
+        JointState(names, [0.5, -0.2]),
+        Pose("hand", [0.1, 0.2, 0.3]),
+        JointState(("a",), [1.0]),
+    )
     ends = [JointState(names, q) for q in ([0.5, -0.2], [0.7, 0.0], [1.0, -0.5])]
     goal = SequenceGoal(targets, times=(0.5, 1.0, 1.5), stops=(True, False, False))
     # The published motion begins with half a second of the one before.

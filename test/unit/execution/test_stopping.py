@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from support.arm import JOINTS, arm_robot
 from support.dense import assert_keeps, minimum_jerk_motion, spline
 
+from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.stopping import (
     braking_ends,
     ends_on_path,
     stop_on_path,
     stops_at_points,
 )
-from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import check_limits
