@@ -54,19 +54,6 @@ def test_limits_of_parameters_win_over_the_file_and_the_file_over_the_urdf(tmp_p
     assert (limits.velocity[elbow], limits.jerk[elbow], limits.effort[elbow]) == (2.0, 50.0, 70.0)
 
 
-def test_limits_file_may_name_joints_that_the_primitives_do_not_move(tmp_path: Path) -> None:
-    finger = (
-        '<link name="finger"/><joint name="grip" type="prismatic"><parent link="base"/>'
-        '<child link="finger"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>'
-    )
-    root = URDF.partition('<parent link="')[2].partition('"')[0]
-    urdf = URDF.replace("</robot>", finger.replace("base", root) + "</robot>")
-    file = tmp_path / "limits.yaml"
-    file.write_text("joint_limits: {grip: {max_velocity: 3.0}}")
-    model = assemble_model(urdf, PRIMITIVES, Settings(limits_file=str(file)))
-    assert model.robot.joint_names == JOINTS
-
-
 def test_meshes_are_needed_only_where_collisions_are_looked_for(tmp_path: Path) -> None:
     assert assemble_model(MESHED, PRIMITIVES, Settings()).planner.collision is None
     (tmp_path / "tools").mkdir()

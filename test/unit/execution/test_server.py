@@ -7,8 +7,6 @@ Time is virtual; planning takes as long as the tests say.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from support.arm import JOINTS, arm_primitive
@@ -130,29 +128,6 @@ def test_motion_that_continues_another_one_is_stamped_with_the_moment_it_was_joi
     tick = int(np.argmin(np.abs(either.robot.record.times - stamp)))
     np.testing.assert_allclose(trajectory.positions[0], either.robot.record.q[tick - 1], atol=1e-3)
     either.assert_smooth()
-
-
-def test_no_motion_is_stamped_where_stamps_are_disabled():
-    node = Node(model(stamp_trajectories=False))
-    node.ask(GOAL)
-    node.run(0.4)
-    node.ask(START)
-    node.run(0.4)
-    assert [stamp for _, _, stamp, _ in node.sent] == [None, None]
-
-
-def test_measured_serves_a_resting_robot_and_refuses_one_that_moves():
-    node = Node(model(start_from="measured"))
-    node.ask(GOAL)
-    node.run(0.4)
-    node.ask(START)
-    assert node.statuses == ["served", "refused"]
-    assert "start_from" in reasons(node)[-1]
-    node.run(5.0)
-    node.ask(START)
-    node.run(5.0)
-    assert node.statuses[-1] == "served"
-    np.testing.assert_allclose(node.commanded, START, atol=1e-9)
 
 
 def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(either):
@@ -580,14 +555,6 @@ def test_sequence_takes_a_moving_robot_over_though_single_goals_were_faster(node
     node.assert_rests_at(START)
 
 
-def test_sequence_that_breaks_limits_is_not_published(node):
-    node.ask_sequence(GOAL, START, times=(0.05, 0.1))
-    node.run(0.1)
-    assert node.statuses == ["refused"]
-    assert "no motion within the limits was found" in reasons(node)[0]
-    assert not node.sent
-
-
 # Stops
 
 
@@ -613,18 +580,6 @@ def test_stop_of_a_robot_at_rest_stays_where_it_is(either, after):
     assert "at rest" in either.stop()
     _, trajectory, stamp, last_point_only = either.sent[-1]
     assert (stamp, last_point_only, trajectory.positions.tolist()) == (None, True, [START.tolist()])
-
-
-def test_motion_is_ended_where_no_stop_keeps_the_limits(node):
-    node.ask(GOAL)
-    node.run(0.4)
-    tight = MODEL.robot.limits({name: {"max_acceleration": 1e-6} for name in JOINTS})
-    facts = replace(MODEL.facts, limits=tight)
-    node.server.use(NodeModel(MODEL.robot, facts, MODEL.settings))
-    node.stop()
-    node.run(3.0)
-    node.assert_smooth()
-    node.assert_rests_at(GOAL)
 
 
 def test_stop_of_a_motion_of_another_node_continues_the_stated_command(node):
