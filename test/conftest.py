@@ -42,7 +42,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--planned-sequences",
         type=int,
         default=12,
-        help="random sequences of goals that are planned and followed (test_motion_server.py)",
+        help="random sequences of goals that are planned and followed (test_server.py)",
     )
 
 

@@ -225,7 +225,8 @@ class MotionServer:
         self._may_cancel = True
         self._key = 0
         self._verdict = Verdict(0)
-        # Number of the motion that the watcher checks, and until when it has not answered [s].
+        # The motion that the watcher checks, and its number.
+        self._watching: PublishedMotion | None = None
         self._watched = 0
         self._is_given_up = False
 
@@ -333,7 +334,7 @@ class MotionServer:
             If the robot's state is unknown; nothing was published then.
         """
         self._drop("")
-        return self._stop(reason)
+        return self._stop(reason, max(self._threat_time() - self.tracker.clock(), 0.0))
 
     def release(self, reason: str) -> None:
         """Stop the robot if it executes the motion of a goal."""
@@ -583,7 +584,7 @@ class MotionServer:
 
     def _watch(self, motion: PublishedMotion, *, is_stop: bool = False) -> None:
         """Have a motion checked against the obstacles; a stop is not replaced, whatever it hits."""
-        self._watched += 1
+        self._watched, self._watching = self._watched + 1, motion
         self._verdict, self._is_given_up = Verdict(self._watched), False
         if self.watcher is not None and not is_stop:
             place = max(motion.time - motion.began, 0.0)
@@ -591,7 +592,7 @@ class MotionServer:
 
     def _threat_time(self) -> float:
         """When the running motion would hit an obstacle [s]."""
-        motion = self.tracker.motion
+        motion = self._watching
         return math.inf if motion is None else motion.began + self._verdict.place
 
     def _react(self, where: Where | GoalError, now: float) -> None:
@@ -601,17 +602,23 @@ class MotionServer:
             following = where.following
         if execution is None or execution.is_stop or self.watcher is None:
             return
-        if following is not None and following.motion is execution.motion:
-            if following.is_over:
+        motion = execution.motion
+        if following is not None and following.is_running:
+            motion = following.motion  # the one before, if the controller has not taken that
+        if motion is not self._watching:
+            self._watch(motion)
+        on_it = following if following is not None and following.motion is motion else None
+        if on_it is not None:
+            if on_it.is_over:
                 return
-            if following.is_running:
-                self.watcher.send(Place(self._watched, following.place))
+            if on_it.is_running:
+                self.watcher.send(Place(self._watched, on_it.place))
         verdict = self._verdict
         if not math.isfinite(verdict.place):
             return
-        if following is not None and following.is_running and following.motion is execution.motion:
-            left = (verdict.place - following.place) / max(following.rate, 0.01)
-            if left < 0.0 and verdict.place < following.place - 0.1:
+        if on_it is not None and on_it.is_running:
+            left = (verdict.place - on_it.place) / max(on_it.rate, 0.01)
+            if left < 0.0 and verdict.place < on_it.place - 0.1:
                 return  # it has passed
         elif following is not None and following.at_rest:
             left = 0.0  # when a held robot moves on is unknown
@@ -619,6 +626,8 @@ class MotionServer:
             left = self._threat_time() - now
         if left <= _RESERVE or self._is_given_up:
             self._stop_for(verdict.reason, time_left=max(left, 0.0))
+        elif motion is not execution.motion:
+            return  # nothing leads around an obstacle on that one
         elif self.is_idle and (goal := execution.rest_of_goal(now - execution.motion.began)):
             lookahead = max(self.statistics.expected_latency(type(goal)), _LOOKAHEAD)
             request = GoalRequest(goal, execution.name)

@@ -87,7 +87,7 @@ class StatedCommand:
 
     @property
     def held(self) -> FloatArray:
-        """Where a controller at rest holds the robot [rad or m]: it is a cycle ahead of its state."""
+        """Where a controller at rest holds the robot [rad or m]: a cycle ahead of its state."""
         return self.state.positions + USUAL_TRANSPORT * self.state.velocities
 
     def at(self, time: float) -> JointState:
@@ -311,6 +311,8 @@ class Tracker:
             if before.how not in is_known:
                 self._previous = None
             return found
+        if before.is_over and not measured.at_rest and found.how is How.BEHIND:
+            return found  # it has left the end of the one before
         return before if before.how in is_known else found
 
     def _observe_lag(

@@ -28,7 +28,7 @@ from pathlib import Path
 
 import numpy as np
 from campaigns.stop_latency import BOMBS, primitive_folder, running
-from obstacle_latency import LIMITS, simulated_robot
+from node import LIMITS, simulated_robot
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter

@@ -13,7 +13,6 @@ from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.outcomes import (
     ACCEPTED,
     Execution,
-    MotionOutcome,
     is_same_configuration,
     is_same_goal,
 )
@@ -95,33 +94,6 @@ def test_motion_that_is_followed_to_its_end_has_arrived_with_its_error(world):
     assert (report.progress, report.error) == (1.0, 0.0123)
 
 
-def test_motion_that_lags_arrives_when_it_comes_to_its_end(world):
-    world.run(20.0, How.SCALED, place=1.5)
-    assert not world.reports
-    world.run(PERIOD)
-    assert world.only_report().outcome == "arrived"
-
-
-def test_motion_that_is_replaced_is_reported_before_the_newer_one(world):
-    world.run(0.5)
-    world.begin("newer")
-    (replaced,) = world.reports
-    assert (replaced.goal, replaced.outcome, replaced.outcome.is_good) == ("goal", "replaced", True)
-    assert replaced.progress == pytest.approx(0.25)
-    world.run(3.0)
-    assert [report.goal for report in world.reports] == ["goal", "newer"]
-    assert world.reports[1].outcome == "arrived"
-
-
-def test_motion_that_is_stopped_is_reported_once_when_the_robot_rests(world):
-    world.run(0.5)
-    world.stop()
-    assert not world.reports
-    world.run(DURATION + PERIOD)
-    report = world.only_report()
-    assert (report.goal, report.outcome, report.outcome.is_good) == ("goal", "stopped", True)
-
-
 def test_stop_that_a_newer_goal_replaces_is_a_stop(world):
     world.run(0.5)
     world.stop()
@@ -159,28 +131,10 @@ def test_robot_that_comes_back_to_its_path_in_time_follows(world):
     assert not world.reports
 
 
-def test_robot_that_is_held_on_its_path_for_long_does_not_follow(world):
-    world.run(1.0)
-    world.run(9.0, How.HELD, place=1.0)
-    assert not world.reports
-    world.run(2.0, How.HELD, place=1.0)
-    report = world.only_report()
-    assert report.outcome == "not_followed" and "50%" in report.message
-
-
-def test_robot_that_is_released_in_time_arrives(world):
-    world.run(1.0)
-    world.run(9.0, How.HELD, place=1.0)
-    world.run(0.5, How.SCALED, place=1.5)
-    world.run(9.0, How.HELD, place=1.7)
-    world.run(PERIOD)
-    assert world.only_report().outcome == "arrived"
-
-
 def test_motion_at_whose_start_the_robot_rests_never_started(world):
-    world.run(0.95, How.HELD, place=0.0)
+    world.run(1.6, How.HELD, place=0.0)  # at a tenth of the speed, it would not have left
     assert not world.reports
-    world.run(0.2, How.HELD, place=0.0)
+    world.run(0.3, How.HELD, place=0.0)
     report = world.only_report()
     assert (report.outcome, report.outcome.is_good, report.progress) == (
         "never_started",
@@ -194,9 +148,9 @@ def test_motion_never_started_if_the_robot_follows_the_one_before(world):
     before = world.current
     world.run(0.5)
     world.begin("newer")
-    world.run(0.95, motion=before)  # on a busy machine, the message comes late
+    world.run(1.6, motion=before)  # on a busy machine, the message comes late
     assert [report.outcome for report in world.reports] == ["replaced"]
-    world.run(2 * PERIOD, motion=before)
+    world.run(0.3, motion=before)
     assert [report.outcome for report in world.reports] == ["replaced", "never_started"]
     world.run(30.0)
     assert len(world.reports) == 2
@@ -271,14 +225,6 @@ def test_answers_of_a_controller_are_in_the_report(world):
     world.run(0.1)
     report = world.only_report()
     assert (report.outcome, report.controller) == ("arrived", "accepted the goal; reached the goal")
-
-
-@pytest.mark.parametrize("failure", [MotionOutcome.NEVER_STARTED, MotionOutcome.NOT_FOLLOWED])
-def test_failure_that_a_controller_states_ends_the_motion(world, failure):
-    world.run(0.2)
-    world.note(world.execution.answer("aborted", failure))
-    report = world.only_report()
-    assert report.outcome == failure and report.message.endswith("the controller aborted")
 
 
 # Rest of a goal

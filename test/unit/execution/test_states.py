@@ -115,19 +115,6 @@ def test_joint_that_a_message_names_twice_is_not_taken_from_it(world: World) -> 
         _ = world.newest
 
 
-def test_message_of_other_joints_does_not_replace_a_good_one(world: World) -> None:
-    world.receive(a=1.0, b=2.0)
-    world.receive(gripper=7.0)
-    assert world.newest.positions.tolist() == [1.0, 2.0]
-    assert world.states.n_incomplete == 1
-
-
-def test_state_of_former_joints_is_forgotten(world: World) -> None:
-    world.receive(a=1.0, b=2.0)
-    world.states.expect(("a",))
-    assert world.states.age is None
-
-
 def test_message_is_as_old_as_it_was_when_it_was_handed_over(world: World) -> None:
     world.receive(a=0.0, b=0.0, age=0.25)
     assert world.states.age == pytest.approx(0.25)

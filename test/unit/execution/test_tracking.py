@@ -366,11 +366,6 @@ def test_motion_counts_no_longer_when_time_was_set_back(moving):
     np.testing.assert_allclose(moving.choose().state.positions, moving.here)
 
 
-def test_what_is_known_of_former_joints_is_forgotten(moving):
-    moving.tracker.expect(("a",))
-    assert moving.tracker.motion is None
-
-
 # The stated command
 
 
