@@ -212,10 +212,10 @@ def test_clocks_agree_while_and_after_a_machine_stalls(world: World, stall: floa
 
 def test_first_stamps_are_no_certain_judgement_of_the_clocks(world: World) -> None:
     """The machine stalls while the processes start."""
-    for k in range(40):
+    for k in range(70):
         world.pass_time(0.03)
-        world.receive(a=0.0, b=0.0, stamp=world.now - (0.25 if k < 5 else 0.001))
-        assert world.states.stamps.is_certain == (k >= 19)
+        world.receive(a=0.0, b=0.0, stamp=world.now - (0.25 if k < 12 else 0.001))
+        assert world.states.stamps.is_certain == (k >= 49)
         assert world.states.stamps.is_usable
 
 
