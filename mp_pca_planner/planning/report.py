@@ -367,6 +367,8 @@ def table(plan: Plan) -> str:
     lines.append(f"  limits: {kept}")
     if planner is not None:
         lines.append(f"  collisions: {collision_words(planner.collision, trajectory)}")
+    if planner is not None:
+        lines.append(f"  efforts: of {planner.robot.effort_parts}")
     fastest = np.abs(trajectory.velocities).max(axis=0)
     # A number that is rounded to zero has no sign.
     columns = np.round([*trajectory.positions[[0, -1]], fastest], 3) + 0.0

@@ -15,7 +15,7 @@ from ...planning.objectives import objective_weights, weighted_objectives
 from ...planning.path_constraints import PathConstraint, path_constraints
 from ...planning.planner import Planner
 from ...primitives.primitive import MovementPrimitive
-from ...robot.limits import JointLimits
+from ...robot.limits import JointLimits, Overrides
 from ...robot.model import Robot
 from ...robot.world import World
 from ..parameters import Settings, locked_positions
@@ -121,8 +121,11 @@ def assemble_model(
     """
     joint_names = primitives[0].joint_names
     locked = _locked(_checked(Robot(urdf, joint_names), settings), settings, measured or {})
-    planning_robot, robot = (Robot(urdf, joint_names, locked=locked) for _ in range(2))
-    limits = robot.limits(settings.limits_file or {}, settings.limits)
+    given: tuple[Overrides | str, ...] = (settings.limits_file or {}, settings.limits)
+    planning_robot, robot = (
+        Robot(urdf, joint_names, locked=locked).with_drives(*given) for _ in range(2)
+    )
+    limits = robot.limits(*given)
     # Made now, so that no goal or stop among the first obstacles waits for it.
     collision = None
     try:
