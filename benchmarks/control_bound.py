@@ -53,8 +53,12 @@ def main() -> None:
     panda = Robot.from_file(urdf, joints)
     reaches = random_reaches(panda, panda.limits(), 24, DEMONSTRATIONS_SEED)
     motions = planned(panda, reaches[4:], reaches[:4])
+
+    def driven(size: float) -> Robot:
+        return panda.with_drives({joint: {"armature": size} for joint in panda.joint_names})
+
     of_panda = [
-        [f"{size:g}", *bounds(kind, panda.with_armature(np.full(7, size)), motions, 5, frequency)]
+        [f"{size:g}", *bounds(kind, driven(size), motions, 5, frequency)]
         for kind in KINDS
         for size in ARMATURES
     ]

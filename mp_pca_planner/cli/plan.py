@@ -161,6 +161,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     start = start_positions(arguments, robot)
     if locked := {name: q for name, q in start.items() if name not in joint_names}:
         robot = Robot.from_file(arguments.robot, joint_names, locked=locked)
+    robot = robot.with_drives(arguments.limits or {})
     limits, collision = robot.limits(arguments.limits or {}), _collision_model(arguments, robot)
     goal = planned_goal(arguments, robot)
     planner = Planner(robot, primitives, limits, _options(arguments, robot), collision)

@@ -88,7 +88,9 @@ def run(arguments: argparse.Namespace) -> int:
         for option in ("friction", "armature")
     )
     if armature.any():
-        robot = robot.with_armature(armature)
+        robot = robot.with_drives(
+            {n: {"armature": x} for n, x in zip(names, armature, strict=True)}
+        )
     law = paired_law(primitive)
     if law is None or arguments.law is not None:
         kind = arguments.law or KINDS[0]

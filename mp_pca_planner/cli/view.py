@@ -44,9 +44,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit status."""
     primitives = load_primitives(arguments.primitives)
     content = read_content(arguments.robot, primitives, arguments.package_dirs)
-    limits = content.robot.limits(arguments.limits or {})
+    robot = content.robot.with_drives(arguments.limits or {})
+    limits = robot.limits(arguments.limits or {})
     world = World() if arguments.obstacles is None else World.from_file(arguments.obstacles)
-    with ViewPage(replace(content, limits=limits, world=world), arguments.port) as page:
+    with ViewPage(
+        replace(content, robot=robot, limits=limits, world=world), arguments.port
+    ) as page:
         is_moved = arguments.port and page.server.get_port() != arguments.port
         moved = f"port {arguments.port} is in use; " if is_moved else ""
         say(f"page         {page.url} ({moved}for this machine only; Ctrl-C ends it)")

@@ -76,7 +76,7 @@ class ControlLoop:
     Attributes
     ----------
     model : Robot
-        The robot model of the controller.
+        The robot model of the controller; its damping and friction are left out.
     law : ControlLaw
         The law, of the same joints.
     trajectory : Trajectory
@@ -97,6 +97,7 @@ class ControlLoop:
     delay: int = 1
 
     def __post_init__(self) -> None:
+        set_frozen(self, model=self.model.without_drag())
         set_frozen(self, effort_limits=np.broadcast_to(self.effort_limits, (self.model.n_joints,)))
 
     @cached_property

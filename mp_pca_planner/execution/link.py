@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from ..motion.goal import Goal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
-from ..robot.limits import JointLimits
+from ..robot.limits import JointLimits, Overrides
 from .parameters import Settings
 
 
@@ -53,6 +53,8 @@ class ModelFacts:
     ----------
     limits : JointLimits
         Limits of the joints.
+    drives : mapping
+        Their drives, see :meth:`.Robot.with_drives`.
     locked : mapping of str to float
         Known positions of joints that do not move [rad or m].
     carriers : tuple of str
@@ -66,6 +68,7 @@ class ModelFacts:
     """
 
     limits: JointLimits
+    drives: Overrides
     locked: Mapping[str, float]
     carriers: tuple[str, ...]
     unknown: str

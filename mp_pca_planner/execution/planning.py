@@ -31,7 +31,7 @@ from ..planning.planner import Planner
 from ..planning.report import motion_remarks
 from ..primitives.library import PrimitiveLibrary, load_primitives
 from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import JointLimits, moveit_factors_note
+from ..robot.limits import JointLimits, Overrides, moveit_factors_note
 from ..robot.model import Robot
 from ..robot.world import World
 from .link import ModelFacts, Planned, PlanRequest, Rejected, RunningMotion, SetUp, SetUpDone
@@ -102,6 +102,7 @@ class Model:
             notes.append("self-collision is not checked: set 'collision' to true to avoid it")
         return ModelFacts(
             self.limits,
+            dict(robot.drives),
             dict(robot.locked_positions),
             robot.carrying_joints(links),
             unknown_positions(self, World()),
@@ -148,7 +149,8 @@ def assemble_model(
             raise PlannerError(f"parameter 'locked_joints': {reason}")
     if locked := _locked(robot, settings, measured or {}):
         robot = Robot(urdf, joint_names, locked=locked)
-    limits = robot.limits(settings.limits_file or {}, settings.limits)
+    given: tuple[Overrides | str, ...] = (settings.limits_file or {}, settings.limits)
+    robot, limits = robot.with_drives(*given), robot.limits(*given)
     # Made now, so that no goal among the first obstacles waits for it.
     collision = None
     try:

@@ -19,7 +19,7 @@ from ..exceptions import TrajectoryError
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .goal import JointState
-from .interpolation import BEZIER_POINTS, interpolate, segment_ends
+from .interpolation import BEZIER_POINTS, GRID_PERIOD, interpolate, segment_ends
 from .trajectory import Trajectory
 
 LIMIT_TOLERANCE = 1e-6
@@ -27,6 +27,10 @@ LIMIT_TOLERANCE = 1e-6
 
 LIMIT_NEAR = 1e-4
 """Relative distance from a limit within which the grid may miss a violation."""
+
+# Samples of efforts of a short motion at least: between them, peaks of random reaches in 0.02 to
+# 0.09 s exceeded the largest sample by at most 6e-5.
+_N_EFFORTS = 400
 
 START_TOLERANCE = 1e-3
 """Distance outside the limits of position from which a motion may start [rad or m]: what an encoder
@@ -96,6 +100,8 @@ class LimitCheck:
 def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> LimitCheck:
     """Compare a trajectory with limits on a grid of at most 1 ms.
 
+    Efforts of motions below 0.4 s are compared on a finer grid.
+
     Parameters
     ----------
     trajectory : Trajectory
@@ -138,7 +144,8 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         ]
         times += [dense.times] * len(compared)
     if near_efforts.any():
-        dense = interpolate(trajectory, segments=near_efforts)
+        period = min(GRID_PERIOD, trajectory.duration / _N_EFFORTS)
+        dense = interpolate(trajectory, period, near_efforts)
         tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
         compared.append(_magnitude("effort", tau, limits.effort))
         times.append(dense.times)

@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -104,26 +105,59 @@ def _libraries() -> list[Any]:
     return list(ThreadpoolController().select(user_api="blas").lib_controllers)
 
 
-@dataclass(frozen=True)
-class Budget:
-    """The time that a search may take.
+_ENDLESS = sys.maxsize
 
-    Attributes
+
+class Budget:
+    """Solver evaluations that a search may use, and the time at which it is cut off.
+
+    The same evaluations give the same plan on any machine. The clock only cuts a search off, and
+    then the budget says so.
+
+    Parameters
     ----------
     deadline : float
-        When it ends, by the clock of `time.perf_counter` [s].
+        When the search is cut off, by the clock of `time.perf_counter` [s].
     is_cancelled : callable
         Returns whether the result is no longer needed.
+    evaluations : int
+        Evaluations of the solver that are left.
     """
 
-    deadline: float
-    is_cancelled: Callable[[], bool] = lambda: False
+    def __init__(
+        self,
+        deadline: float,
+        is_cancelled: Callable[[], bool] = lambda: False,
+        evaluations: int = _ENDLESS,
+    ) -> None:
+        self.deadline, self.is_cancelled, self.evaluations = deadline, is_cancelled, evaluations
+        self._cuts: list[bool] = []  # shared by all parts of a budget
+
+    @property
+    def was_cut_off(self) -> bool:
+        """Whether the clock, or a cancellation, ended a part of the search."""
+        return bool(self._cuts)
+
+    def is_late(self, ahead: float = 0.0) -> bool:
+        """Whether the time runs out within some seconds, or the search was cancelled.
+
+        True is remembered: the caller ends what it does.
+        """
+        late = time.perf_counter() + ahead > self.deadline or self.is_cancelled()
+        if late:
+            self._cuts.append(True)
+        return late
 
     def is_over(self) -> bool:
-        """Whether the time ran out or the search was cancelled."""
-        return time.perf_counter() > self.deadline or self.is_cancelled()
+        """Whether the evaluations or the time ran out, or the search was cancelled."""
+        return self.evaluations <= 0 or self.is_late()
 
-    def share(self, part: float) -> Budget:
-        """A budget of a share of the remaining time, 0 to 1."""
-        now = time.perf_counter()
-        return replace(self, deadline=now + part * max(self.deadline - now, 0.0))
+    def part(self, evaluations: int = _ENDLESS, time_share: float = 1.0) -> Budget:
+        """A budget of so many evaluations and of a share of the remaining time, 0 to 1."""
+        deadline = self.deadline
+        if time_share < 1.0:
+            now = time.perf_counter()
+            deadline = now + time_share * max(deadline - now, 0.0)
+        part = Budget(deadline, self.is_cancelled, evaluations)
+        part._cuts = self._cuts
+        return part

@@ -252,6 +252,8 @@ class Plan:
         several: dict[str, str | float | int] = {}
         if self.mode:
             several = {"mode": self.mode, "n_segments": len(self.motions)}
+        if self.planner is not None:
+            several["effort_parts"] = self.planner.robot.effort_parts
         return several | {
             "status": self.status,
             "message": self.message,

@@ -138,6 +138,10 @@ def _status(context: Context, outcome: Outcome, score: float, correction: float)
         message = "shortest motion within the limits found"
     elif np.isfinite(cost):
         message = f"motion found: effort {cost:.4g} N²m²s"
+    if status == SOLVED and outcome.ran_out:
+        status = STOPPED_EARLY
+        most = context.options.max_solve_time
+        message += f", but time ran out (max_solve_time = {most:g} s) before the search ended"
     return status, "; ".join([message, *_concessions(context, best, correction)])
 
 
@@ -367,6 +371,8 @@ def table(plan: Plan) -> str:
     lines.append(f"  limits: {kept}")
     if planner is not None:
         lines.append(f"  collisions: {collision_words(planner.collision, trajectory)}")
+    if planner is not None:
+        lines.append(f"  efforts: of {planner.robot.effort_parts}")
     fastest = np.abs(trajectory.velocities).max(axis=0)
     # A number that is rounded to zero has no sign.
     columns = np.round([*trajectory.positions[[0, -1]], fastest], 3) + 0.0

@@ -129,7 +129,10 @@ def resolve(
 def _is_there(
     context: Context, aim: JointState | Pose, here: JointState, what: str = "goal"
 ) -> bool:
-    """Whether the robot rests at a target at which it is to rest."""
+    """Whether the robot rests, within its limits, at a target at which it is to rest."""
+    limits = context.limits
+    if np.any(here.positions != np.clip(here.positions, limits.lower, limits.upper)):
+        return False
     rates = [here.velocities]
     if isinstance(aim, JointState):
         aim = completed(aim, here, context.robot, what)

@@ -111,8 +111,7 @@ def solve(
     start: FloatArray,
     options: SolverOptions = SolverOptions(),
     memory: SolverMemory | None = None,
-    deadline: float = math.inf,
-    is_cancelled: Callable[[], bool] = bool,
+    is_late: Callable[[float], bool] = lambda ahead: False,
 ) -> Solution:
     """Find a local minimum within the constraints, by descent from a start.
 
@@ -126,18 +125,16 @@ def solve(
         When to stop.
     memory : SolverMemory, optional
         State at an earlier solution of nearly the same program.
-    deadline : float
-        When the search ends, by the clock of `time.perf_counter` [s]. It ends earlier if another
-        step, as long as the last one, would take longer.
-    is_cancelled : callable
-        Called after each step; True ends the search; never unless given.
+    is_late : callable
+        Called after each step with its duration [s], because another one is expected to take as
+        long; True ends the search; never unless given.
 
     Returns
     -------
     solution : Solution
         The solution; without constraints its cost never exceeds that of the start.
     """
-    search = _Search(program, start, options, memory, deadline, is_cancelled)
+    search = _Search(program, start, options, memory, is_late)
     converged = search.run()
     x, here, violated = search.x, search.here, search.violated
     if violated > options.feasible and search.feasible is not None:
@@ -422,11 +419,9 @@ class _Search:
         start: FloatArray,
         options: SolverOptions,
         memory: SolverMemory | None,
-        deadline: float,
-        is_cancelled: Callable[[], bool],
+        is_late: Callable[[float], bool],
     ) -> None:
-        self._is_cancelled = is_cancelled
-        self._program, self._options, self._deadline = program, options, deadline
+        self._program, self._options, self._is_late = program, options, is_late
         self._last_step = time.perf_counter()
         self.x, self.here = start, program.evaluate(start)
         self.violated = infeasibility(program, self.here)
@@ -473,10 +468,8 @@ class _Search:
             converged = negligible and is_feasible
             restores = self.violated - step.infeasibility > options.feasible
             stuck = (negligible and not restores) or self.radius < _MIN_RADIUS
-            # Another step is expected to take as long as the last one.
             before, self._last_step = self._last_step, time.perf_counter()
-            is_late = 2.0 * self._last_step - before > self._deadline
-            if converged or stuck or is_late or self._is_cancelled():
+            if converged or stuck or self._is_late(self._last_step - before):
                 break
             self._take(step, subproblem, predicted)
         return converged

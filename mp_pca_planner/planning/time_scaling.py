@@ -46,8 +46,8 @@ def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> floa
     Returns
     -------
     factor : float
-        Infinite if gravity alone exceeds the limits of effort, unless the motion keeps them and
-        another limit asks for a longer duration.
+        Infinite if gravity and friction alone exceed the limits of effort, unless the motion keeps
+        them and another limit asks for a longer duration.
     """
     kinematic = kinematic_stretch(limits, states[1:])
     if not np.isfinite(limits.effort).any():
@@ -55,10 +55,10 @@ def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> floa
     tau = robot.inverse_dynamics(*states[:3])
     if kinematic >= 1.0 and np.all(np.abs(tau) <= limits.effort):
         return kinematic
-    gravity = _gravity(robot, states[0])
-    if not np.all(np.abs(gravity) < limits.effort):
+    parts = _effort_parts(robot, states, tau)
+    if not np.all(np.abs(parts[0]) < limits.effort):
         return float("inf")
-    return max(kinematic, _stretch_of_efforts(limits, gravity, tau - gravity))
+    return max(kinematic, _stretch_of_efforts(limits, *parts))
 
 
 def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
@@ -76,16 +76,31 @@ def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
     return float(np.max(shares ** (1.0 / np.arange(1, 4))))
 
 
-def _gravity(robot: Robot, q: FloatArray) -> FloatArray:
-    """Efforts of gravity, the part of efforts that does not depend on the duration."""
-    rest = np.zeros_like(q)
-    return robot.inverse_dynamics(q, rest, rest)
+def _effort_parts(
+    robot: Robot, states: FloatArray, tau: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Efforts of gravity and friction, of damping, and of inertia, along a motion.
+
+    Friction counts in full at any speed, so that it is not underestimated in shorter motions.
+    """
+    rest = np.zeros_like(states[0])
+    viscous, coulomb = robot.drag(states[1])
+    gravity = robot.inverse_dynamics(states[0], rest, rest)
+    static = gravity + robot.friction * np.sign(states[1])
+    return static, viscous, tau - gravity - viscous - coulomb
 
 
-def _stretch_of_efforts(limits: JointLimits, gravity: FloatArray, moving: FloatArray) -> float:
-    """The least factor k with |g + m/k²| ≤ τ_max."""
-    room = limits.effort - np.sign(moving) * gravity
-    return float(np.sqrt(np.max(np.abs(moving) / np.maximum(room, np.finfo(float).tiny))))
+def _stretch_of_efforts(
+    limits: JointLimits, static: FloatArray, viscous: FloatArray, inertial: FloatArray
+) -> float:
+    """The least factor k with |s + d/k + m/k²| ≤ τ_max there and beyond."""
+    factors = []
+    for side in (1.0, -1.0):
+        room = np.maximum(limits.effort - side * static, np.finfo(float).tiny)
+        half, square = side * viscous / (2.0 * room), side * inertial / room
+        roots = np.sqrt(np.maximum(half**2 + square, 0.0))
+        factors.append(np.max(np.where(half**2 + square < 0.0, 0.0, half + roots)))
+    return float(max(*factors, 0.0))
 
 
 def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: FloatArray) -> float:
@@ -101,7 +116,7 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
     Raises
     ------
     TrajectoryError
-        If gravity alone exceeds the limits of effort between them.
+        If gravity and friction alone exceed the limits of effort between them.
     """
     displacement = goal - start
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
@@ -113,9 +128,10 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
         return float(max(kinematic))
     ends = np.zeros((6, displacement.size))
     ends[0], ends[3] = start, goal
-    q, v, a = quintics(_PHASES, ends, 2)
-    gravity = _gravity(robot, q)
-    if np.any(np.abs(gravity) >= limits.effort):
-        raise TrajectoryError("gravity alone exceeds a limit of effort on the straight path")
-    moving = robot.inverse_dynamics(q, v, a) - gravity
-    return float(max(*kinematic, _stretch_of_efforts(limits, gravity, moving)))
+    states = quintics(_PHASES, ends, 2)
+    parts = _effort_parts(robot, states, robot.inverse_dynamics(*states))
+    if np.any(np.abs(parts[0]) >= limits.effort):
+        raise TrajectoryError(
+            "gravity and friction alone exceed a limit of effort on the straight path"
+        )
+    return float(max(*kinematic, _stretch_of_efforts(limits, *parts)))

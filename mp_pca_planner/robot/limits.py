@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, is_number, set_frozen, text_table, unique_names
+from ..arrays import FloatArray, check_number, is_number, set_frozen, text_table, unique_names
 from ..exceptions import LimitsError, shown, unknown_name
 from ..files import load_yaml, read_text, reading
 
@@ -26,6 +26,9 @@ _KEYS = {
 }
 LIMIT_KEYS = tuple(_KEYS.values())
 """Keys of one joint in a limits file: those of MoveIt, max_jerk and max_effort."""
+
+DRIVE_KEYS = ("armature", "damping", "friction")
+"""Further keys that state the drive of a joint, see :meth:`.Robot.with_drives`."""
 
 _QUANTITIES = {
     f"has_{quantity}_limits": quantity
@@ -41,7 +44,7 @@ _KINDS = (
 )
 
 Overrides = Mapping[str, Mapping[str, float]]
-"""Limits by joint name and key (see `LIMIT_KEYS`); infinite ones remove a limit."""
+"""Values by joint name and key (`LIMIT_KEYS`, `DRIVE_KEYS`); infinite ones remove a limit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +159,8 @@ def given_limits(
     given :
         Limits by joint name and key; or a YAML file with a mapping ``joint_limits: {joint:
         {max_velocity: …}}``, MoveIt's ``has_…_limits`` switches included; ``max_effort`` and
-        ``max_jerk`` are accepted too. MoveIt's default scaling factors are no limits: they are not
-        applied.
+        ``max_jerk`` are accepted too, and so are the keys of drives. MoveIt's default scaling
+        factors are no limits: they are not applied.
     joint_names :
         Joints of the robot; an entry for another joint is rejected.
 
@@ -198,7 +201,10 @@ def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
     off = [quantity for switch, quantity in _QUANTITIES.items() if entry.get(switch) is False]
     for key, value in entry.items():
         what = f"{where}: {key} of joint '{name}'"
-        if key in LIMIT_KEYS:
+        if key in DRIVE_KEYS:
+            check_number(value, what, LimitsError, 0.0, 1e9)
+            values[key] = float(value)
+        elif key in LIMIT_KEYS:
             if key.endswith(tuple(off)):
                 continue
             if not (is_number(value) or isinstance(value, float)):
@@ -213,7 +219,7 @@ def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
                 )
             values[key] = number
         elif key not in _QUANTITIES:
-            valid = (*LIMIT_KEYS, *_QUANTITIES)
+            valid = (*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES)
             raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', key, valid)}")
         elif not isinstance(value, bool):
             raise LimitsError(f"{what} must be true or false")

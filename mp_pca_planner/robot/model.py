@@ -25,8 +25,11 @@ from .joints import (
     effort_slopes,
     inertia_flaws,
 )
-from .limits import JointLimits, Overrides, given_limits, merge_limits
+from .limits import DRIVE_KEYS, JointLimits, Overrides, given_limits, merge_limits
 from .urdf import read_description
+
+FRICTION_SPEED = 0.02
+"""Velocity v₀ at which smoothed Coulomb friction reaches three quarters of its size [/s]."""
 
 
 class Robot:
@@ -59,6 +62,10 @@ class Robot:
         The joints of `joint_names` that are measured in metres.
     movable_joints : tuple of str
         All movable joints of the description, in the order of the kinematic tree.
+    armature, damping, friction : array, shape (n_joints,)
+        Drives of the joints, see :meth:`with_drives`; 0 where they are not known.
+    drives : mapping
+        The same of all movable joints, among their limits.
     frame_names, end_effector : tuple of str, str
         The links, and the last one of those that most joints move.
     path : Path or None
@@ -116,10 +123,18 @@ class Robot:
         self.continuous = np.array([found.types[name] == "continuous" for name in names])
         self.continuous.setflags(write=False)
         self.prismatic_joints = tuple(n for n in names if found.types[n] == "prismatic")
+        self.drives: Overrides = found.limits
         self._use(model)
 
     def _use(self, model: Any) -> None:
         """Compute with another model of the same joints and frames."""
+        drives = [self.drives.get(name, {}) for name in self.joint_names]
+        self.armature, self.damping, self.friction = (
+            frozen_array([drive.get(key, 0.0) for drive in drives], (None,), key, RobotError)
+            for key in DRIVE_KEYS
+        )
+        self._has_drag = bool(self.damping.any() or self.friction.any())
+        model.armature = self._order.sorted(self.armature)
         self._model, body = model, pin.FrameType.BODY
         self._ids = {name: model.getFrameId(name, body) for name in self.frame_names}
         self._data = data = model.createData()
@@ -207,7 +222,7 @@ class Robot:
         """The robot with other positions of the joints that do not move [rad or m]."""
         robot = Robot(self._given[0], self.joint_names, locked=positions, source=self._source)
         robot.path = self.path
-        return robot
+        return robot.with_drives(self.drives)
 
     def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
         """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.
@@ -239,7 +254,7 @@ class Robot:
         locked = {name: value for name, value in given.items() if name not in joint_names}
         robot = Robot(urdf, joint_names, locked=locked, source=self._source)
         robot.path = self.path
-        return robot
+        return robot.with_drives(self.drives)
 
     def require_inertias(self, purpose: str, instead: str = "") -> None:
         """Reject a robot whose efforts can't be computed.
@@ -293,23 +308,38 @@ class Robot:
         """Masses and principal moments of inertia of the links that the joints move."""
         return LinkInertias.of(self._description.inertials, self._model)
 
-    def with_armature(self, inertias: FloatArray) -> Robot:
-        """The same robot with inertias of its rotors, reflected to the joints.
+    def with_drives(self, *overrides: Overrides | str | Path) -> Robot:
+        """The same robot with other drives, which its efforts include.
 
         Parameters
         ----------
-        inertias : array, shape (n_joints,)
-            Inertia of the rotor times the squared gear ratio [kg·m² or kg], at least 0.
+        overrides : mapping or path
+            Values of joints by name: `armature`, the inertia of the rotor times the squared gear
+            ratio [kg·m² or kg]; `damping`, viscous [N·m·s/rad or N·s/m]; `friction`, Coulomb's
+            [N·m or N]. Damping and friction of the robot description hold unless given. Limits in
+            the same mapping or limits file are for :meth:`limits`.
 
         Raises
         ------
-        RobotError
-            If one is no finite number.
+        LimitsError
+            If a file can't be read, a joint is unknown, or a value is no number of at least 0.
+
+        Examples
+        --------
+        >>> import mp_pca_planner as mp
+        >>> robot = mp.Robot.from_file(mp.config_file("human_arm.urdf"))
+        >>> robot.with_drives({"elbow": {"armature": 0.01, "friction": 0.2}}).effort_parts
+        'rigid bodies, rotor inertia, Coulomb friction (smoothed by tanh(v / 0.02 per s))'
         """
-        values = frozen_array(inertias, (self.n_joints,), "rotor inertias", RobotError)
-        model = self._model.copy()
-        model.armature = self._order.sorted(values)
-        return self._with_model(model)
+        layers = (given_limits(one, self.movable_joints) for one in overrides)
+        other = copy.copy(self)
+        other.drives = merge_limits(self.drives, *layers)
+        other._use(self._model.copy())
+        return other
+
+    def without_drag(self) -> Robot:
+        """The same robot without damping and friction."""
+        return self.with_drives({name: {"damping": 0, "friction": 0} for name in self.joint_names})
 
     def with_link_inertias(self, factors: FloatArray) -> Robot:
         """The same robot with other masses and moments of inertia.
@@ -356,8 +386,27 @@ class Robot:
 
     # Dynamics
 
+    @property
+    def effort_parts(self) -> str:
+        """The parts of the efforts that are known, for reports."""
+        words = {
+            "rotor inertia": self.armature,
+            "viscous damping": self.damping,
+            f"Coulomb friction (smoothed by tanh(v / {FRICTION_SPEED:g} per s))": self.friction,
+        }
+        return ", ".join(["rigid bodies", *(word for word, x in words.items() if x.any())])
+
+    def drag(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Efforts of damping and of Coulomb friction at velocities, shapes as those of `v`.
+
+        Friction is smoothed to f tanh(v / v₀) with v₀ = `FRICTION_SPEED`.
+        """
+        return self.damping * v, self.friction * np.tanh(v / FRICTION_SPEED)
+
     def inverse_dynamics(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """Efforts of a motion, NaN where the inertia of a moving link is not known.
+        """Efforts of the drives in a motion: of rigid bodies, rotors, damping and friction.
+
+        They are NaN where the inertia of a moving link is not known.
 
         Parameters
         ----------
@@ -369,6 +418,7 @@ class Robot:
         tau : array, shape (n_steps, n_joints)
             Joint torques [N·m] or forces [N].
         """
+        velocities = v
         q, v, a = self._order.checked(q, v, a, n_dims=2)
         if self._pool is not None:
             tau = np.empty(q.shape)
@@ -376,7 +426,8 @@ class Robot:
         else:  # Pinocchio built without OpenMP
             rows = [pin.rnea(self._model, self._data, *x) for x in zip(q, v, a, strict=True)]
             tau = np.array(rows).reshape(q.shape)
-        return self._order.restored(tau)
+        tau = self._order.restored(tau)
+        return tau + sum(self.drag(velocities)) if self._has_drag else tau
 
     def known_efforts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray | None:
         """Efforts of a motion as :meth:`inverse_dynamics`, or None if one is NaN."""
@@ -401,8 +452,10 @@ class Robot:
         """
         if self._slopes is None:
             self._slopes = effort_slopes(self._model)
+        # The slope of smoothed friction is at most f / v₀.
+        drive = self.armature * jerk + (self.damping + self.friction / FRICTION_SPEED) * a
         q, v, a, jerk = self._order.checked(q, v, a, jerk, n_dims=2)
-        return self._order.restored(self._slopes(q, v, a, jerk))
+        return self._order.restored(self._slopes(q, v, a, jerk)) + drive
 
     def inverse_dynamics_derivatives(
         self, q: FloatArray, v: FloatArray, a: FloatArray
@@ -421,7 +474,7 @@ class Robot:
         dtau : array, shape (n_steps, n_joints, 3 n_joints)
             ∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ (the mass matrix) side by side.
         """
-        n = self.n_joints
+        n, velocities = self.n_joints, v
         q, v, a = self._order.checked(q, v, a, n_dims=2)
         tau = np.empty((len(q), n))
         dtau = np.empty((len(q), 3, n, n))  # filled block by block: the innermost loop of planning
@@ -431,8 +484,14 @@ class Robot:
             derivatives(model, data, q_k, v_k, a_k)
             dtau_k[0], dtau_k[1], dtau_k[2] = by_q, by_v, by_a
             tau_k[:] = efforts
-        dtau = self._order.restored_matrix(dtau)
-        return self._order.restored(tau), dtau.transpose(0, 2, 1, 3).reshape(len(q), n, 3 * n)
+        tau, dtau = self._order.restored(tau), self._order.restored_matrix(dtau)
+        if self._has_drag:
+            viscous, coulomb = self.drag(velocities)
+            tau = tau + viscous + coulomb
+            joints = np.arange(n)
+            by_speed = self.friction * (1.0 - np.tanh(velocities / FRICTION_SPEED) ** 2)
+            dtau[:, 1, joints, joints] += self.damping + by_speed / FRICTION_SPEED
+        return tau, dtau.transpose(0, 2, 1, 3).reshape(len(q), n, 3 * n)
 
     def motion_equation(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mass matrix and bias efforts of one state: τ = M q̈ + h.
@@ -447,7 +506,7 @@ class Robot:
         M : array, shape (n_joints, n_joints)
             The mass matrix; only its upper triangle is sure to be filled.
         h : array, shape (n_joints,)
-            Efforts of gravity, centrifugal and Coriolis forces.
+            Efforts of gravity, centrifugal and Coriolis forces, without damping and friction.
         """
         model, data, order = self._model, self._data, self._order
         q, v = self._order.checked(q, v, n_dims=1)
@@ -468,6 +527,7 @@ class Robot:
 
         By Featherstone's articulated-body algorithm.
         """
+        tau = tau - sum(self.drag(v)) if self._has_drag else tau
         q, v, tau = self._order.checked(q, v, tau, n_dims=1)
         return self._order.restored(pin.aba(self._model, self._data, q, v, tau))
 

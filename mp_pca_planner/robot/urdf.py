@@ -148,7 +148,7 @@ class Description:
     types : mapping of str to str
         'revolute', 'continuous' or 'prismatic' for each movable joint.
     limits : mapping of str to mapping
-        Their limits by the keys of limits files.
+        Their limits, damping and friction by the keys of limits files.
     mimics : mapping of str to Mimic
         Those of them that mimic others, and how.
     child_links : mapping of str to str
@@ -203,9 +203,12 @@ def read_description(urdf: str, source: str) -> Description:
     inertials = _copy_links(root, clean)
     shapes, lost_shapes = _collision_shapes(root)
     mimics: dict[str, Mimic] = {}
+    limits: dict[str, dict[str, float]] = {}
     for name, joint in every.items():
         try:
             _copy_joint(joint, clean)
+            if name in joints:
+                limits[name] = _limits_of(joint) | _drive_of(joint)
             mimic = joint.find("mimic")
             # Real descriptions also name joints that don't exist: these mimic nothing, as in
             # Pinocchio.
@@ -221,7 +224,7 @@ def read_description(urdf: str, source: str) -> Description:
         name=root.get("name", ""),
         xml=ET.tostring(clean, encoding="unicode"),
         types={name: joint.get("type", "") for name, joint in joints.items()},
-        limits={name: _limits_of(joint) for name, joint in joints.items()},
+        limits=limits,
         mimics=mimics,
         child_links={name: _end(joint, "child") for name, joint in joints.items()},
         inertials=inertials,
@@ -305,6 +308,18 @@ def _limits_of(joint: ET.Element) -> dict[str, float]:
         keys |= {"lower": "min_position", "upper": "max_position"}
     found = {key: limit.get(attribute, "0") for attribute, key in keys.items()}
     return {key: float(text) for key, text in found.items()}
+
+
+def _drive_of(joint: ET.Element) -> dict[str, float]:
+    """Damping and friction that the URDF states for a joint, by the keys of limits files."""
+    dynamics = joint.find("dynamics")
+    if dynamics is None:
+        return {}
+    found = {key: float(numbers_of(dynamics, key, 1, "0")[0]) for key in ("damping", "friction")}
+    for key, value in found.items():
+        if value < 0.0:
+            raise RobotError(f"'{key}' of <dynamics> is {value:g}, expected at least 0")
+    return found
 
 
 def _end(joint: ET.Element, which: str) -> str:

@@ -497,6 +497,7 @@ class PlannerNode(Node):
         if done.model is not None:
             urdf = settings.robot_description or self._description
             robot = Robot(urdf, done.joint_names, locked=done.model.locked)
+            robot = robot.with_drives(done.model.drives)
             model = NodeModel(robot, done.model, settings)
         self._server.use(model)
         if self._watcher is not None:

@@ -78,6 +78,7 @@ def test_trials_save_effort_on_a_robot_with_an_unknown_load(
 def effort(q: np.ndarray, v: np.ndarray, a: np.ndarray, duration: float) -> float:
     """½∫‖τ‖²dt of the loaded arm with its drives, at evenly spaced times."""
     plain = arm_robot()
-    drives = Plant(plain, q[0]).inertia
-    tau = plain.with_payload(PAYLOAD).with_armature(drives).inverse_dynamics(q, v, a)
+    inertias = zip(plain.joint_names, Plant(plain, q[0]).inertia, strict=True)
+    drives = {name: {"armature": float(x)} for name, x in inertias}
+    tau = plain.with_payload(PAYLOAD).with_drives(drives).inverse_dynamics(q, v, a)
     return 0.5 * float(trapezoid(np.sum(tau**2, axis=1), dx=duration / (len(q) - 1)))

@@ -233,7 +233,7 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
     context, request, setting
         What to compile.
     budget : Budget
-        The time for it.
+        The evaluations and the time for it.
     """
     refined = program = compile_program(context, request, setting)
     n_starts, passes, touched = context.options.n_starts, 0, False
@@ -249,10 +249,11 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
             is_clear = program.has_clearances and solutions and is_feasible(solutions[-1])
             if is_clear or (solutions and budget.is_over()):
                 break
-            solutions.append(
-                solve(program, x, setting.solver, memory, budget.deadline, budget.is_cancelled)
-            )
+            most = max(min(setting.solver.max_iterations, budget.evaluations), 1)
+            limited = replace(setting.solver, max_iterations=most)
+            solutions.append(solve(program, x, limited, memory, budget.is_late))
             passes += solutions[-1].iterations
+            budget.evaluations -= solutions[-1].iterations
         best = solutions[0]
         if len(solutions) > 1:
             best = min(solutions, key=lambda one: (not is_feasible(one), rank_of(one.cost)))

@@ -41,19 +41,19 @@ PATH_REACH = 1.0
 Each further one reaches as much further. Most paths are near the ends.
 """
 
-# Searches for paths at most, with different seeds; their time usually ends earlier. Configurations
-# that the first search checks; each further one checks as many more.
-_N_PATHS, _N_CHECKS = 60, 5_000
-# Shares of the remaining time for a path, and for comparing paths; the shortest is tried first.
-_SHARE_OF_SEARCH, _SHARE_OF_COMPARISON = 0.75, 0.2
+# Searches for paths at most, with different seeds; the first of them are compared, and the shortest
+# path is tried first. Configurations that the first search checks; each further one checks as many
+# more.
+_N_PATHS, _N_COMPARED, _N_CHECKS = 60, 4, 5_000
+# Share of the remaining time at which the search for a path is cut off.
+_SHARE_OF_SEARCH = 0.75
 # Length of a path, relative to the straight line, up to which it is not compared.
 _MAX_DETOUR = 1.5
 # Distance between the configurations of a line that are checked [rad or m], and the same where the
 # motion rests at the corners of a path.
 _STEP, _FINE_STEP = 0.07, 0.03
-# Shares of the remaining time for a motion near a path, in turn until it may be executed. The rest
-# is for checks and for other paths.
-_SHARES_OF_SOLVING = (0.2, 0.8)
+# Evaluations for a motion near a path, in turn until it may be executed.
+_EVALUATIONS = (60, 120)
 # Tolerance of the solver: most of the cost depends on the path. Sum of constraint violations that
 # counts as rounding: less than the margins of constraints. Clearances are curved, so its first
 # radius is 1.
@@ -107,8 +107,8 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
         return _along(context, request, basis, duration)
     setting = _setting(context, request, basis, duration)
     along = None
-    for share in _SHARES_OF_SOLVING:
-        found = _optimised(context, request, setting, budget.share(share))
+    for evaluations in _EVALUATIONS:
+        found = _optimised(context, request, setting, budget.part(evaluations))
         if found.is_valid:
             return found
         along = along or _along(context, request, basis, duration)
@@ -195,9 +195,8 @@ def paths(
         return
     longest = _MAX_DETOUR * _length(np.array(ends))
     found: list[FloatArray] = []
-    early = budget.share(_SHARE_OF_COMPARISON)
     for seed in range(1, _N_PATHS + 1):
-        search = budget.share(_SHARE_OF_SEARCH)
+        search = budget.part(time_share=_SHARE_OF_SEARCH)
         # Few searches take far longer than most: another seed is often faster.
         near = _around(ends, PATH_REACH * seed, bounds)
         path = sampled_path(
@@ -211,7 +210,7 @@ def paths(
         )
         if path is not None:
             found.append(path)
-        is_last = seed == _N_PATHS or early.is_over() or search.is_over()
+        is_last = seed >= _N_COMPARED or search.is_over()
         if found and (is_last or _length(found[-1]) <= longest):
             yield from sorted(found, key=_length)
             found = []

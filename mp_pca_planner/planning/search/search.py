@@ -47,8 +47,8 @@ _NATURALNESS_STEPS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 # Shares to which passing velocities are reduced in turn if joined segments exceed a position limit,
 # and times that their durations are stretched at most, for each share.
 _PASSING_SHARES, _MAX_STRETCHES = (1.0, 0.5, 0.25, 0.0), 12
-# Share of the time for descent from the expected motion among obstacles, before detours are tried.
-_SHARE_OF_DESCENT = 0.15
+# Evaluations of descent from the expected motion among obstacles, before detours are tried.
+_EVALUATIONS_OF_DESCENT = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +288,7 @@ class Outcome:
     optimised : Candidate or None
         The motion of several segments that was optimised in vain.
     ran_out : bool
-        Whether time ran out before a motion within the limits was found by optimisation.
+        Whether time, rather than the work of its stages, ended the search.
     is_shortest : bool
         Whether the shortest duration was searched.
     mode : str
@@ -322,7 +322,7 @@ def descent(case: Case, budget: Budget) -> Candidate | None:
     leads = case.may_detour and not missing_planner()
     within, found, same = budget, list[Candidate](), list[Candidate]()
     if leads and not case.starts_at_path:
-        within = budget.share(_SHARE_OF_DESCENT)
+        within = budget.part(_EVALUATIONS_OF_DESCENT)
     while True:
         candidate = attempt(context, request, setting, within)
         found.append(candidate)
@@ -384,7 +384,7 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Out
     budget : Budget
         The time for all of it.
     """
-    every, found, tried, ran_out = list[Candidate](), list[Candidate](), [], False
+    every, found, tried = list[Candidate](), list[Candidate](), []
     slow = None
     requests = iter(requests)
     for request in requests:
@@ -402,14 +402,13 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Out
         found.append(min(case.found, key=attrgetter("violation")))
         every += case.found
         # Further configurations of a pose are for where the most natural one has no motion.
-        if budget.is_over() or (request.pose is not None and found[-1].is_valid):
+        if (request.pose is not None and found[-1].is_valid) or budget.is_over():
             break
     best = found[0]
     if len(found) > 1:  # slow motions and detours have no costs yet
         found = [with_costs(context, one) for one in found]
         best = min(found, key=lambda one: (one.violation, rank_of(one.solution.cost)))
     if not (best.is_valid or best.is_hopeless or budget.is_cancelled()):
-        ran_out = budget.is_over()
         slow = slow_motion(context, chain(tried, requests), best, every, budget)
         best = slow or best
     optimised, mode = None, ""
@@ -421,7 +420,7 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Out
     if not np.isfinite(best.solution.objective_cost):
         best = with_costs(context, best)
     is_shortest = case.first.is_shortest
-    return Outcome(best, is_slow, tuple(found), optimised, ran_out, is_shortest, mode)
+    return Outcome(best, is_slow, tuple(found), optimised, budget.was_cut_off, is_shortest, mode)
 
 
 def with_costs(context: Context, found: Candidate) -> Candidate:

@@ -59,7 +59,8 @@ def judge(trajectory, limits=LIMITS, start=START, **options):
 
 def peaks_of(quantity, trajectory):
     """The largest magnitudes on the grid, shape (n_joints,); of positions the largest."""
-    dense = interpolate(trajectory)
+    fine = min(1e-3, trajectory.duration / 400)
+    dense = interpolate(trajectory, fine if quantity == "effort" else 1e-3)
     if quantity == "position":
         return dense.q.max(axis=0)
     if quantity == "effort":
@@ -198,6 +199,21 @@ def test_efforts_are_computed_not_believed():
     check = check_limits(lying, arm_robot(), tightened(max_effort=0.9 * peak))
     assert check.violations[0].quantity == "effort"
     assert check.worst_excess == pytest.approx(1.0 / 0.9 - 1.0)
+
+
+@pytest.mark.parametrize("duration", [0.02, 0.05, 0.09])
+def test_efforts_of_short_motions_are_known_between_the_points(duration):
+    random = np.random.default_rng(0)
+    for _ in range(40):
+        start, goal = random.uniform(-1.0, 1.0, (2, 4))
+        trajectory = reach(duration, 1 + round(duration / 0.01), start, goal)
+        dense = interpolate(trajectory, 1e-5)
+        peak = np.abs(arm_robot().inverse_dynamics(dense.q, dense.v, dense.a)).max(axis=0)
+        bounds = dict(zip(JOINTS, ({"max_effort": float(x)} for x in 0.9 * peak), strict=True))
+        check = check_limits(trajectory, arm_robot(), arm_robot().limits(bounds))
+        excess = [one.excess for one in check.touched if one.quantity == "effort"]
+        np.testing.assert_allclose(excess, 1.0 / 0.9 - 1.0, atol=1e-4)
+        assert len(excess) == 4
 
 
 def test_the_present_state_must_be_the_first_point():

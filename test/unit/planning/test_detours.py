@@ -4,11 +4,14 @@
 
 import math
 import sys
-from itertools import islice
+from dataclasses import replace
+from itertools import count, islice
 
 import numpy as np
 import pytest
 from support.arm import JOINTS, arm_primitive, arm_robot
+from support.arm_plans import planner as arm_planner
+from support.arm_plans import request
 from support.dense import assert_keeps, spline
 from support.motion_referee import RigidArm, SceneReferee
 from support.obstacle_scenes import WALL, write_scene
@@ -21,6 +24,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.options import PlannerOptions
+from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.search.detours import paths, sampled_path
 from mp_pca_planner.robot.world import World
@@ -153,6 +157,36 @@ def test_same_problem_gives_the_same_detour(post):
     _, planner, start, goal = post
     first, second = planner.plan(goal, start), planner.plan(goal, start)
     np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
+
+
+def test_speed_of_the_clock_changes_no_plan_that_is_not_cut_off(post, monkeypatch):
+    _, detours, start, goal = post
+    single = {"naturalness": 1e-3, "n_starts": 5}
+    problems = {
+        "single": (arm_planner(**single, max_solve_time=1.0), *request(2)),
+        "shortest": (arm_planner(timing="shortest", max_solve_time=1.0), *request(3)),
+        "sequence": (arm_planner(max_solve_time=1.0), [request(4)[0].state, goal], start),
+        "detour": (Planner(*_parts(detours), detours.collision), goal, start),
+    }
+    for name, (subject, aim, begin) in problems.items():
+        plans, outcomes = {}, set()
+        for per_reading in (0.0, 1e-5, 1e-3, 1e-2, 0.05, 0.3):
+            clock = count(0.0, per_reading)
+            monkeypatch.setattr("time.perf_counter", lambda clock=clock: next(clock))
+            plan = subject.plan(aim, begin)
+            plans[per_reading] = plan
+            outcomes.add(plan.status)
+            if plan.status == SOLVED:
+                same = plans[0.0].trajectory.positions
+                np.testing.assert_array_equal(plan.trajectory.positions, same)
+            else:
+                assert "time ran out" in plan.message or "its share of the time" in plan.message
+        assert plans[0.0].status == SOLVED and len(outcomes) > 1, name
+
+
+def _parts(planner):
+    options = replace(planner.options, max_solve_time=1.0)
+    return planner.robot, planner.primitives, planner.limits, options
 
 
 def test_detour_keeps_a_requested_duration(post):

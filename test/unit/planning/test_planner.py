@@ -8,11 +8,12 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import BPoly
 from support.arm import JOINTS, arm_primitive, arm_robot
 from support.arm_plans import REQUESTS, planner, request
-from support.patience import PATIENT
+from support.patience import EVER, PATIENT
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, check_limits
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program import compile as compiler
@@ -60,6 +61,37 @@ def test_the_effort_stated_is_that_of_the_trajectory():
     tau = np.sum(plan.trajectory.efforts**2, axis=1)
     integral = trapezoid(tau, plan.trajectory.times)
     assert plan.solution.effort_cost == pytest.approx(0.5 * integral, rel=1e-4)
+
+
+@pytest.mark.parametrize("timing", ["demonstrated", "free"])
+def test_efforts_of_the_drives_are_planned_stated_and_limited(timing):
+    drive = {"armature": 0.05, "damping": 2.0, "friction": 0.3}
+    robot = arm_robot().with_drives(dict.fromkeys(JOINTS, drive))
+    goal, start = request(2)
+
+    def of_drives(plan):
+        q, v, a = plan.trajectory.states
+        rigid = arm_robot().inverse_dynamics(q, v, a)
+        return rigid + 0.05 * a + 2.0 * v + 0.3 * np.tanh(v / 0.02)
+
+    costs, limits = [], robot.limits()
+    for rho in (1.0, 1e-3):
+        options = PlannerOptions(naturalness=rho, timing=timing, max_solve_time=EVER)
+        plan = Planner(robot, [arm_primitive()], limits, options).plan(goal, start)
+        tau = of_drives(plan)
+        np.testing.assert_allclose(plan.trajectory.efforts, tau, atol=1e-9)
+        costs.append(0.5 * trapezoid(np.sum(tau**2, axis=1), plan.trajectory.times))
+        assert plan.status == "solved"
+        assert plan.effort_cost == pytest.approx(costs[-1], rel=2e-3)
+        assert "viscous damping" in plan.summary()["effort_parts"]
+    assert costs[1] < costs[0]
+    peaks = np.abs(tau).max(axis=0)
+    tight = robot.limits(
+        {n: {"max_effort": float(0.95 * x)} for n, x in zip(JOINTS, peaks, strict=True)}
+    )
+    plan = Planner(robot, [arm_primitive()], tight, options).plan(goal, start)
+    assert plan.is_executable
+    assert np.all(np.abs(of_drives(plan)) <= 0.95 * peaks * (1.0 + 1e-4))
 
 
 def test_of_several_optima_the_best_is_taken():

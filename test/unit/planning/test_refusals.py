@@ -154,7 +154,7 @@ extremes = st.one_of(
 )
 def test_absurd_requests_are_refused_or_come_to_an_honest_plan(numbers, duration, name, kind):
     q0, v0, a0, q, v = np.reshape(numbers, (5, 4))
-    subject = planner(allow_nonzero_end_velocity=True, max_solve_time=0.5)
+    subject = planner(allow_nonzero_end_velocity=True)
     start = JointState(JOINTS, q0, v0, a0)
     chosen = {"joints": slice(None), "elbow": slice(3, 4), "pose": slice(0, 3)}[kind]
     options = {"duration": duration, "primitive": name}
@@ -168,9 +168,9 @@ def test_absurd_requests_are_refused_or_come_to_an_honest_plan(numbers, duration
     if goal is None:
         return
     found, refused = attempt(lambda: subject.plan(goal, start))
-    _, from_nowhere = attempt(lambda: subject.check(goal))
-    if from_nowhere:
-        assert refused == from_nowhere or "present" in refused
+    if kind != "pose":
+        _, from_nowhere = attempt(lambda: subject.check(goal))
+        assert not from_nowhere or refused == from_nowhere or "present" in refused
     if found is None:
         return
     if found.is_executable:

@@ -83,6 +83,19 @@ def test_least_duration_takes_the_whole_of_a_limit_of_effort_and_no_more(first, 
     assert share_taken(0.9 * duration) > share_taken(duration) > share_taken(2.0 * duration)
 
 
+@given(shares, shares, st.floats(0.2, 5.0), st.floats(1.0, 3.0))
+def test_stretch_holds_for_efforts_with_damping_and_friction(first, second, duration, longer):
+    drive = {"armature": 0.05, "damping": 2.0, "friction": 0.5}
+    robot = arm_robot().with_drives(dict.fromkeys(JOINTS, drive))
+    start, goal = configuration(first), configuration(second)
+    motion, limits = minimum_jerk(start, goal, duration), limits_of(max_effort=20.0)
+    states = np.array([*motion.states, np.zeros_like(motion.positions)])
+    stretch = least_stretch(robot, limits, states)
+    if 0.0 < stretch < np.inf:
+        slow = minimum_jerk(start, goal, longer * stretch * duration)
+        assert np.abs(robot.inverse_dynamics(*slow.states)).max() <= 20.0 * (1.0 + 1e-9)
+
+
 @given(shares, shares, st.floats(0.2, 5.0))
 def test_stretch_of_a_minimum_jerk_motion_gives_its_least_duration(first, second, duration):
     robot, start, goal = arm_robot(), configuration(first), configuration(second)
@@ -111,7 +124,7 @@ def test_gravity_beyond_a_limit_of_effort_is_said_with_joint_and_value():
         for q in minimum_jerk(start, goal, 1.0).positions
     )
     limits = limits_of(max_effort=0.5 * float(most))
-    with pytest.raises(TrajectoryError, match="gravity alone"):
+    with pytest.raises(TrajectoryError, match="gravity and friction alone"):
         least_duration(robot, limits, start, goal)
 
 

@@ -22,6 +22,7 @@ from mp_pca_planner.recordings.segmentation import (
     SmoothPiece,
     find_motions,
     joint_speed,
+    least_extent,
     smooth,
     speed_thresholds,
     trim,
@@ -32,6 +33,14 @@ OPTIONS = SegmentationOptions()
 
 def smoothed(positions: FloatArray, rate: float = 100.0) -> SmoothPiece:
     return smooth(Piece(np.arange(len(positions)) / rate, positions), rate)
+
+
+@given(st.floats(0.02, 1.0), st.floats(20.0, 500.0))
+def test_motion_has_to_exceed_eight_deviations_of_the_noise(deviation, rate):
+    noise = deviation * np.random.default_rng(0).normal(size=(5000, 2))
+    motion = np.linspace(0.0, 1.0, 5000)[:, None] ** 3  # it hardly changes the estimate
+    piece = Piece(np.arange(5000) / rate, noise + motion)
+    assert least_extent([piece]) == pytest.approx(8.0 * np.sqrt(2.0) * deviation, rel=0.03)
 
 
 def motions_in(

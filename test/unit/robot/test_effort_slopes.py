@@ -32,7 +32,12 @@ PRISMATIC = """<robot name="lift"><link name="base"/>
 <limit lower="-3" upper="3" velocity="1" effort="100"/></joint></robot>"""
 
 
-ROBOTS = {"arm": arm_robot, "prismatic joints": lambda: Robot(PRISMATIC)}
+DRIVE = {"armature": 0.3, "damping": 2.0, "friction": 0.5}
+ROBOTS = {
+    "arm": arm_robot,
+    "prismatic joints": lambda: Robot(PRISMATIC),
+    "drives": lambda: Robot(PRISMATIC).with_drives({"turn": DRIVE, "out": DRIVE}),
+}
 
 
 @pytest.mark.parametrize("name", [*ROBOTS, "panda_description/urdf/panda.urdf"])

@@ -67,6 +67,7 @@ def test_a_moveit_file_is_read_with_its_switches(tmp_path):
         ("joint_limits: [1]", "mapping 'joint_limits'"),
         ("joint_limits: {c: {max_velocity: 1}}", "no joint is called 'c'.*'a', 'b'"),
         ("joint_limits: {a: 3}", "joint 'a' must be a mapping"),
+        ("joint_limits: {a: {damping: -1}}", "damping of joint 'a' must be a number from 0"),
         ("joint_limits: {a: {max_velocty: 1}}", "did you mean 'max_velocity'"),
         ("joint_limits: {a: {max_velocity: fast}}", "'fast', not a number"),
         ("joint_limits: {a: {max_velocity: true}}", "not a number"),

@@ -45,10 +45,53 @@ def test_efforts_are_those_of_the_cart_and_pendulum_in_closed_form():
     )
 
 
+DRIVES = {
+    "shoulder1": {"armature": 0.3, "damping": 2.0, "friction": 0.7},
+    "shoulder3": {"damping": 0.5},
+    "elbow": {"armature": 0.1, "friction": 0.2},
+}
+
+
+def test_efforts_are_those_of_the_drives(tmp_path):
+    file = tmp_path / "limits.yaml"
+    file.write_text(f"joint_limits: {DRIVES}")
+    q, v, a = random_motion(3)
+    names = ("elbow", "shoulder1", "shoulder3")
+    rigid = Robot.from_file(config_file("human_arm.urdf"), names)
+    armature, damping, friction = (
+        np.array([DRIVES[name].get(key, 0.0) for name in names])
+        for key in ("armature", "damping", "friction")
+    )
+    expected = rigid.inverse_dynamics(q, v, a)
+    expected += armature * a + damping * v + friction * np.tanh(v / 0.02)
+    whole = Robot.from_file(config_file("human_arm.urdf"), JOINTS).with_drives(DRIVES)
+    for robot in (rigid.with_drives(DRIVES), rigid.with_drives(file), whole.with_joints(names)):
+        tau = robot.inverse_dynamics(q, v, a)
+        np.testing.assert_allclose(tau, expected, atol=1e-12)
+        for at in zip(q, v, tau, a, strict=True):
+            np.testing.assert_allclose(robot.forward_dynamics(*at[:3]), at[3], atol=1e-8)
+
+
+def test_damping_and_friction_come_from_the_description():
+    stated = CART.replace('velocity="2" effort="30"/>', '{}<dynamics damping="3" friction="2"/>')
+    stated = stated.format('velocity="2" effort="30"/>')
+    q, v, a = random_motion(2)
+    more = Robot(stated, ["slide", "swing"]).inverse_dynamics(q, v, a)
+    more -= Robot(CART, ["slide", "swing"]).inverse_dynamics(q, v, a)
+    drag = 3.0 * v[:, 0] + 2.0 * np.tanh(v[:, 0] / 0.02)
+    np.testing.assert_allclose(more, np.column_stack([drag, 0.0 * drag]), atol=1e-12)
+    for wrong in ('"-3"', '"high"'):
+        with pytest.raises(RobotError, match="joint 'slide': 'damping' of <dynamics>.*expected"):
+            Robot(stated.replace('damping="3"', f"damping={wrong}"))
+
+
 @pytest.mark.parametrize("order", [JOINTS, tuple(reversed(JOINTS)), JOINTS[1:]])
-def test_derivatives_agree_with_central_differences_in_any_joint_order(order):
-    robot = Robot.from_file(config_file("human_arm.urdf"), order)
+@pytest.mark.parametrize("drives", [{}, DRIVES])
+def test_derivatives_agree_with_central_differences_in_any_joint_order(order, drives):
+    drives = {name: drives[name] for name in drives if name in order}
+    robot = Robot.from_file(config_file("human_arm.urdf"), order).with_drives(drives)
     motion = random_motion(len(order))
+    motion[1] *= 0.05  # where smoothed friction changes
     tau, dtau = robot.inverse_dynamics_derivatives(*motion)
     np.testing.assert_allclose(tau, robot.inverse_dynamics(*motion), atol=1e-12)
     step = 1e-6
