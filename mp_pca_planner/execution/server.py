@@ -354,8 +354,13 @@ class MotionServer:
             self._report(execution.given_up("time was set back"))
             self.execution = None
         elif execution is not None:
-            self._report(execution.update(following, now))
-            if execution.is_lost(following, now):
+            report = execution.update(following, now)
+            self._report(report)
+            is_astray = report is not None and report.outcome is MotionOutcome.NOT_FOLLOWED
+            moves = following is not None and not following.at_rest
+            if is_astray and moves and self.watcher is not None:
+                self._stop_for("the robot moves among obstacles, and along no known motion")
+            elif execution.is_lost(following, now):
                 self._stop_for(execution.reason, again=True)
         self._react(where, now)
         if self._retry is not None and self._active is None:
