@@ -14,13 +14,11 @@ import argparse
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from methods import (
-    BSPLINE,
     Method,
     PeerResult,
     dmp_method,
@@ -69,8 +67,7 @@ OWN, REFERENCE = "pca", "ompl_toppra"
 PEERS: dict[str, Peer] = {
     "promp": promp_method,
     "dmp": dmp_method,
-    "fddp": partial(crocoddyl_method, box=False),
-    "box_fddp": partial(crocoddyl_method, box=True),
+    "fddp": crocoddyl_method,
 }
 """Methods to compare the planner with."""
 SCENE_PEERS: dict[str, Peer] = {REFERENCE: ompl_method}
@@ -246,8 +243,7 @@ def _quantile(values: Sequence[float], share: float = 0.5) -> float | None:
 def summarise_scenes(problems: Sequence[Problem], results: Results) -> dict[str, dict[str, Any]]:
     """By folder and method: shares of solved problems, and medians over those.
 
-    The ratios of effort and jerk are those of the planner to a method on problems that both solve;
-    the ratios to the reference are those of a method to it.
+    "Jerk lower" and the ratios to the reference are of problems that both methods solve.
     """
     groups: dict[str, list[Mapping[str, PeerResult]]] = {}
     for problem, found in zip(problems, results, strict=True):
@@ -273,10 +269,8 @@ def _summary_in_scenes(results: Results, name: str) -> dict[str, Any]:
         "time_of_all_s": _quantile([one["solve_time_s"] for one in facts]),
         **{fact: _quantile([x[fact] for x in solved]) for fact in _FACTS},
     }
-    for fact in ("effort_cost", "rms_jerk"):
-        ratios = _ratios_in_scenes(results, OWN, name, fact)
-        found[f"{fact}_ratio"] = _quantile(ratios)
-        found[f"{fact}_lower_share"] = _share([ratio < 1.0 for ratio in ratios])
+    jerks = _ratios_in_scenes(results, OWN, name, "rms_jerk")
+    found["rms_jerk_lower_share"] = _share([ratio < 1.0 for ratio in jerks])
     for fact in ("effort_cost", "duration"):
         ratios = _ratios_in_scenes(results, name, REFERENCE, fact)
         found[f"{fact}_over_{REFERENCE}"] = _quantile(ratios)
@@ -314,15 +308,6 @@ def ratios(results: Results, ours: str, other: str) -> dict[str, float | None]:
             times.append(one.solve_time / two.solve_time)
             costs.append(one.verdict.effort_cost / two.verdict.effort_cost)
     return {"time_ratio": _quantile(times), "cost_ratio": _quantile(costs)}
-
-
-def unsolved(results: Results, ours: str, other: str = BSPLINE) -> list[int]:
-    """Indices of the problems that the other method solves and the planner doesn't."""
-    return [
-        i
-        for i, r in enumerate(results)
-        if ours in r and other in r and r[other].feasible and not r[ours].feasible
-    ]
 
 
 Column = tuple[str, str, str]
@@ -422,10 +407,6 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
         "the way;",
         "from demo: RMS difference from the held-out demonstration; ratios: medians of "
         f"{facts['ratios_of']} over the method.",
-        *(
-            f"{name}: of the problems that B-splines solve, {len(indices)} are not solved"
-            for name, indices in facts["solved_by_bspline_only"].items()
-        ),
     ]
 
 
@@ -461,7 +442,6 @@ def _compared(
     compared = {name: ratios(results, chosen, name) for name in names}
     facts = _facts(scene, methods, absent, results) | {
         "ratios_of": chosen,
-        "solved_by_bspline_only": {name: unsolved(results, name) for name in own},
     }
     drawn = "anywhere within the limits" if arguments.random_ends else "like the demonstrations"
     title = f"{_title(facts)}, {drawn}"

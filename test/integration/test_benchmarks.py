@@ -52,7 +52,7 @@ def test_components_are_compared_with_bsplines_and_peers():
             assert problem[name]["feasible"]
             for fact in ("effort_cost", "solve_time_s", "iterations"):
                 assert problem[name][fact] > 0
-    peers = {"promp", "dmp", "fddp", "box_fddp"}
+    peers = {"promp", "dmp", "fddp"}
     assert peers <= set(facts["absent"]) | set(facts["methods"])
     (table,) = facts["tables"].values()
     rows = {row[0]: dict(zip(table["header"], row, strict=True)) for row in table["rows"]}
