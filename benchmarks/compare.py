@@ -146,12 +146,11 @@ def compare(
     methods: Sequence[Method],
     problems: Sequence[Problem],
     *,
-    repeats: int = 1,
     n_slow: int = 0,
     srdf: Path | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[dict[str, PeerResult]]:
-    """Run methods on problems, in an order that alternates from repeat to repeat.
+    """Run methods on problems, in an order that alternates.
 
     Parameters
     ----------
@@ -161,8 +160,6 @@ def compare(
         The methods.
     problems : sequence of Problem
         The problems.
-    repeats : int
-        Number of times that each is solved.
     n_slow : int
         Number of problems for slow methods, evenly spread.
     srdf : Path, optional
@@ -183,22 +180,13 @@ def compare(
             scene.collision.set_world(World.from_file(problem.scene))
             surroundings = SceneReferee(arm, scene.urdf, problem.scene, srdf)
         chosen = [method for method in methods if not method.slow or i in for_slow]
-        found: dict[str, list[PeerResult]] = {method.name: [] for method in chosen}
-        for repeat in range(repeats):
-            for method in chosen if (i + repeat) % 2 == 0 else chosen[::-1]:
-                # A method that has taken 2 s on a problem is not repeated on it.
-                if sum(one.solve_time for one in found[method.name]) < 2.0:
-                    found[method.name].append(_solve(method, problem))
         judged: dict[str, PeerResult] = {}
-        for name, repeated in found.items():
-            motion = repeated[-1].trajectory
-            judged[name] = replace(
-                repeated[-1],
-                solve_time=float(np.median([one.solve_time for one in repeated])),
-                verdict=None
-                if motion is None
-                else judge(motion, problem, arm, scene.limits, surroundings),
-            )
+        for method in chosen if i % 2 == 0 else chosen[::-1]:
+            found = _solve(method, problem)
+            if found.trajectory is not None:
+                verdict = judge(found.trajectory, problem, arm, scene.limits, surroundings)
+                found = replace(found, verdict=verdict)
+            judged[method.name] = found
         results.append(judged)
         progress(i + 1, len(problems))
     return results
@@ -372,7 +360,6 @@ def main() -> int:
     peers = ", ".join([*PEERS, *SCENE_PEERS])
     parser.add_argument("--peers", default="all", help=f"all, none, or some of {peers}")
     parser.add_argument("--peer-problems", type=int, default=10, help="for slow peers")
-    parser.add_argument("--repeats", type=int, default=3, help="of each problem")
     parser.add_argument("--time-limit", type=float, help="[s]; 10, or 1 with --scenes")
     arguments = parser.parse_args()
     try:
@@ -394,11 +381,9 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
     draw = random_problems if arguments.random_ends else held_out_problems
     problems = draw(scene, arguments.problems, arguments.seed)
     methods, absent = set_up(scene, peers, arguments.time_limit or 10.0)
-    repeats, n_slow = arguments.repeats, arguments.peer_problems
+    n_slow = arguments.peer_problems
     with progress_bar("planning", "problem") as progress:
-        results = compare(
-            scene, methods, problems, repeats=repeats, n_slow=n_slow, progress=progress
-        )
+        results = compare(scene, methods, problems, n_slow=n_slow, progress=progress)
     facts = _compared(arguments, scene, methods, absent, results)
     return facts, [
         "Medians over the problems that a method calls solved; the worst violation, relative, on "

@@ -45,7 +45,7 @@ def facts_of(script: str, *options: str | Path) -> dict:
 
 
 def test_components_are_compared_with_bsplines_and_peers():
-    facts = facts_of("compare.py", "--problems", "3", "--peer-problems", "1", "--repeats", "1")
+    facts = facts_of("compare.py", "--problems", "3", "--peer-problems", "1")
     assert len(facts["problems"]) == 3
     for problem in facts["problems"]:
         for name in ("pca_arm_effort_only", "bspline"):
