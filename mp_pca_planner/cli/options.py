@@ -246,7 +246,8 @@ def add_bag_topic(parser: argparse.ArgumentParser) -> None:
     """Add the options on the messages of recordings."""
     parser.add_argument(
         "--topic",
-        help="JointState topic of the bags (default: the only one), or column of a LeRobot dataset",
+        help="JointState topic of the bags (default: the only one), or column of a LeRobot "
+        "dataset; several with commas between",
     )
     parser.add_argument(
         "--field", metavar="a.b", help="field of the topic's messages that is a JointState"

@@ -27,7 +27,7 @@ from ..plotting.motion import plan_figure
 from ..plotting.style import picture
 from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import moveit_factors_note
+from ..robot.limits import limits_file_note
 from ..robot.model import Robot
 from ..robot.world import World
 from .common import check_motion_file, check_output, show, write_motion
@@ -167,7 +167,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     planner = Planner(robot, primitives, limits, _options(arguments, robot), collision)
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
     frame = arguments.frame or robot.end_effector
-    return PlannedRequest(planner, plan, frame, moveit_factors_note(arguments.limits))
+    return PlannedRequest(planner, plan, frame, limits_file_note(arguments.limits))
 
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:

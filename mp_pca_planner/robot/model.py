@@ -229,6 +229,15 @@ class Robot:
             source=f"limits of the {self._source}",
         )
 
+    def position_ranges(self) -> dict[str, tuple[float, float]]:
+        """Least and largest position of each joint that the URDF states [rad or m], by name."""
+        stated = {name: self._description.limits[name] for name in self.joint_names}
+        ranges = {
+            name: (one.get("min_position", -np.inf), one.get("max_position", np.inf))
+            for name, one in stated.items()
+        }
+        return {name: (low, high) for name, (low, high) in ranges.items() if low < high}
+
     def with_joints(self, joint_names: Sequence[str]) -> Robot:
         """The robot with these joints moving; itself, if they are its own in this order.
 

@@ -408,6 +408,10 @@ def _copy_joint(joint: ET.Element, clean: ET.Element) -> None:
         raise RobotError("its <axis> has no direction, expected three numbers that are not all 0")
     if limit is None:
         raise RobotError("it has no <limit>, which must state 'effort' and 'velocity'")
+    # `Description` has these limits; Pinocchio would reject a negative one, of any joint.
+    copy.remove(limit)
+    unbounded = {"velocity": _UNBOUNDED, "effort": _UNBOUNDED}
+    ET.SubElement(copy, "limit", limit.attrib | unbounded)
 
 
 def _check_numbers(element: ET.Element) -> None:

@@ -26,7 +26,7 @@ from ..execution.serving.motion_server import GoalStatistics, MotionServer
 from ..execution.tracking.following import MotionFollower
 from ..execution.tracking.measured import MeasuredStates
 from ..execution.tracking.published_motion import PublishedMotion
-from ..robot.limits import moveit_factors_note
+from ..robot.limits import limits_file_note
 from ..robot.world import World
 from .controller import ControllerAction
 from .goal_messages import GoalTopics
@@ -263,7 +263,7 @@ class PlannerNode(GuardedNode):
                 f"some joints have no limit of {', '.join(unlimited)}: set them with 'limits_file' "
                 "before a real robot moves"
             )
-        if context is not None and (note := moveit_factors_note(context.settings.limits_file)):
+        if context is not None and (note := limits_file_note(context.settings.limits_file)):
             self.get_logger().info(to_text(note))
         if context is not None and not context.settings.collision:
             self.get_logger().info(

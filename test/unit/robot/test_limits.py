@@ -7,7 +7,7 @@ import pytest
 from support.arm import arm_robot
 
 from mp_pca_planner.exceptions import LimitsError
-from mp_pca_planner.robot.limits import JointLimits, given_limits, merge_limits
+from mp_pca_planner.robot.limits import JointLimits, given_limits, limits_file_note, merge_limits
 
 NAMES = ("a", "b")
 
@@ -58,6 +58,19 @@ def test_a_moveit_file_is_read_with_its_switches(tmp_path):
     assert limits.effort.tolist() == [40.5, np.inf]
     assert limits.lower.tolist() == [-np.inf, -np.inf]
     assert limits.unlimited == ("velocity", "acceleration", "jerk")
+
+
+def test_a_file_with_degrees_and_keys_of_pilz_is_read(tmp_path):
+    path = write(
+        tmp_path / "limits.yaml",
+        "joint_limits:\n  1: {max_velocity: !degrees 90, max_acceleration: 4.0,\n"
+        "      has_deceleration_limits: true, max_deceleration: -3.0, k_position: 20}\n"
+        "  b: {max_position: !radians 1.5, has_acceleration_limits: false}\n",
+    )
+    found = given_limits(path, ("1", "b"))
+    assert found["1"] == {"max_velocity": pytest.approx(np.pi / 2), "max_acceleration": 3.0}
+    assert found["b"] == {"max_position": 1.5, "max_acceleration": np.inf}
+    assert "'k_position' are ignored" in limits_file_note(path)
 
 
 @pytest.mark.parametrize(
