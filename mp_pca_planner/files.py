@@ -142,7 +142,8 @@ def read_bytes(path: str | Path, max_bytes: int = INPUT_LIMITS.text_bytes) -> by
         If it is no regular file, or larger.
     """
     with open_regular(path) as file:
-        content = file.read(max_bytes + 1)
+        # The size of the file, because a read allocates what it may return.
+        content = file.read(min(os.fstat(file.fileno()).st_size, max_bytes) + 1)
     if len(content) > max_bytes:
         raise ValueError(f"it is larger than {max_bytes:,} bytes, the largest size accepted")
     return content

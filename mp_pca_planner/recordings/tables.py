@@ -503,6 +503,8 @@ def _joint_states(
     positions: FloatArray,
     notes: tuple[str, ...] = (),
 ) -> RawJointStates:
+    what = "columns of the table"
+    names = unique_names(names_of_positions(columns), what, RecordingError)
     if not times.size:
         raise RecordingError(f"'{topic}' holds no samples")
     if not np.isfinite(times).all():
@@ -513,8 +515,6 @@ def _joint_states(
         raise RecordingError(
             f"the times of '{topic}' span more than {INPUT_LIMITS.segment_time:g} s"
         )
-    what = "columns of the table"
-    names = unique_names(names_of_positions(columns), what, RecordingError)
     # A stamp of 0 would mean that it is not set.
     stamps = np.rint((times - times.min()) * NS_PER_S).astype(np.int64) + NS_PER_S
     layout = JointLayout(names, np.arange(len(times), dtype=np.int64), positions)

@@ -409,9 +409,10 @@ def _copy_joint(joint: ET.Element, clean: ET.Element) -> None:
     if limit is None:
         raise RobotError("it has no <limit>, which must state 'effort' and 'velocity'")
     # `Description` has these limits; Pinocchio would reject a negative one, of any joint.
-    copy.remove(limit)
-    unbounded = {"velocity": _UNBOUNDED, "effort": _UNBOUNDED}
-    ET.SubElement(copy, "limit", limit.attrib | unbounded)
+    negative = {x: _UNBOUNDED for x in ("velocity", "effort") if float(limit.attrib[x]) < 0.0}
+    if negative:
+        copy.remove(limit)
+        ET.SubElement(copy, "limit", limit.attrib | negative)
 
 
 def _check_numbers(element: ET.Element) -> None:

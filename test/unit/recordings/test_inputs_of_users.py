@@ -124,7 +124,7 @@ def test_motions_that_differ_by_full_turns_are_on_the_same_turn(tmp_path: Path) 
         ("a", "revolute", USUAL),
         ("b", "continuous", 'effort="20" velocity="3"'),
     )
-    one_turn = [q + np.array([0.0, np.pi - 0.1]) for q in reaches(8, joints=2)]
+    one_turn = [q + np.array([0.0, np.pi - 0.1]) for q in reaches(14, joints=2)]
     reported = [
         np.column_stack([q[:, 0], (q[:, 1] + np.pi) % (2 * np.pi) - np.pi]) for q in one_turn
     ]
@@ -156,7 +156,7 @@ def test_angles_come_within_one_turn_and_most_stay(angles: list[float]) -> None:
 def test_a_clock_that_was_set_forward_cuts_there_alone(tmp_path: Path, years: int) -> None:
     q = rested(reaches())
     times = stamps(len(q))
-    times[: len(q) // 2 + 20] -= years * 365 * 86_400 * 10**9  # within the fourth motion
+    times[: len(q) // 2 + 60] -= years * 365 * 86_400 * 10**9  # within the fourth motion
     write_joint_states(tmp_path / "set.mcap", "mcap", NAMES, times, q)
     found = mp.load_demonstrations(tmp_path / "set.mcap")
     assert found.repairs["clock_jumps"] == 1 and len(found) == 5
@@ -236,7 +236,7 @@ def test_joints_are_renamed_in_bags_and_tables(tmp_path: Path) -> None:
     for path in (tmp_path / "set.mcap", table):
         found = mp.load_demonstrations(path, rename={"left_*": "*"}, joints=NAMES[::-1])
         assert found[0].joint_names == NAMES[::-1]
-    with pytest.raises(RecordingError, match="renamed joints"):
+    with pytest.raises(RecordingError, match="'x'"):
         mp.load_demonstrations(table, rename={"left_*": "x"})
 
 
