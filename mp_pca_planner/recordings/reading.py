@@ -235,17 +235,35 @@ def in_si_units(
     if options.degrees:
         left = {name for name in options.prismatic if name in raw.listed_joints}
         if are_normalised:
-            left |= {name for name in raw.listed_joints if "gripper" in name.lower()}
+            grippers = {name for name in raw.listed_joints if "gripper" in name.lower()}
+            left |= grippers
             notes += _normalised_note(raw, left.union(factors))
         left -= factors.keys()
         if left:
             notes += (f"not converted from degrees: {quote_names(sorted(left))}",)
+        if are_normalised and (options.joints is None or options.moving_only):
+            raw = _without(raw, grippers & left)
         angles = (x for x in raw.listed_joints if x not in left and x not in factors)
         factors |= dict.fromkeys(angles, np.pi / 180.0)
     if not factors:
         return raw
     layouts = tuple(_scaled(layout, factors) for layout in raw.layouts)
-    return replace(raw, layouts=layouts, notes=notes)
+    return replace(raw, layouts=layouts, notes=tuple(dict.fromkeys((*notes, *raw.notes))))
+
+
+def _without(raw: RawJointStates, joints: Collection[str]) -> RawJointStates:
+    """The states of a table without some joints, and a note on them."""
+    (layout,) = raw.layouts
+    kept = [i for i, name in enumerate(layout.joint_names) if name not in joints]
+    if not joints or not kept:
+        return raw
+    note = (
+        f"left out, as LeRobot states grippers in per cent: {quote_names(sorted(joints))}; "
+        "--scale or --joints takes them"
+    )
+    names = tuple(layout.joint_names[i] for i in kept)
+    layout = replace(layout, joint_names=names, positions=layout.positions[:, kept])
+    return replace(raw, layouts=(layout,), notes=(*raw.notes, note))
 
 
 def _normalised_note(raw: RawJointStates, others: Collection[str]) -> tuple[str, ...]:

@@ -312,8 +312,11 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
         found = mp.load_demonstrations(folder, scale=scale)
         for one, q in zip(found, reaches(), strict=True):
             np.testing.assert_allclose(one.positions[-1], q[-1], atol=0.02)
-    note = mp.load_demonstrations(folder, degrees=True, joints=["a", "b"]).report
-    assert "from -100 to 100" in note and "--scale" in note
+    with pytest.raises(RecordingError, match="from -100 to 100, with --scale"):
+        mp.load_demonstrations(folder)
+    found = mp.load_demonstrations(folder, degrees=True)
+    assert found[0].joint_names == ("a", "b") and "LeRobot states grippers" in found.report
+    assert "values are from -100 to 100" in found.report
     with pytest.raises(RecordingError, match="no joint is called 'd'"):
         mp.load_demonstrations(folder, scale={"d": 2.0})
     with pytest.raises(RecordingError, match="'a' must be a number that is not 0"):
