@@ -112,7 +112,10 @@ class Bag:
             counts[found.topic, found.msgtype] += found.msgcount
         damaged = [file.damage for file in self._files if isinstance(file, ScannedFile)]
         if any(damaged) and not counts:
-            raise RecordingError(f"'{path}' can't be read: {damaged[0]}")
+            hint = ""
+            if path.suffix == ".active":
+                hint = f"; its recorder did not finish it: run rosbag reindex {path.name}"
+            raise RecordingError(f"'{path}' can't be read: {damaged[0]}{hint}")
         self.topics = tuple(Topic(*channel, count) for channel, count in sorted(counts.items()))
 
     def messages(self, topics: Collection[Topic]) -> Iterator[Stored]:

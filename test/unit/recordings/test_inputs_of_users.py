@@ -338,7 +338,7 @@ def test_packed_bags_of_a_folder_are_read_and_others_named(tmp_path: Path) -> No
     with pytest.warns(UserWarning, match="1 of 3 recordings"):
         found = mp.load_demonstrations(tmp_path)
     assert len(found.reports) == 2 and len(found) == 12
-    assert "wednesday" in found.refused[0].recording
+    assert "run rosbag reindex wednesday.bag.active" in found.refused[0].reason
     assert "files left out, as they are not recordings" in found.report
     assert "notes.txt" in found.report
 
