@@ -16,6 +16,7 @@ import numpy as np
 from ..arrays import FloatArray, check_number, is_number, set_frozen, text_table, unique_names
 from ..exceptions import LimitsError, quote_names, shown, unknown_name
 from ..files import load_yaml, read_text, reading
+from ..renaming import Rename, new_name
 
 _KEYS = {
     "lower": "min_position",
@@ -160,7 +161,7 @@ def limits_file_note(path: str | Path | None) -> str:
 
 
 def given_limits(
-    given: Overrides | str | Path, joint_names: Sequence[str]
+    given: Overrides | str | Path, joint_names: Sequence[str], rename: Rename | None = None
 ) -> dict[str, dict[str, float]]:
     """Limits of a mapping, or of a file in the form of MoveIt's joint_limits.yaml.
 
@@ -174,6 +175,8 @@ def given_limits(
         unknown keys are ignored, see :func:`limits_file_note`.
     joint_names :
         Joints of the robot; an entry for another joint is rejected.
+    rename :
+        New names of the joints in `given`, see :data:`.renaming.Rename`.
 
     Returns
     -------
@@ -197,9 +200,14 @@ def given_limits(
     if not isinstance(limits, Mapping):
         needed = "'joint_limits' " if where != "limits" else ""
         raise LimitsError(f"{where} must hold a mapping {needed}from joint names to limits")
+    if rename:
+        limits = {new_name(str(name), rename): entry for name, entry in limits.items()}
     for name in limits:
         if name not in joint_names:
-            raise LimitsError(f"{where}: {unknown_name('joint', name, joint_names)}")
+            unknown = unknown_name("joint", name, joint_names)
+            raise LimitsError(
+                f"{where}: {unknown}; --rename OLD=NEW (rename=) gives it another name"
+            )
     with reading(where, LimitsError):  # of a number that no float can hold
         return {
             name: _read_entry(name, entry, where, is_file=is_file) for name, entry in limits.items()
@@ -249,10 +257,13 @@ def _read_entry(name: str, entry: Any, where: str, *, is_file: bool = False) -> 
 def _of_moveit(entry: Mapping[str, Any]) -> dict[str, Any]:
     """An entry whose deceleration, which is negative, bounds its acceleration."""
     has, most = (entry.get(key) for key in _DECELERATION)
+    is_off = entry.get("has_acceleration_limits") is False
+    own = np.inf if is_off else entry.get("max_acceleration", np.inf)
     kept = {key: value for key, value in entry.items() if key not in _DECELERATION}
-    if has is not False and most is not None and is_number(most):
-        own = kept.get("max_acceleration", np.inf)
-        switched_on = kept.get("has_acceleration_limits", True) and is_number(own)
-        kept["max_acceleration"] = min(abs(float(most)), float(own) if switched_on else np.inf)
-        kept.pop("has_acceleration_limits", None)
-    return kept
+    if has is False or most is None or not isinstance(own, int | float):
+        return kept
+    if not is_number(most):
+        raise ValueError(f"max_deceleration is {shown(most, 40)}, not a number")
+    if is_off:
+        del kept["has_acceleration_limits"]
+    return kept | {"max_acceleration": min(float(own), abs(float(most)))}

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray, check_number, frozen_array, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
+from ..renaming import Rename
 from .bodies import Bodies
 from .joints import (
     JointOrder,
@@ -214,15 +215,24 @@ class Robot:
         """
         return self._locked.relevant(pairs=pairs, links=links)
 
-    def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
+    def limits(
+        self, *overrides: Overrides | str | Path, rename: Rename | None = None
+    ) -> JointLimits:
         """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.
+
+        Parameters
+        ----------
+        overrides : mapping or path
+            Limits by joint and key, or files like MoveIt's joint_limits.yaml.
+        rename : mapping of str to str, optional
+            New names of the joints in them, with ``*`` for any text: ``{"left_*": "*"}``.
 
         Raises
         ------
         LimitsError
             If an override can't be used, or a limit is invalid, such as a velocity limit of 0.
         """
-        layers = (given_limits(one, self.movable_joints) for one in overrides)
+        layers = (given_limits(one, self.movable_joints, rename) for one in overrides)
         return JointLimits(
             self.joint_names,
             merge_limits(self._description.limits, *layers),

@@ -103,6 +103,17 @@ def test_a_faulty_file_is_refused_with_its_name_and_the_reason(tmp_path, text, m
         given_limits(path, NAMES)
 
 
+def test_joints_of_limits_are_renamed(tmp_path):
+    path = write(tmp_path / "limits.yaml", "joint_limits: {left_elbow_joint: {max_velocity: 1.5}}")
+    robot = arm_robot()
+    rename = {"left_*_joint": "*"}
+    assert robot.limits(path, rename=rename).velocity[-1] == 1.5
+    with pytest.raises(
+        LimitsError, match="no joint is called 'left_elbow_joint'.*--rename OLD=NEW"
+    ):
+        robot.limits(path)
+
+
 def test_limits_of_a_robot_come_from_a_mapping_or_a_file(tmp_path):
     path = tmp_path / "joint_limits.yaml"
     path.write_text("joint_limits: {elbow: {max_velocity: 1.5, has_jerk_limits: false}}")
