@@ -14,13 +14,11 @@ import argparse
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from methods import (
-    BSPLINE,
     Method,
     PeerResult,
     dmp_method,
@@ -69,8 +67,7 @@ OWN, REFERENCE = "pca", "ompl_toppra"
 PEERS: dict[str, Peer] = {
     "promp": promp_method,
     "dmp": dmp_method,
-    "fddp": partial(crocoddyl_method, box=False),
-    "box_fddp": partial(crocoddyl_method, box=True),
+    "fddp": crocoddyl_method,
 }
 """Methods to compare the planner with."""
 SCENE_PEERS: dict[str, Peer] = {REFERENCE: ompl_method}
@@ -149,12 +146,11 @@ def compare(
     methods: Sequence[Method],
     problems: Sequence[Problem],
     *,
-    repeats: int = 1,
     n_slow: int = 0,
     srdf: Path | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[dict[str, PeerResult]]:
-    """Run methods on problems, in an order that alternates from repeat to repeat.
+    """Run methods on problems, in an order that alternates.
 
     Parameters
     ----------
@@ -164,8 +160,6 @@ def compare(
         The methods.
     problems : sequence of Problem
         The problems.
-    repeats : int
-        Number of times that each is solved.
     n_slow : int
         Number of problems for slow methods, evenly spread.
     srdf : Path, optional
@@ -186,22 +180,13 @@ def compare(
             scene.collision.set_world(World.from_file(problem.scene))
             surroundings = SceneReferee(arm, scene.urdf, problem.scene, srdf)
         chosen = [method for method in methods if not method.slow or i in for_slow]
-        found: dict[str, list[PeerResult]] = {method.name: [] for method in chosen}
-        for repeat in range(repeats):
-            for method in chosen if (i + repeat) % 2 == 0 else chosen[::-1]:
-                # A method that has taken 2 s on a problem is not repeated on it.
-                if sum(one.solve_time for one in found[method.name]) < 2.0:
-                    found[method.name].append(_solve(method, problem))
         judged: dict[str, PeerResult] = {}
-        for name, repeated in found.items():
-            motion = repeated[-1].trajectory
-            judged[name] = replace(
-                repeated[-1],
-                solve_time=float(np.median([one.solve_time for one in repeated])),
-                verdict=None
-                if motion is None
-                else judge(motion, problem, arm, scene.limits, surroundings),
-            )
+        for method in chosen if i % 2 == 0 else chosen[::-1]:
+            found = _solve(method, problem)
+            if found.trajectory is not None:
+                verdict = judge(found.trajectory, problem, arm, scene.limits, surroundings)
+                found = replace(found, verdict=verdict)
+            judged[method.name] = found
         results.append(judged)
         progress(i + 1, len(problems))
     return results
@@ -246,8 +231,7 @@ def _quantile(values: Sequence[float], share: float = 0.5) -> float | None:
 def summarise_scenes(problems: Sequence[Problem], results: Results) -> dict[str, dict[str, Any]]:
     """By folder and method: shares of solved problems, and medians over those.
 
-    The ratios of effort and jerk are those of the planner to a method on problems that both solve;
-    the ratios to the reference are those of a method to it.
+    "Jerk lower" and the ratios to the reference are of problems that both methods solve.
     """
     groups: dict[str, list[Mapping[str, PeerResult]]] = {}
     for problem, found in zip(problems, results, strict=True):
@@ -273,10 +257,8 @@ def _summary_in_scenes(results: Results, name: str) -> dict[str, Any]:
         "time_of_all_s": _quantile([one["solve_time_s"] for one in facts]),
         **{fact: _quantile([x[fact] for x in solved]) for fact in _FACTS},
     }
-    for fact in ("effort_cost", "rms_jerk"):
-        ratios = _ratios_in_scenes(results, OWN, name, fact)
-        found[f"{fact}_ratio"] = _quantile(ratios)
-        found[f"{fact}_lower_share"] = _share([ratio < 1.0 for ratio in ratios])
+    jerks = _ratios_in_scenes(results, OWN, name, "rms_jerk")
+    found["rms_jerk_lower_share"] = _share([ratio < 1.0 for ratio in jerks])
     for fact in ("effort_cost", "duration"):
         ratios = _ratios_in_scenes(results, name, REFERENCE, fact)
         found[f"{fact}_over_{REFERENCE}"] = _quantile(ratios)
@@ -314,15 +296,6 @@ def ratios(results: Results, ours: str, other: str) -> dict[str, float | None]:
             times.append(one.solve_time / two.solve_time)
             costs.append(one.verdict.effort_cost / two.verdict.effort_cost)
     return {"time_ratio": _quantile(times), "cost_ratio": _quantile(costs)}
-
-
-def unsolved(results: Results, ours: str, other: str = BSPLINE) -> list[int]:
-    """Indices of the problems that the other method solves and the planner doesn't."""
-    return [
-        i
-        for i, r in enumerate(results)
-        if ours in r and other in r and r[other].feasible and not r[ours].feasible
-    ]
 
 
 Column = tuple[str, str, str]
@@ -387,7 +360,6 @@ def main() -> int:
     peers = ", ".join([*PEERS, *SCENE_PEERS])
     parser.add_argument("--peers", default="all", help=f"all, none, or some of {peers}")
     parser.add_argument("--peer-problems", type=int, default=10, help="for slow peers")
-    parser.add_argument("--repeats", type=int, default=3, help="of each problem")
     parser.add_argument("--time-limit", type=float, help="[s]; 10, or 1 with --scenes")
     arguments = parser.parse_args()
     try:
@@ -409,11 +381,9 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
     draw = random_problems if arguments.random_ends else held_out_problems
     problems = draw(scene, arguments.problems, arguments.seed)
     methods, absent = set_up(scene, peers, arguments.time_limit or 10.0)
-    repeats, n_slow = arguments.repeats, arguments.peer_problems
+    n_slow = arguments.peer_problems
     with progress_bar("planning", "problem") as progress:
-        results = compare(
-            scene, methods, problems, repeats=repeats, n_slow=n_slow, progress=progress
-        )
+        results = compare(scene, methods, problems, n_slow=n_slow, progress=progress)
     facts = _compared(arguments, scene, methods, absent, results)
     return facts, [
         "Medians over the problems that a method calls solved; the worst violation, relative, on "
@@ -422,10 +392,6 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
         "the way;",
         "from demo: RMS difference from the held-out demonstration; ratios: medians of "
         f"{facts['ratios_of']} over the method.",
-        *(
-            f"{name}: of the problems that B-splines solve, {len(indices)} are not solved"
-            for name, indices in facts["solved_by_bspline_only"].items()
-        ),
     ]
 
 
@@ -461,7 +427,6 @@ def _compared(
     compared = {name: ratios(results, chosen, name) for name in names}
     facts = _facts(scene, methods, absent, results) | {
         "ratios_of": chosen,
-        "solved_by_bspline_only": {name: unsolved(results, name) for name in own},
     }
     drawn = "anywhere within the limits" if arguments.random_ends else "like the demonstrations"
     title = f"{_title(facts)}, {drawn}"

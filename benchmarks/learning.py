@@ -14,7 +14,6 @@ goals near refined motions, planned with the old primitive and with the new one.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Callable
 
 import numpy as np
@@ -96,7 +95,7 @@ def learn_by_trials(
     found: dict[str, list[float]] = {}
     known = refine([plan.motion], planner.robot, planner.limits).trajectory
     for seed in range(n_seeds):
-        robot = perturbed_robot(seed)
+        robot = perturbed_robot(planner.robot, seed)
         optimum = refine([plan.motion], robot, planner.limits).effort
 
         def effort(trajectory: Trajectory, robot: Robot = robot) -> float:
@@ -125,18 +124,11 @@ def learn_by_trials(
     return found
 
 
-def perturbed_robot(seed: int) -> Robot:
-    """The arm with other masses and inertias than its model says."""
-    rng = np.random.default_rng(seed)
-    root = ET.parse(config_file("human_arm.urdf")).getroot()
-    for inertial in root.iter("inertial"):
-        factor = 1.0 + MODEL_ERROR * rng.uniform(-1.0, 1.0)
-        numbers = [(inertial.find("mass"), "value")]
-        tensor = inertial.find("inertia")
-        numbers += [(tensor, key) for key in tensor.attrib]
-        for element, key in numbers:
-            element.set(key, repr(factor * float(element.get(key))))
-    return Robot(ET.tostring(root, encoding="unicode"), JOINT_NAMES)
+def perturbed_robot(robot: Robot, seed: int) -> Robot:
+    """The arm with other masses and moments of inertia than its model says."""
+    n_links = len(robot.link_inertias.links)
+    factors = 1.0 + MODEL_ERROR * np.random.default_rng(seed).uniform(-1.0, 1.0, (n_links, 1))
+    return robot.with_link_inertias(np.repeat(factors, 4, axis=1))
 
 
 def plan_around(planner: Planner, plans: list[Plan]) -> list[float]:

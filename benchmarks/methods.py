@@ -34,8 +34,6 @@ BSPLINE = "bspline"
 class PeerResult:
     """Result of a method for one problem.
 
-    Repeated solutions make one result, with the median time of all and the rest of the last one.
-
     Attributes
     ----------
     trajectory : Trajectory or None

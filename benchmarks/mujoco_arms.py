@@ -7,8 +7,8 @@
         [--models FOLDER] [--json]
 
 The models come from the package mujoco-menagerie, which downloads them, or from a clone of it
-(--models). Links, joints, inertias, rotors, friction and effort limits are Menagerie's; the planner
-gets them as a URDF. MuJoCo moves the arms, two steps each millisecond, by two kinds of drives:
+(--models). Links, joints, inertias, rotors, damping, friction and effort limits are Menagerie's;
+the planner has them all. MuJoCo moves the arms, two steps each millisecond, by two kinds of drives:
 
 pd: the position servos of the model, with the planned velocities, too, and MuJoCo's own bias forces
     (gravity, Coriolis) added.
@@ -145,8 +145,11 @@ def planned_motions(
 ) -> list[dict[str, tuple[Trajectory, float]]]:
     """For each goal the motions by their names, and the efforts that are stated for them."""
     robot = Robot(urdf_of(model))
-    robot = robot.with_armature(model.dof_armature[dofs_of(model, robot.joint_names)])
     names = robot.joint_names
+    rotors = model.dof_armature[dofs_of(model, names)]
+    robot = robot.with_drives(
+        {name: {"armature": float(x)} for name, x in zip(names, rotors, strict=True)}
+    )
     limits = robot.limits(
         {name: {"max_acceleration": ACCELERATION, "max_jerk": JERK} for name in names}
     )

@@ -30,20 +30,20 @@ _CONVERGENCE = 0.01
 _MAX_ITERATIONS = 200
 
 
-def crocoddyl_method(scene: Scene, max_time: float, *, box: bool) -> Method:
-    """One of Crocoddyl's solvers, run until it is within 1 % of its own converged cost.
+def crocoddyl_method(scene: Scene, max_time: float) -> Method:
+    """Crocoddyl's FDDP, run until it is within 1 % of its own converged cost.
 
     The states at every step are the unknowns: semi-implicit Euler integration, J = ½∫‖τ‖²dt as the
     running cost, the goal as a terminal cost, limits of positions and velocities as quadratic
-    barriers. BoxFDDP has the efforts as controls, with hard limits; FDDP has the accelerations,
-    which improves its convergence, and a barrier for the limits of the efforts.
+    barriers. The controls are the accelerations, which converges better than efforts as controls;
+    the limits of the efforts are a barrier, too.
 
     A run to convergence without a clock finds the number of iterations after which the cost stays
     within 1 % of the last one; the timed runs do as many. Threads may slow each other down.
     Therefore the faster of two runs counts: one with the solver's default number of threads, and
     one with a single thread.
     """
-    shooting = _Shooting(scene, box)
+    shooting = _Shooting(scene)
     iterations: dict[Problem, int] = {}
 
     def solve(problem: Problem) -> PeerResult:
@@ -63,12 +63,11 @@ def crocoddyl_method(scene: Scene, max_time: float, *, box: bool) -> Method:
         motion = shooting.trajectory(solver.xs, problem)
         return PeerResult(motion, min(took), iterations[problem])
 
-    kind = "BoxFDDP, efforts limited" if box else "FDDP, efforts by a barrier"
     about = (
-        f"Crocoddyl's {kind}, steps of {1e3 * _STEP:g} ms, until within "
+        f"Crocoddyl's FDDP, efforts by a barrier, steps of {1e3 * _STEP:g} ms, until within "
         f"{_CONVERGENCE:.0%} of its own converged cost"
     )
-    return Method("box_fddp" if box else "fddp", about, solve, slow=True)
+    return Method("fddp", about, solve, slow=True)
 
 
 def _iterations_needed(shooting: _Shooting, problem: Problem, max_time: float) -> int:
@@ -97,9 +96,9 @@ def _iterations_needed(shooting: _Shooting, problem: Problem, max_time: float) -
 class _Shooting:
     """Problems of one scene as Crocoddyl's shooting problems."""
 
-    def __init__(self, scene: Scene, box: bool) -> None:
-        self.crocoddyl = require("crocoddyl", "peers", "the peers 'fddp' and 'box_fddp'")
-        self._box, self._limits = box, scene.limits
+    def __init__(self, scene: Scene) -> None:
+        self.crocoddyl = require("crocoddyl", "peers", "the peer 'fddp'")
+        self._limits = scene.limits
         self._joints = scene.robot.joint_names
         self._arm = RigidArm(scene.urdf, self._joints)
         self._state = self.crocoddyl.StateMultibody(self._arm.model)
@@ -112,7 +111,7 @@ class _Shooting:
         q, v, a = minimum_jerk(problem, np.linspace(0.0, 1.0, n_steps + 1))
         guess = [np.r_[arm.configuration(x), arm.velocity(y)] for x, y in zip(q, v, strict=True)]
         tau = [arm.velocity(x) for x in arm.efforts(q, v, a)[:-1]]
-        controls = tau if self._box else [arm.velocity(x) for x in a[:-1]]
+        controls = [arm.velocity(x) for x in a[:-1]]
         unit = 0.5 * float(np.mean(np.sum(np.square(tau), axis=1)))
         running = self._action(self._running_costs(unit), problem.duration / n_steps)
         ending = crocoddyl.CostModelSum(self._state)
@@ -122,20 +121,13 @@ class _Shooting:
         ending.addCost("goal", goal, _GOAL_WEIGHT * unit)
         final = self._action(ending, 0.0)
         shooting = crocoddyl.ShootingProblem(guess[0], [running] * n_steps, final)
-        kind = crocoddyl.SolverBoxFDDP if self._box else crocoddyl.SolverFDDP
-        return kind(shooting), guess, controls
+        return crocoddyl.SolverFDDP(shooting), guess, controls
 
     def _running_costs(self, unit: float) -> Any:
         """J, and barriers for the limits."""
         crocoddyl, state, arm, limits = self.crocoddyl, self._state, self._arm, self._limits
-        # The controls of BoxFDDP are the efforts; the efforts of FDDP follow from its
-        # accelerations.
-        effort = (
-            crocoddyl.ResidualModelControl(state, state.nv)
-            if self._box
-            else crocoddyl.ResidualModelJointEffort(
-                state, self._actuation, np.zeros(state.nv), state.nv
-            )
+        effort = crocoddyl.ResidualModelJointEffort(
+            state, self._actuation, np.zeros(state.nv), state.nv
         )
         costs = crocoddyl.CostModelSum(state)
         costs.addCost("effort", crocoddyl.CostModelResidual(state, effort), 1.0)
@@ -144,9 +136,8 @@ class _Shooting:
         of_states = crocoddyl.ResidualModelState(state, state.zero())
         weight = _BARRIER_WEIGHT
         costs.addCost("states", self._barrier(of_states, lower, upper), weight * unit)
-        if not self._box:
-            bound = arm.velocity(limits.effort)
-            costs.addCost("efforts", self._barrier(effort, -bound, bound), weight)
+        bound = arm.velocity(limits.effort)
+        costs.addCost("efforts", self._barrier(effort, -bound, bound), weight)
         return costs
 
     def _barrier(self, residual: Any, lower: FloatArray, upper: FloatArray) -> Any:
@@ -159,16 +150,8 @@ class _Shooting:
         """One step of the dynamics with its costs."""
         crocoddyl = self.crocoddyl
         parts = self._state, self._actuation, costs
-        if not self._box:
-            dynamics = crocoddyl.DifferentialActionModelFreeInvDynamics(*parts)
-            return crocoddyl.IntegratedActionModelEuler(dynamics, step)
-        dynamics = crocoddyl.DifferentialActionModelFreeFwdDynamics(*parts)
-        # With Pinocchio 4, Crocoddyl 3.2.1 omits gravity in its alternative computation by `aba`.
-        dynamics.armature = np.zeros(self._state.nv)
-        action = crocoddyl.IntegratedActionModelEuler(dynamics, step)
-        bound = self._arm.velocity(self._limits.effort)
-        action.u_lb, action.u_ub = -bound, bound
-        return action
+        dynamics = crocoddyl.DifferentialActionModelFreeInvDynamics(*parts)
+        return crocoddyl.IntegratedActionModelEuler(dynamics, step)
 
     def trajectory(self, states: Any, problem: Problem) -> Trajectory:
         """Positions and their finite differences, which avoid the error of an Euler step."""

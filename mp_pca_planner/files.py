@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 import stat
 import tempfile
@@ -141,7 +142,8 @@ def read_bytes(path: str | Path, max_bytes: int = INPUT_LIMITS.text_bytes) -> by
         If it is no regular file, or larger.
     """
     with open_regular(path) as file:
-        content = file.read(max_bytes + 1)
+        # The size of the file, because a read allocates what it may return.
+        content = file.read(min(os.fstat(file.fileno()).st_size, max_bytes) + 1)
     if len(content) > max_bytes:
         raise ValueError(f"it is larger than {max_bytes:,} bytes, the largest size accepted")
     return content
@@ -194,6 +196,15 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
         first: [pair for pair in pairs if pair[0] != "tag:yaml.org,2002:timestamp"]
         for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }
+
+
+def _angle(factor: float) -> Callable[[Any, yaml.Node], float]:
+    """A constructor of YAML for a number with a unit, as files for rosparam and xacro have it."""
+    return lambda loader, node: factor * float(loader.construct_scalar(node))
+
+
+_Loader.add_constructor("!degrees", _angle(math.pi / 180.0))
+_Loader.add_constructor("!radians", _angle(1.0))
 
 
 def _reason(error: BaseException) -> str:

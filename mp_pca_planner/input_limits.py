@@ -23,6 +23,10 @@ class InputLimits:
         Definition of messages in a bag; large definitions of ROS have a third of that.
     unpacked_bytes : int
         Content of a CSV file.
+    columns : int
+        Of a table.
+    small_table_values : int
+        Numbers that a small Parquet file may unpack to; larger files in proportion to their size.
     joints : int
         Joints of a recording.
     position : float
@@ -72,6 +76,8 @@ class InputLimits:
     yaml_value_bytes: int = 1 << 16
     definition_characters: int = 1 << 17
     unpacked_bytes: int = 256 << 20
+    columns: int = 10_000
+    small_table_values: int = 10_000_000
     joints: int = 500
     position: float = 1e6
     state_rate: float = 5000.0

@@ -34,7 +34,7 @@ READ_FIRST = [
 ]
 
 LAYERS = [
-    {"exceptions", "arrays", "files", "input_limits"},
+    {"exceptions", "arrays", "files", "input_limits", "renaming"},
     {"robot"},
     {"motion"},
     {"recordings", "mocap", "primitives"},

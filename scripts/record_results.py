@@ -32,10 +32,8 @@ COMMANDS = {
     "scenes": "python3 benchmarks/compare.py --scenes problems --problems 100",
     "poses": "python3 benchmarks/planning.py poses",
     "sequences": "python3 benchmarks/planning.py sequences",
-    "benchmark_human_arm": "python3 benchmarks/compare.py --problems 200 --repeats 1 "
-    "--peer-problems 10",
-    "benchmark_panda": "python3 benchmarks/compare.py --robot panda --problems 200 "
-    "--repeats 1 --peer-problems 10",
+    "benchmark_human_arm": "python3 benchmarks/compare.py --problems 200",
+    "benchmark_panda": "python3 benchmarks/compare.py --robot panda --problems 200",
     "naturalness": "python3 benchmarks/prediction.py joint_states --segments motions.csv "
     "--by-label --robot config/human_arm.urdf --tip wrist",
     "case_study": "python3 benchmarks/paper_case_study.py --recordings markers "

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import read_values
 from ..exceptions import PrimitiveError, RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
@@ -24,9 +25,11 @@ from ..primitives.primitive import COUPLINGS, MovementPrimitive
 from ..primitives.timing import ALIGNMENTS
 from ..recordings.cutting import segments_table
 from ..recordings.demonstration import Demonstration
-from ..recordings.load import load_recordings, position_limits
+from ..recordings.load import facts_of_robot, load_recordings
+from ..recordings.reading import scale_of_calibration
 from ..recordings.recording_set import RecordingSet
-from ..recordings.segmentation import SegmentationOptions
+from ..recordings.segmentation import CUTS, SegmentationOptions
+from ..renaming import read_rename
 from ..robot.model import Robot
 from .common import check_output, make_folder, print_json, progress_bar, show
 from .options import add_bag_topic, add_report, name_list, seconds, whole
@@ -91,6 +94,20 @@ def _add_input(parser: argparse.ArgumentParser) -> None:
         help="recorded positions are in degrees, not in radians",
     )
     parser.add_argument(
+        "--rename",
+        metavar="OLD=NEW",
+        action="append",
+        default=[],
+        help="new name of recorded joints, * for any text (left_*=* strips a prefix)",
+    )
+    parser.add_argument(
+        "--scale",
+        metavar="JOINT=FACTOR",
+        action="append",
+        default=[],
+        help="factor from recorded values to rad or m; or LeRobot's calibration FILE.json",
+    )
+    parser.add_argument(
         "--markers", metavar="TOPIC", help="topic of markers to compute joint angles from"
     )
     parser.add_argument(
@@ -124,6 +141,11 @@ def _add_input(parser: argparse.ArgumentParser) -> None:
         choices=["auto", "none"],
         default="auto",
         help="cut recordings at rests (auto), or don't cut them",
+    )
+    cutting.add_argument(
+        "--cut",
+        choices=CUTS,
+        help="cut at rests alone, or at valleys of the speed, too (default: valleys)",
     )
     cutting.add_argument(
         "--min-rest",
@@ -242,6 +264,8 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             topic=arguments.topic,
             joints=arguments.joints if robot is None else robot.joint_names,
             degrees=arguments.degrees,
+            rename=read_rename(arguments.rename),
+            scale=_scale(arguments.scale),
             moving_only=robot is not None and not arguments.joints,
             segment=arguments.segment,
             segments_csv=arguments.segments,
@@ -254,9 +278,9 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             markers=_marker_source(arguments),
             state_field=arguments.field,
             max_gap=arguments.max_gap,
-            position_limits=position_limits(robot),
             salvage=arguments.recover,
             progress=progress,
+            **facts_of_robot(robot),
         )
 
 
@@ -332,6 +356,8 @@ def _print(
     else:
         for each in facts:
             show(arguments, each, hidden=_HIDDEN)
+    for note in recordings.notes:
+        complain(note)
     for refusal in recordings.refused:
         complain(f"rejected {refusal.recording}: {refusal.reason}")
     for name, reason in failed.items():
@@ -353,14 +379,29 @@ def _without_components(primitive: MovementPrimitive) -> str:
 
 
 def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:
-    chosen = {"min_rest": arguments.min_rest, "min_duration": arguments.min_motion}
+    chosen = {
+        "min_rest": arguments.min_rest,
+        "min_duration": arguments.min_motion,
+        "cut": arguments.cut,
+    }
     given = {name: value for name, value in chosen.items() if value is not None}
     if given and (arguments.segments is not None or arguments.segment != "auto"):
         raise RecordingError(
-            "--min-rest and --min-motion are for --segment auto: remove them with --segments "
-            "and with --segment none"
+            "--cut, --min-rest and --min-motion are for --segment auto: remove them with "
+            "--segments and with --segment none"
         )
     return SegmentationOptions(**given)
+
+
+def _scale(texts: Sequence[str]) -> dict[str, float]:
+    """Factors of joints; a name alone is that of a calibration file."""
+    factors: dict[str, float] = {}
+    for text in texts:
+        if "=" in text:
+            factors |= read_values(text, "--scale", "joint")
+        else:
+            factors |= scale_of_calibration(text)
+    return factors
 
 
 def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable, Collection, Sequence
 
 from ..arrays import read_numbers, read_values
@@ -43,7 +44,9 @@ def joint_values(
         values in a list is not that of the joints.
     """
     if "=" in text:
-        values = read_values(text.strip(" []").replace(" ", ","), what, kind, names)
+        # A space after a value separates; others belong to the name of a joint.
+        separated = re.sub(r"(=\s*[^\s,=]+)\s+", r"\1,", text.strip(" []"))
+        values = read_values(separated, what, kind, names)
     else:
         numbers = read_numbers(text, f"{what}, name=value,… or a list,")
         if not numbers:

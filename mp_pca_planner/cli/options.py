@@ -9,8 +9,14 @@ import math
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..planning.options import AUTO, BASES, MODES, OPTIMAL, TIMINGS
+from ..renaming import read_rename
+from ..robot.limits import given_limits
+
+if TYPE_CHECKING:
+    from ..robot.model import Robot
 
 VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
 PLACE = "configuration (name=value,…) or pose ('FRAME: X Y Z' or with a quaternion)"
@@ -108,6 +114,13 @@ def add_robot_files(parser: argparse.ArgumentParser) -> None:
         help="limits, in the form of MoveIt's joint_limits.yaml",
     )
     parser.add_argument(
+        "--rename",
+        metavar="OLD=NEW",
+        action="append",
+        default=[],
+        help="new name of joints in the file of --limits, * for any text",
+    )
+    parser.add_argument(
         "--package-dirs",
         metavar="DIR",
         type=Path,
@@ -116,6 +129,14 @@ def add_robot_files(parser: argparse.ArgumentParser) -> None:
         help="folders of packages with meshes; searched before ROS's folders and the folders "
         "above the URDF",
     )
+
+
+def limits_given(arguments: argparse.Namespace, robot: Robot) -> dict[str, dict[str, float]]:
+    """The content of the limits file by the joints of the robot; empty without a file."""
+    rename = read_rename(arguments.rename)
+    if arguments.limits is None:
+        return {}
+    return given_limits(arguments.limits, robot.movable_joints, rename)
 
 
 def add_targets(parser: argparse.ArgumentParser, place: str) -> None:
@@ -246,7 +267,8 @@ def add_bag_topic(parser: argparse.ArgumentParser) -> None:
     """Add the options on the messages of recordings."""
     parser.add_argument(
         "--topic",
-        help="JointState topic of the bags (default: the only one), or column of a LeRobot dataset",
+        help="JointState topic of the bags (default: the only one), or column of a LeRobot "
+        "dataset; several with commas between",
     )
     parser.add_argument(
         "--field", metavar="a.b", help="field of the topic's messages that is a JointState"

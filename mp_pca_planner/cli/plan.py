@@ -27,12 +27,12 @@ from ..plotting.motion import plan_figure
 from ..plotting.style import picture
 from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import moveit_factors_note
+from ..robot.limits import limits_file_note
 from ..robot.model import Robot
 from ..robot.world import World
 from .common import check_motion_file, check_output, show, write_motion
 from .goal_arguments import planned_goal, start_positions
-from .options import add_report, add_request
+from .options import add_report, add_request, limits_given
 from .terminal import DONE, FAILED, PROGRAM, complain
 
 _MAX_SOLVE_TIME = 5.0  # s; a sequence has no limit of time
@@ -161,13 +161,14 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     start = start_positions(arguments, robot)
     if locked := {name: q for name, q in start.items() if name not in joint_names}:
         robot = Robot.from_file(arguments.robot, joint_names, locked=locked)
-    robot = robot.with_drives(arguments.limits or {})
-    limits, collision = robot.limits(arguments.limits or {}), _collision_model(arguments, robot)
+    given = limits_given(arguments, robot)
+    robot = robot.with_drives(given)
+    limits, collision = robot.limits(given), _collision_model(arguments, robot)
     goal = planned_goal(arguments, robot)
     planner = Planner(robot, primitives, limits, _options(arguments, robot), collision)
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
     frame = arguments.frame or robot.end_effector
-    return PlannedRequest(planner, plan, frame, moveit_factors_note(arguments.limits))
+    return PlannedRequest(planner, plan, frame, limits_file_note(arguments.limits))
 
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:

@@ -14,7 +14,7 @@ from ..primitives.library import load_primitives
 from ..robot.world import World
 from ..view.content import read_content
 from ..view.page import ViewPage
-from .options import add_robot_files, whole
+from .options import add_robot_files, limits_given, whole
 from .terminal import DONE, flush, say
 
 
@@ -44,8 +44,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit status."""
     primitives = load_primitives(arguments.primitives)
     content = read_content(arguments.robot, primitives, arguments.package_dirs)
-    robot = content.robot.with_drives(arguments.limits or {})
-    limits = robot.limits(arguments.limits or {})
+    given = limits_given(arguments, content.robot)
+    robot = content.robot.with_drives(given)
+    limits = robot.limits(given)
     world = World() if arguments.obstacles is None else World.from_file(arguments.obstacles)
     with ViewPage(
         replace(content, robot=robot, limits=limits, world=world), arguments.port

@@ -31,7 +31,7 @@ from ..planning.planner import Planner
 from ..planning.report import motion_remarks
 from ..primitives.library import PrimitiveLibrary, load_primitives
 from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import JointLimits, Overrides, moveit_factors_note
+from ..robot.limits import JointLimits, Overrides, limits_file_note
 from ..robot.model import Robot
 from ..robot.world import World
 from .link import ModelFacts, Planned, PlanRequest, Rejected, RunningMotion, SetUp, SetUpDone
@@ -96,7 +96,7 @@ class Model:
                 f"some joints have no limit of {', '.join(unlimited)}: set them with "
                 "'limits_file' before a real robot moves"
             )
-        if note := moveit_factors_note(self.settings.limits_file):
+        if note := limits_file_note(self.settings.limits_file):
             notes.append(note)
         if not self.settings.collision:
             notes.append("self-collision is not checked: set 'collision' to true to avoid it")

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, as_list, check_choice, check_number, float_array, unique_names
 from ..exceptions import PrimitiveError, RecordingError, shown, unknown_name
-from ..recordings.demonstration import TIME_COLUMNS, Demonstration, milliseconds_note
+from ..recordings.demonstration import TIME_COLUMNS, Demonstration, other_unit_of_time
 from ..recordings.segmentation import ABSURD_EXTENT
 from .basis import MAX_DEGREE, N_END_CONDITIONS
 from .in_span import request_precision
@@ -198,7 +198,7 @@ def demonstrations_of(
                 "radians (or m); numpy.deg2rad converts degrees"
             )
     notes = [
-        milliseconds_note(motion.recording, np.asarray(t, dtype=np.float64))
+        other_unit_of_time(motion.recording, np.asarray(t, dtype=np.float64))
         for motion, t in zip(found, own_times, strict=True)
     ]
     sentences = list(filter(None, notes))[:1]

@@ -12,6 +12,7 @@ import io
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -197,7 +198,20 @@ def cut_motions(
         )
         clean = replace(clean, notes=(*clean.notes, note))
     moved = _without_rest(large, clean.pieces, least_of_set)
+    clean = replace(clean, notes=(*clean.notes, *_hesitations(moved)))
     return moved, counted(clean, "rest", len(large) - len(moved))
+
+
+def _hesitations(cuts: Sequence[Cut]) -> tuple[str, ...]:
+    """A note on the cuts between motions without a rest between them."""
+    pairs = [(a, b) for a, b in pairwise(cuts) if a.piece is b.piece and a.last == b.first]
+    if not pairs:
+        return ()
+    shortest = min((one.last - one.first) / one.piece.rate for pair in pairs for one in pair)
+    return (
+        f"{len(pairs)} cuts at hesitations, where the speed has a valley (shortest motion beside "
+        f"them {shortest:.2g} s): to cut at rests alone, pass --cut rests",
+    )
 
 
 def without_cut_off(

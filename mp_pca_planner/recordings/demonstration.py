@@ -36,14 +36,16 @@ SUSPICIOUS_PERIOD = 0.5
 _MAX_SPAN = 1e6
 
 
-def milliseconds_note(name: str, times: FloatArray) -> str:
-    """A sentence if the times of a table or of arrays [s] look like milliseconds; else empty."""
+def other_unit_of_time(name: str, times: FloatArray) -> str:
+    """A sentence if the times of a table or of arrays [s] look like another unit; else empty."""
     period = float(np.median(np.diff(times))) if times.size > 1 else 0.0
     if period < SUSPICIOUS_PERIOD:
         return ""
+    units = {500.0: "milliseconds", 5e5: "microseconds", np.inf: "nanoseconds"}
+    unit = next(unit for end, unit in units.items() if period < end)
     return (
         f"the samples of '{name}' are {period:.3g} s apart: times must be in seconds, and these "
-        "look like milliseconds"
+        f"look like {unit}"
     )
 
 
@@ -184,7 +186,7 @@ class Demonstration:
         Demonstration of 'arrays': 2 joints, 0.00 to 1.00 s
         """
         found = cls.of_samples(joint_names, times, positions, recording, label)
-        if note := milliseconds_note(recording, np.asarray(times, dtype=np.float64)):
+        if note := other_unit_of_time(recording, np.asarray(times, dtype=np.float64)):
             warnings.warn(note, stacklevel=2)
         return found
 

@@ -27,7 +27,8 @@ from ..exceptions import RecordingError, RobotError, quote_names, unknown_name
 from ..robot.model import Robot
 from . import bags, cutting
 from .cutting import segments_by_hand
-from .load_one import LoadOptions, LoadTask, load_one
+from .load_one import LoadTask, load_one
+from .reading import LoadOptions, scale_of_calibration
 from .recording_set import RecordingSet, Refusal
 from .repair.recording import FINGERPRINT_SIZE
 from .segmentation import absurd_extent, least_extent_of_set
@@ -44,7 +45,7 @@ MIN_SHARE = 0.7
 
 
 _OPTIONS = [one.name for one in fields(LoadOptions)]
-_OPTIONS += ["jobs", "dask", "executor", "progress"]
+_OPTIONS += ["jobs", "dask", "executor", "progress", "continuous"]
 
 
 def load_demonstrations(
@@ -70,10 +71,16 @@ def load_demonstrations(
 
         joints : sequence of str
             The joints to take, in this order. All other columns of a CSV file are ignored.
+        rename : mapping of str to str
+            New names of the joints by the recorded ones, with ``*`` for any text:
+            ``{"left_*": "*"}`` strips a prefix.
         degrees : bool
             Whether positions are recorded in degrees. Otherwise they are in rad (or m).
+        scale : mapping of str to float, or path
+            Factors by joint from recorded values to rad (or m), or a calibration file of LeRobot.
         topic : str
-            The topic of a bag, or the column of a LeRobot dataset ('observation.state').
+            The topic of a bag, or the column of a LeRobot dataset ('observation.state'). Several,
+            separated by commas, are taken together.
         episodes : sequence of int
             The episodes of a LeRobot dataset, or of a CSV file with a column of episodes.
         segment : {'auto', 'none'}
@@ -95,8 +102,7 @@ def load_demonstrations(
     Warns
     -----
     UserWarning
-        Once if recordings or motions are not used, and once if joints move absurdly far or times
-        look like milliseconds.
+        Once if recordings or motions are not used, and once if joints move absurdly far.
 
     Raises
     ------
@@ -126,7 +132,7 @@ def load_demonstrations(
     if isinstance(robot, (str, Path)):
         robot = Robot.from_file(robot, joints)
     joints = robot.joint_names if robot else joints
-    options.setdefault("position_limits", position_limits(robot))
+    options = facts_of_robot(robot) | options
     recordings = load_recordings(several, joints=joints, same_joints=True, **options)
     recordings.require_motion()
     for sentence in (recordings.warning, recordings.unit_warning):
@@ -135,13 +141,16 @@ def load_demonstrations(
     return recordings
 
 
-def position_limits(robot: Robot | None) -> dict[str, tuple[float, float]]:
-    """Least and largest position of a robot's joints by name [rad or m]; none without a robot."""
+def facts_of_robot(robot: Robot | None) -> dict[str, Any]:
+    """The options of :func:`load_recordings` that a robot description decides."""
     if robot is None:
         return {}
-    limits = robot.limits()
-    pairs = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)
-    return dict(zip(robot.joint_names, pairs, strict=True))
+    turning = zip(robot.joint_names, robot.continuous, strict=True)
+    return {
+        "position_limits": robot.position_ranges(),
+        "prismatic": robot.prismatic_joints,
+        "continuous": tuple(name for name, turns in turning if turns),
+    }
 
 
 def load_recordings(
@@ -152,6 +161,7 @@ def load_recordings(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
     same_joints: bool = False,
+    continuous: Collection[str] = (),
     **options: Any,
 ) -> RecordingSet:
     """Load the demonstrated motions of recordings.
@@ -171,8 +181,11 @@ def load_recordings(
     same_joints :
         Takes the joints that more than half of the recordings have from all, and rejects
         recordings that lack some of them. Without such a majority all are taken as they are.
+    continuous :
+        Joints that turn without end: motions that differ by full turns are put on the same turn.
     **options :
-        The fields of :class:`LoadOptions`.
+        The fields of :class:`LoadOptions`. `scale` may also be the path of a calibration file of
+        LeRobot.
 
     Raises
     ------
@@ -180,9 +193,12 @@ def load_recordings(
         If a path holds no recording, the table of segments is malformed, there are no motions of a
         label, or the cluster can't be used. Errors of a single recording are in `refused` instead.
     """
+    if isinstance(options.get("scale"), (str, Path)):
+        options["scale"] = scale_of_calibration(options["scale"])
     settings = LoadOptions(**options)
     check_number(jobs, "the number of jobs", RecordingError, 1, is_whole=True)
-    found = bags.find_recordings(paths)
+    several = [paths] if isinstance(paths, str | Path) else list(paths)
+    found = bags.find_recordings(several)
     if dask is not None or executor is not None:  # its workers have other working directories
         found = tuple(path.absolute() for path in found)
     tasks = _tasks(found, settings)
@@ -199,6 +215,12 @@ def load_recordings(
         _load_all(again, loaded, pool, None)
         tasks = [again.get(index, task) for index, task in enumerate(tasks)]
         _load_all(with_extent_of_set(tasks, loaded), loaded, pool, None)
+    for name in continuous:
+        put_on_one_turn(loaded, name)
+    left = bags.files_left_out(several, found)
+    if left:
+        names = quote_names(str(path) for path in left)
+        loaded.append(RecordingSet(notes=(f"files left out, as they are not recordings: {names}",)))
     return RecordingSet.joined(loaded)
 
 
@@ -312,15 +334,59 @@ def common_shares(
     return shares
 
 
+def put_on_one_turn(loaded: list[RecordingSet], joint: str) -> None:
+    """Shift motions by full turns of a continuous joint, so that their starts are near each other.
+
+    Drivers report angles from -pi to pi, or from 0 after a restart.
+    """
+    places = [
+        (index, k, motion)
+        for index, one in enumerate(loaded)
+        for k, motion in enumerate(one.demonstrations)
+        if joint in motion.joint_names
+    ]
+    starts = np.array([m.positions[0, m.joint_names.index(joint)] for _, _, m in places])
+    for (index, k, motion), turns in zip(places, full_turns(starts), strict=True):
+        if turns:
+            motions = list(loaded[index].demonstrations)
+            positions = motion.positions.copy()
+            positions[:, motion.joint_names.index(joint)] += 2.0 * np.pi * turns
+            motions[k] = replace(motion, positions=positions)
+            reports = [
+                replace(x, repairs={**x.repairs, "turns": x.repairs.get("turns", 0) + 1})
+                for x in loaded[index].reports
+            ]
+            loaded[index] = replace(loaded[index], demonstrations=motions, reports=reports)
+
+
+def full_turns(angles: NDArray[np.float64]) -> list[int]:
+    """Numbers of turns that bring angles [rad] into one turn, which begins in their widest gap.
+
+    At least half of the angles stay.
+    """
+    if angles.size < 2:
+        return [0] * angles.size
+    ordered = np.sort(np.mod(angles, 2.0 * np.pi))
+    gaps = np.diff(ordered, append=ordered[0] + 2.0 * np.pi)
+    begin = ordered[gaps.argmax()] + 0.5 * gaps.max()
+    turns = -np.floor((angles - begin) / (2.0 * np.pi)).astype(int)
+    usual = int(np.percentile(turns, 50, method="lower"))
+    return [int(n) - usual for n in turns]
+
+
 def with_joints_of_set(
     tasks: Sequence[LoadTask], loaded: list[RecordingSet], same_joints: bool, *, moving_only: bool
 ) -> dict[int, LoadTask]:
     """Recordings to load again with the joints of the set in its order, by index.
 
     On request, recordings of other joints are rejected. With `moving_only`, joints that move in no
-    recording are no joints of the set.
+    recording are no joints of the set; unless joints are chosen, those of a gripper never are.
     """
-    still = _still_joints(loaded) if moving_only else set[str]()
+    still = _still_joints(loaded)
+    if not moving_only:
+        is_chosen = any(task.options.joints for task in tasks)
+        still = {x for x in still if "gripper" in x.lower() or "finger" in x.lower()}
+        still = set() if is_chosen else still
     orders: dict[frozenset[str], tuple[str, ...]] = {}
     counts = Counter[tuple[str, ...]]()
     for index in range(len(tasks)):

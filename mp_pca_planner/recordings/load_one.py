@@ -5,109 +5,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 
-from ..exceptions import RecordingError, UnusableRecordingError, unknown_name
+from ..exceptions import RecordingError, UnusableRecordingError
 from . import bags, cutting
 from .demonstration import Demonstration
-from .reading import read_recording
+from .reading import LoadOptions, read_recording
 from .recording_set import MarkerResidual, RecordingReport, RecordingSet, Refusal, Segment
 from .repair import CleanRecording, repair
 from .segmentation import (
     ABSURD_EXTENT,
-    SegmentationOptions,
     SmoothPiece,
     SpeedThresholds,
     extent,
 )
 
-SEGMENTATIONS = ("auto", "none")
-
 # Distance beyond a limit that is no reason for a note, as of soft limits and noise, and one for
 # which a recording is rejected: half a turn is beyond any calibration [rad or m].
 _LIMIT_TOLERANCE = 0.0175
 _ABSURD_EXCESS = 3.14
-
-
-@dataclass(frozen=True)
-class LoadOptions:
-    """Choice of the motions to load, and how they are repaired and cut.
-
-    Attributes
-    ----------
-    topic : str or None
-        Topic of the joint states; by default the only one. Of a LeRobot dataset the column; by
-        default :data:`.tables.STATE`.
-    joints : sequence of str or None
-        Names of the joints; by default all that every message lists.
-    moving_only : bool
-        Leaves out those of `joints` that a recording does not list, or that never move in any
-        recording, such as a gripper's. They are noted. Without effect on `markers`.
-    degrees : bool
-        Whether all recorded positions are in degrees, and not in radians.
-    segment : str
-        "auto" cuts at rests and valleys of the speed, "none" takes each recording as one motion
-        and only trims the stillness at both ends (a recording with gaps: one motion per piece).
-    segments_csv : path or None
-        A table of motions cut by hand, see :func:`.cutting.read_segments`; instead of
-        `segment`.
-    segmentation : SegmentationOptions
-        Shortest rest and motion of "auto".
-    labels : sequence of str or None
-        Labels in `segments_csv` of the motions to take; by default all.
-    markers : MarkerSource or None
-        Finds the joint states from markers, see :func:`.marker_joint_states.marker_source`;
-        `topic` and `joints` are not used then.
-    state_field : str or None
-        The field of the topic's messages that is a JointState, with dots where it is a field of a
-        field; needs `topic`. By default the messages themselves are.
-    episodes : sequence of int or str, or None
-        The episodes of LeRobot datasets or of CSV files to take; by default all.
-    max_gap : float or None
-        Longest time without messages that doesn't cut a recording [s], over 0. By default 0.5 s, or
-        5 usual periods where these are longer.
-    position_limits : mapping of str to tuple of float
-        Least and largest position of joints by name [rad or m]; none unless given. Motions beyond
-        them are noted. See :func:`.load.position_limits`.
-    salvage : bool
-        Takes the messages before the damage of a damaged recording.
-    overviews : bool
-        Adds overviews of the recordings to the reports.
-
-    Raises
-    ------
-    RecordingError
-        If `segment` is unknown or `state_field` is given without `topic`.
-    """
-
-    topic: str | None = None
-    joints: Sequence[str] | None = None
-    moving_only: bool = False
-    degrees: bool = False
-    segment: Literal["auto", "none"] = "auto"
-    segments_csv: str | Path | None = None
-    segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
-    labels: Sequence[str] | None = None
-    markers: Any = None
-    state_field: str | None = None
-    episodes: Sequence[int | str] | None = None
-    max_gap: float | None = None
-    position_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    salvage: bool = False
-    overviews: bool = False
-
-    def __post_init__(self) -> None:
-        if self.segment not in SEGMENTATIONS:
-            raise RecordingError(unknown_name("segmentation", self.segment, SEGMENTATIONS))
-        if self.state_field is not None and self.topic is None:
-            raise RecordingError(
-                f"the field '{self.state_field}' needs a topic whose messages have this field"
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,15 +158,4 @@ def _clean(path: Path, options: LoadOptions) -> tuple[CleanRecording, dict[str, 
     if options.markers is not None:
         raw, residuals = options.markers.joint_states(path, salvage=options.salvage)
         return repair(raw, None, options.max_gap), residuals
-    clean = read_recording(
-        path,
-        options.topic,
-        options.joints,
-        options.state_field,
-        salvage=options.salvage,
-        listed_only=options.moving_only,
-        degrees=options.degrees,
-        max_gap=options.max_gap,
-        episodes=options.episodes,
-    )
-    return clean, {}
+    return read_recording(path, options), {}

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, listed
-from .demonstration import SUSPICIOUS_PERIOD, Demonstration
+from .demonstration import Demonstration
 from .repair import DROPPED, REPAIRS
 from .segmentation import ABSURD_EXTENT
 
@@ -158,11 +158,14 @@ class RecordingSet:
         One for each recording that is used.
     refused : sequence of Refusal
         One for each that is not.
+    notes : sequence of str
+        Findings on the set, one sentence each.
     """
 
     demonstrations: Sequence[Demonstration] = ()
     reports: Sequence[RecordingReport] = ()
     refused: Sequence[Refusal] = ()
+    notes: Sequence[str] = ()
 
     @classmethod
     def rejected(cls, refusal: Refusal) -> RecordingSet:
@@ -214,6 +217,7 @@ class RecordingSet:
                 f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
                 *(f"repaired: {count} {kind}" for kind, count in repairs.items()),
                 *dropped,
+                *self.notes,
                 *(f"{listed(several, 3)}: {note}" for note, several in names.items()),
                 *(f"rejected {one.recording}: {one.reason}" for one in self.refused),
             ]
@@ -241,25 +245,16 @@ class RecordingSet:
 
     @property
     def unit_warning(self) -> str:
-        """A sentence on joints and times that seem to be in other units; empty if none do."""
-        found = []
-        for one in self.reports:
-            if one.rate * SUSPICIOUS_PERIOD <= 1.0:
-                found.append(
-                    f"the samples of '{one.name}' are {1.0 / one.rate:.3g} s apart: times must be "
-                    "in seconds, and these look like milliseconds"
-                )
-                break
+        """A sentence on joints that seem to be in other units; empty if none do."""
         for motion in self.demonstrations:
             ranges = np.ptp(motion.positions, axis=0)
             if ranges.max() > ABSURD_EXTENT:
-                found.append(
+                return (
                     f"joint '{motion.joint_names[ranges.argmax()]}' moves over {ranges.max():.3g} "
                     f"rad (or m) in '{motion.recording}', and over {ABSURD_EXTENT:g} is absurd: "
                     "degrees=True converts degrees, joints=[…] chooses the joints"
                 )
-                break
-        return "; ".join(found)
+        return ""
 
     def require_motion(self) -> None:
         """Raise a RecordingError, with the first reason, if no recording holds a motion."""

@@ -12,7 +12,7 @@ extent, since a recording of an arm that stands still contains speeds but no mot
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
@@ -21,7 +21,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from ..arrays import FloatArray
-from ..exceptions import RecordingError
+from ..exceptions import RecordingError, unknown_name
 from .repair import Piece
 
 CUTOFF = 8.0
@@ -126,6 +126,8 @@ _SET_RATIO = 0.05
 # A motion covers more than this many standard deviations of the noise. Unfiltered noise, the worst
 # case, reaches that during minutes at 10 to 25 Hz.
 _NOISE_EXTENTS = 8.0
+# The speed of means over this time shows no flicker of encoders at rest [s].
+_FLICKER_TIME = 0.2
 # See `ABSURD_EXTENT`.
 _ABSURD_FACTOR = 20.0
 
@@ -140,6 +142,9 @@ ABSURD_EXTENT = 12.0
 recording, are absurd, such as those of angles in degrees."""
 
 
+CUTS = ("valleys", "rests")
+
+
 @dataclass(frozen=True)
 class SegmentationOptions:
     """Shortest rest, and shortest motion.
@@ -150,23 +155,28 @@ class SegmentationOptions:
         Shorter rests don't cut [s], but they may be valleys.
     min_duration : float
         No motion is shorter [s]: a valley that would leave one doesn't cut.
+    cut : {'valleys', 'rests'}
+        Whether valleys of the speed cut, too, or rests alone.
 
     Raises
     ------
     RecordingError
-        If a value is no positive number.
+        If a time is no positive number, or `cut` is unknown.
     """
 
     min_rest: float = 0.6
     min_duration: float = 0.25
+    cut: str = "valleys"
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for name in ("min_rest", "min_duration"):
+            value = getattr(self, name)
             if not 0.0 < value < np.inf:
                 raise RecordingError(
-                    f"segmentation option '{field.name}' must be over 0 and under inf, got {value}"
+                    f"segmentation option '{name}' must be over 0 and under inf, got {value}"
                 )
+        if self.cut not in CUTS:
+            raise RecordingError(unknown_name("kind of cuts", self.cut, CUTS))
 
 
 @dataclass(frozen=True)
@@ -246,7 +256,7 @@ def find_motions(
     """Find the motions of a piece, also small ones, in order, as first and last step."""
     speed = joint_speed(piece.velocities)
     runs = _moving_runs(speed, thresholds, round(options.min_rest * piece.rate))
-    if piece.recorded_rate >= _MIN_VALLEY_RATE:
+    if options.cut == "valleys" and piece.recorded_rate >= _MIN_VALLEY_RATE:
         window = max(1, round(options.min_duration * piece.rate))
         runs = [part for run in runs for part in _split_at_valleys(piece, speed, run, window)]
     return [
@@ -258,9 +268,31 @@ def find_motions(
 
 
 def trim(piece: SmoothPiece, thresholds: SpeedThresholds) -> Span | None:
-    """First and last step of the motion of a piece; None if it doesn't move."""
+    """First and last step of the motion of a piece; None if it doesn't move.
+
+    Encoders that flicker at rest show speeds, but no speed of the means over a short time.
+    """
     runs = _moving_runs(joint_speed(piece.velocities), thresholds, min_rest_steps=0)
-    return (runs[0][0], runs[-1][1]) if runs else None
+    if not runs:
+        return None
+    first, last = runs[0][0], runs[-1][1]
+    calm = _moving_runs(_speed_of_means(piece), thresholds, min_rest_steps=0)
+    least = SegmentationOptions().min_rest * piece.rate
+    if calm and calm[0][0] - first > least:
+        first = calm[0][0]
+    if calm and last - calm[-1][1] > least:
+        last = calm[-1][1]
+    return first, last
+
+
+def _speed_of_means(piece: SmoothPiece) -> FloatArray:
+    """Norm of the joint velocities between means over a short time before and after each step."""
+    n = max(1, round(_FLICKER_TIME * piece.rate))
+    padded = np.pad(piece.positions, ((n, n), (0, 0)), mode="edge")
+    sums = np.cumsum(np.vstack([np.zeros(padded.shape[1]), padded]), axis=0)
+    means = (sums[n:] - sums[:-n]) / n
+    steps = means[n:] - means[:-n]
+    return joint_speed(steps[: len(piece.positions)] / (n / piece.rate))
 
 
 def extent(positions: FloatArray) -> float:

@@ -7,6 +7,8 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
+import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, as_list, unique_names
+from ..arrays import FloatArray, as_list, repeated_names, unique_names
 from ..exceptions import RecordingError, listed, quote_names, require, shown, unknown_name
-from ..files import read_text, reading
+from ..files import open_regular, read_text, reading
 from ..input_limits import INPUT_LIMITS
-from .demonstration import TIME_COLUMNS, milliseconds_note
+from ..renaming import Rename, new_name
+from .demonstration import TIME_COLUMNS, other_unit_of_time
 from .joint_states import NS_PER_S, JointLayout, RawJointStates
 from .repair import CleanRecording
 
@@ -43,6 +46,8 @@ _DERIVED = re.compile(rf".*[._/]{_QUANTITIES}|{_QUANTITIES}[._/].*", re.IGNORECA
 _RATE_OF_Q = re.compile(r"(?:d+q|qd+)(_?\w+)")
 _ACTION = re.compile(r"action([._/ ].*)?", re.IGNORECASE)
 _POSITION = re.compile(r"[./](pos|position|positions)$")
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw", "rx", "ry", "rz", "qx", "qy", "qz", "qw")
+_TIMING = ("episode_index", "timestamp", "frame_index")
 _VERSIONS = ("v2.", "v3.")
 _INFO = "meta/info.json"
 _PAUSE = 10.0  # s between episodes, which have times of their own
@@ -56,8 +61,10 @@ Episodes = tuple[tuple[float, int | str], ...]
 def read_table(
     path: Path,
     table_format: str,
-    column: str | None = None,
+    columns: Sequence[str] = (),
     joints: Sequence[str] | None = None,
+    *,
+    rename: Rename | None = None,
     max_gap: float = 0.0,
     episodes: Sequence[int | str] | None = None,
 ) -> tuple[RawJointStates, Episodes]:
@@ -69,11 +76,13 @@ def read_table(
         A CSV file, whose first line names the time [s] and the joints, or the folder of a dataset.
     table_format : str
         One of `FORMATS`.
-    column : str, optional
-        Column of a LeRobot dataset, see :data:`STATE`.
+    columns : sequence of str
+        Columns of a LeRobot dataset, whose values are taken together; :data:`STATE` by default.
     joints : sequence of str, optional
         Names of the joints. They are joints whatever their names, and no text elsewhere matters.
-        They also name the values of a dataset that names none.
+        They also name the values of a dataset whose own names don't fit.
+    rename : Rename, optional
+        New names of the joints, which `joints` also uses.
     max_gap : float
         Longest time without samples that is no gap [s]. The episodes of a table follow each other
         with a gap between them.
@@ -94,18 +103,27 @@ def read_table(
     """
     pause = _PAUSE + 2.0 * max_gap
     if table_format == "lerobot":
-        return _read_dataset(path, column or STATE, joints, pause, episodes)
-    if column is not None:
+        return _read_dataset(path, columns or (STATE,), joints, rename or {}, pause, episodes)
+    if columns:
         raise RecordingError("--topic is for bags and LeRobot datasets: a CSV file has no topics")
-    return _read_csv(path, joints, pause, episodes)
+    return _read_csv(path, joints, rename or {}, pause, episodes)
 
 
 def _read_csv(
-    path: Path, joints: Sequence[str] | None, pause: float, chosen: Sequence[int | str] | None
+    path: Path,
+    joints: Sequence[str] | None,
+    rename: Rename,
+    pause: float,
+    chosen: Sequence[int | str] | None,
 ) -> tuple[RawJointStates, Episodes]:
     with reading(f"the table '{path}'", RecordingError):
         head, _, rows = read_text(path, INPUT_LIMITS.unpacked_bytes).partition("\n")
         header = [name.strip() for name in next(csv.reader([head.lstrip("\ufeff")]), [])]
+    if len(header) > INPUT_LIMITS.columns:
+        raise RecordingError(
+            f"'{path}' has {len(header):,} columns, more than the {INPUT_LIMITS.columns:,} accepted"
+        )
+    header = _renamed(header, rename)
     lower = [name.lower() for name in header]
     time = next((lower.index(name) for name in TIME_COLUMNS if name in lower), None)
     if time is None or len(header) < 2:
@@ -124,7 +142,7 @@ def _read_csv(
         )
     counters = [lower.index(x) for x in _EPISODES if x in lower and x not in (joints or ())]
     columns, notes = _joint_columns(header, joints, (time, *counters))
-    named = _joint_names(header)
+    named = names_of_positions(header)
     texts = [i for i in columns if not _is_number(first[i])]
     columns = [i for i in columns if i not in texts or joints is None or named[i] in joints]
     if texts and texts[0] in columns:
@@ -137,29 +155,26 @@ def _read_csv(
     with reading(f"the table '{path}'", RecordingError):
         # Without a choice of columns, a row of another length is an error.
         used = [time, *columns]
-        values = _loaded(rows, None if len(used) == len(header) else used, np.float64)
+        values = _loaded(rows, None if len(used) == len(header) else used)
         values = values[:, used] if len(used) == len(header) else values
-        labels = _loaded(rows, counters, np.str_) if counters else np.empty((len(values), 0), str)
-    changes = np.any(labels[1:] != labels[:-1], axis=1)
+        labels = [tuple(row[i] for i in counters) for row in csv.reader(io.StringIO(rows)) if row]
     states = partial(_joint_states, path.name, [header[i] for i in columns], notes=notes)
-    if not changes.any():
+    varying = [k for k in range(len(counters)) if len({row[k] for row in labels}) > 1]
+    if not varying:
         if chosen is not None:
             raise RecordingError(
                 f"'{path}' holds no episodes to choose from: a column of one of the names "
                 f"{quote_names(_EPISODES)} must number them"
             )
         return states(values[:, 0], values[:, 1:]), ()
-    varying = labels[:, np.any(labels != labels[0], axis=0)]
-    names = _episode_names(["/".join(row) for row in varying.tolist()])
+    names = _episode_names(["/".join(row[k] for k in varying) for row in labels])
     values, names = _chosen_episodes(path, values, names, chosen)
     times, episodes = _one_after_the_other(names, values[:, 0], pause)
     return states(times, values[:, 1:]), episodes
 
 
-def _loaded(rows: str, columns: Sequence[int] | None, kind: type) -> Any:
-    return np.loadtxt(
-        io.StringIO(rows), delimiter=",", ndmin=2, dtype=kind, usecols=columns, quotechar='"'
-    )
+def _loaded(rows: str, columns: Sequence[int] | None) -> FloatArray:
+    return np.loadtxt(io.StringIO(rows), delimiter=",", ndmin=2, usecols=columns, quotechar='"')
 
 
 def _is_number(text: str) -> bool:
@@ -197,38 +212,38 @@ def _chosen_episodes(
 
 def _read_dataset(
     path: Path,
-    column: str,
+    columns: Sequence[str],
     joints: Sequence[str] | None,
+    rename: Rename,
     pause: float,
     chosen: Sequence[int | str] | None,
 ) -> tuple[RawJointStates, Episodes]:
     with reading(f"'{path / _INFO}'", RecordingError):
         info = json.loads(read_text(path / _INFO))
         version, features = str(info["codebase_version"]), dict(info["features"])
+        vectors = [name for name, one in features.items() if _size(one)]
+        named = [x for name in columns if name in vectors for x in _names(features[name])]
+        fps, total = float(info.get("fps") or 0.0), info.get("total_episodes")
     if not version.startswith(_VERSIONS):
         raise RecordingError(
             f"'{path}' is a LeRobot dataset of version '{version}': expected v2.0, v2.1 or v3.0"
         )
-    vectors = [name for name, one in features.items() if _is_vector(one)]
-    if column not in vectors:
-        raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
-    indices, times, positions = _read_parquet(path, column)
-    named = _names(features[column])
-    notes: tuple[str, ...] = ()
-    if named is None:
-        named, notes = _given_names(column, positions.shape[1], joints)
-    if len(named) != positions.shape[1]:
-        raise RecordingError(
-            f"'{path}' names {len(named)} joints of '{column}', but it has {positions.shape[1]} "
-            "values"
-        )
-    columns, left_out = _joint_columns(named, joints)
-    if columns:
-        named, positions = [named[i] for i in columns], positions[:, columns]
+    for column in columns:
+        if column not in vectors:
+            raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
+    indices, times, positions, notes = _read_parquet(path, columns, fps)
+    n_values, column = positions.shape[1], ",".join(columns)
+    named = _renamed(named, rename)
+    if len(named) != n_values or _is_ambiguous(named, joints):
+        named, note = _given_names(column, named, n_values, joints)
+        notes += (note,)
+    chosen_values, left_out = _joint_columns(named, joints)
+    if chosen_values:
+        named, positions = [named[i] for i in chosen_values], positions[:, chosen_values]
         notes += left_out
     with reading(f"the column 'episode_index' of '{path}'", RecordingError):
         names: list[int | str] = [int(x) for x in indices.tolist()]
-    notes += _missing_episodes(info.get("total_episodes"), names)
+    notes += _missing_episodes(total, names)
     values, names = _chosen_episodes(path, np.column_stack([times, positions]), names, chosen)
     times, episodes = _one_after_the_other(names, values[:, 0], pause)
     return _joint_states(column, named, times, values[:, 1:], notes), episodes
@@ -247,24 +262,63 @@ def _missing_episodes(total: object, names: Sequence[int | str]) -> tuple[str, .
     )
 
 
-def _read_parquet(path: Path, column: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Episode, time [s] and values of each frame, episode by episode."""
+def _read_parquet(
+    path: Path, columns: Sequence[str], fps: float
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
+    """Episode, time [s] and values of each frame, episode by episode, and notes on the times."""
     parquet = require("pyarrow.parquet", "lerobot", "reading a LeRobot dataset")
     files = sorted(path.glob("data/*/*.parquet"))
     if not files:
         raise RecordingError(f"'{path}' holds no data/*/*.parquet: download the whole dataset")
     parts = []
     for file in files:
-        with reading(f"'{file}'", RecordingError):
-            table = parquet.read_table(file, columns=["episode_index", "timestamp", column])
-            rows = np.array(table[column].to_pylist(), dtype=np.float64)
-            keys = [table[name].to_numpy() for name in ("episode_index", "timestamp")]
-            parts.append(np.column_stack([*keys, rows.reshape(len(keys[0]), -1)]))
+        with reading(f"'{file}'", RecordingError), open_regular(file) as stored:
+            opened = parquet.ParquetFile(stored)
+            known = [x for x in (*_TIMING, *columns) if x in opened.schema_arrow.names]
+            _check_size(opened.metadata, known, os.fstat(stored.fileno()).st_size)
+            table = opened.read(columns=known)
+            parts.append(_frames(table, columns))
     if len({part.shape[1] for part in parts}) > 1:
-        raise RecordingError(f"the files of '{path}' differ in the length of '{column}'")
+        raise RecordingError(
+            f"the files of '{path}' differ in the length of {quote_names(columns)}"
+        )
     frames = np.concatenate(parts)
     frames = frames[np.argsort(frames[:, 0], kind="stable")]
-    return frames[:, 0], frames[:, 1], frames[:, 2:]
+    same_episode = np.diff(frames[:, 0]) == 0.0
+    if (np.diff(frames[:, 1]) > 0.0)[same_episode].any():
+        return frames[:, 0], frames[:, 1], frames[:, 3:], ()
+    if not (fps > 0.0 and (np.diff(frames[:, 2]) > 0.0)[same_episode].any()):
+        raise RecordingError(
+            f"the column 'timestamp' of '{path}' is missing or constant, and '{_INFO}' and the "
+            "column 'frame_index' give no other times: add one of them"
+        )
+    note = f"timestamps are missing or constant: times are frame_index / fps ({fps:g} Hz)"
+    return frames[:, 0], frames[:, 2] / fps, frames[:, 3:], (note,)
+
+
+def _frames(table: Any, columns: Sequence[str]) -> FloatArray:
+    """Episode, time, index and values of the frames of a file; NaN where there is no time."""
+    unknown = np.full(table.num_rows, np.nan)
+    timing = [
+        table[name].to_numpy().astype(float) if name in table.column_names else unknown
+        for name in _TIMING
+    ]
+    parts = []
+    for column in columns:
+        values = table[column].combine_chunks()
+        while hasattr(values.type, "value_type"):
+            values = values.flatten()
+        parts.append(values.to_numpy(False).astype(float).reshape(table.num_rows, -1))
+    return np.column_stack([*timing, *parts])
+
+
+def _check_size(metadata: Any, columns: Sequence[str], n_bytes: int) -> None:
+    """Reject a file that unpacks to far more numbers than files of motions of its size."""
+    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+    chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
+    n_values = sum(x.num_values for x in chunks if x.path_in_schema.split(".list")[0] in columns)
+    if n_values > INPUT_LIMITS.small_table_values + 16 * n_bytes:
+        raise ValueError(f"its {n_bytes:,} bytes unpack to {n_values:,} numbers")
 
 
 def _one_after_the_other(
@@ -323,29 +377,63 @@ def whole_episodes(clean: CleanRecording, episodes: Episodes) -> CleanRecording:
     )
 
 
-def _is_vector(feature: Any) -> bool:
-    is_known = isinstance(feature, Mapping) and feature.get("dtype") in ("float32", "float64")
-    return is_known and len(feature.get("shape", ())) == 1
+def _size(feature: Any) -> int:
+    """Number of values of a vector of numbers, also of shape [1, n]; 0 of other features."""
+    if not isinstance(feature, Mapping) or feature.get("dtype") not in ("float32", "float64"):
+        return 0
+    shape = [int(n) for n in feature.get("shape", ())]
+    return max(shape) if shape and math.prod(shape) == max(shape) else 0
 
 
-def _names(feature: Mapping[str, Any]) -> list[str] | None:
-    """Names of the values, which are a list or lists by kind; None if they have none."""
+def _names(feature: Mapping[str, Any]) -> list[str]:
+    """Names of the values: a list, nested lists, lists by kind, or an index for each name."""
     names = feature.get("names")
     if isinstance(names, Mapping):
-        names = [name for group in names.values() for name in group]
-    return [str(name) for name in names] if names else None
+        if names and all(isinstance(index, int) for index in names.values()):
+            return [str(name) for name in sorted(names, key=names.__getitem__)]
+        names = list(names.values())
+    flat: list[Any] = list(names or ())
+    while any(isinstance(name, list) for name in flat):
+        flat = [x for name in flat for x in (name if isinstance(name, list) else [name])]
+    return [str(name) for name in flat if name is not None]
+
+
+def _is_ambiguous(names: Sequence[str], joints: Sequence[str] | None) -> bool:
+    """Whether names are repeated, and the joints are not chosen among the others."""
+    known = names_of_positions(names)
+    repeated = set(repeated_names(known))
+    return bool(repeated) and (joints is None or not set(joints) <= set(known) - repeated)
 
 
 def _given_names(
-    column: str, n_values: int, joints: Sequence[str] | None
-) -> tuple[list[str], tuple[str, ...]]:
+    column: str, names: Sequence[str], n_values: int, joints: Sequence[str] | None
+) -> tuple[list[str], str]:
+    """The joints as names of the values, where the dataset's own names don't fit."""
+    what = f"names {len(names)} of" if len(names) != n_values else "repeats a name among"
+    if not names:
+        what = "doesn't name"
     if joints is None or len(joints) != n_values:
+        refuse_poses(names)
         raise RecordingError(
-            f"the dataset doesn't name the {n_values} values of '{column}': give their names, in "
-            "order, as --joints"
+            f"the dataset {what} the {n_values} values of '{column}': give the names of all "
+            "values, in order, as --joints"
         )
-    note = f"'{column}' has no names: its values are taken to be {quote_names(joints)}, in order"
-    return list(joints), (note,)
+    note = (
+        f"the dataset {what} the values of '{column}': they are taken to be "
+        f"{quote_names(joints)}, in order"
+    )
+    return list(joints), note
+
+
+def refuse_poses(names: Sequence[str]) -> None:
+    """Raise a RecordingError if names that nobody chose are those of poses."""
+    ends = {re.split(r"[._/ ]", name.lower())[-1]: name for name in names}
+    if {"x", "y", "z"} <= ends.keys():
+        found = quote_names(name for end, name in ends.items() if end in _POSE)
+        raise RecordingError(
+            f"{found} are coordinates of poses and not joints: record joint positions; if they "
+            "are joints, choose them with --joints (joints=[…] in Python)"
+        )
 
 
 def _joint_columns(
@@ -366,7 +454,7 @@ def _joint_columns(
     taken :
         Columns that have another use.
     """
-    chosen = {i for i, name in enumerate(_joint_names(header)) if name in (joints or ())}
+    chosen = {i for i, name in enumerate(names_of_positions(header)) if name in (joints or ())}
     prefix = f"{STATE}." if any(name.startswith(f"{STATE}.") for name in header) else ""
     free = [i for i in range(len(header)) if i not in taken]
     left = [
@@ -379,6 +467,8 @@ def _joint_columns(
     ]
     states = [i for i in left if not _ACTION.fullmatch(header[i])]
     columns = sorted(chosen.union(states or left).intersection(free))
+    if joints is None:
+        refuse_poses([header[i] for i in columns])
     others = [header[i] for i in free if i not in columns and header[i]]
     if not others or joints is not None:
         return columns, ()
@@ -391,7 +481,17 @@ def _is_rate_of_q(name: str, header: Sequence[str]) -> bool:
     return found is not None and f"q{found[1]}" in header
 
 
-def _joint_names(header: Sequence[str]) -> list[str]:
+def _renamed(header: Sequence[str], rename: Rename) -> list[str]:
+    """Columns by the new names of their joints; patterns are of the whole name, or of the joint."""
+    names = []
+    for name, joint in zip(header, names_of_positions(header), strict=True):
+        prefix = f"{STATE}." if name.startswith(f"{STATE}.") else ""
+        new = new_name(name, rename)
+        names.append(prefix + new_name(joint, rename) if new == name and rename else new)
+    return names
+
+
+def names_of_positions(header: Sequence[str]) -> list[str]:
     """Names of joints: columns may be called NAME.pos, NAME/position or observation.state.NAME."""
     return [_POSITION.sub("", name.removeprefix(f"{STATE}.")) for name in header]
 
@@ -403,13 +503,18 @@ def _joint_states(
     positions: FloatArray,
     notes: tuple[str, ...] = (),
 ) -> RawJointStates:
+    what = "columns of the table"
+    names = unique_names(names_of_positions(columns), what, RecordingError)
     if not times.size:
         raise RecordingError(f"'{topic}' holds no samples")
-    if not (np.isfinite(times).all() and np.ptp(times) < INPUT_LIMITS.segment_time):
+    if not np.isfinite(times).all():
         raise RecordingError(f"the times of '{topic}' must be finite numbers of seconds")
-    what = "columns of the table"
-    names = unique_names(_joint_names(columns), what, RecordingError)
-    notes += tuple(filter(None, [milliseconds_note(topic, times)]))
+    if note := other_unit_of_time(topic, times):
+        raise RecordingError(note)
+    if np.ptp(times) > INPUT_LIMITS.segment_time:
+        raise RecordingError(
+            f"the times of '{topic}' span more than {INPUT_LIMITS.segment_time:g} s"
+        )
     # A stamp of 0 would mean that it is not set.
     stamps = np.rint((times - times.min()) * NS_PER_S).astype(np.int64) + NS_PER_S
     layout = JointLayout(names, np.arange(len(times), dtype=np.int64), positions)

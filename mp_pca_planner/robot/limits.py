@@ -7,14 +7,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray, check_number, is_number, set_frozen, text_table, unique_names
-from ..exceptions import LimitsError, shown, unknown_name
+from ..exceptions import LimitsError, quote_names, shown, unknown_name
 from ..files import load_yaml, read_text, reading
+from ..renaming import Rename, new_name
 
 _KEYS = {
     "lower": "min_position",
@@ -34,6 +36,9 @@ _QUANTITIES = {
     f"has_{quantity}_limits": quantity
     for quantity in ("position", "velocity", "acceleration", "jerk", "effort")
 }
+
+_DECELERATION = ("has_deceleration_limits", "max_deceleration")
+"""Keys of MoveIt's Pilz planner."""
 
 _KINDS = (
     "position [rad, m]",
@@ -130,27 +135,33 @@ def merge_limits(*layers: Overrides) -> dict[str, dict[str, float]]:
     return merged
 
 
-def moveit_factors_note(path: str | Path | None) -> str:
-    """A sentence if a limits file has MoveIt's default scaling factors; else empty.
+def limits_file_note(path: str | Path | None) -> str:
+    """What a limits file holds that is no limit here, in one sentence; empty if there is nothing.
 
-    They are no limits, but their file slows MoveIt down. A file that can't be read gets none.
+    These are MoveIt's default scaling factors, and keys of others. A file that can't be read gets
+    none.
     """
-    where, scaled = f"limits file '{path}'", list[str]()
+    where, notes = f"limits file '{path}'", list[str]()
     names = (f"default_{rate}_scaling_factor" for rate in ("velocity", "acceleration"))
     with suppress(LimitsError), reading(where, LimitsError):
-        found = load_yaml(read_text(path)) if path else {}
+        found = load_yaml(read_text(path)) if path else {"joint_limits": {}}
         factors = {name: found[name] for name in names if name in found}
         scaled = [f"{name} {x:g}" for name, x in factors.items() if is_number(x) and x != 1.0]
-    if not scaled:
-        return ""
-    return (
-        f"{where}: MoveIt's {' and '.join(scaled)} are not applied: motions use the full limits; "
-        "for slower ones, lower the limits"
-    )
+        if scaled:
+            notes.append(
+                f"MoveIt's {' and '.join(scaled)} are not applied: motions use the full limits; "
+                "for slower ones, lower the limits"
+            )
+        keys = {str(key) for entry in found["joint_limits"].values() for key in entry}
+        if ignored := sorted(keys - {*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES, *_DECELERATION}):
+            notes.append(
+                f"{quote_names(ignored)} are ignored: limits are {quote_names(LIMIT_KEYS)}"
+            )
+    return f"{where}: {'; '.join(notes)}" if notes else ""
 
 
 def given_limits(
-    given: Overrides | str | Path, joint_names: Sequence[str]
+    given: Overrides | str | Path, joint_names: Sequence[str], rename: Rename | None = None
 ) -> dict[str, dict[str, float]]:
     """Limits of a mapping, or of a file in the form of MoveIt's joint_limits.yaml.
 
@@ -159,10 +170,13 @@ def given_limits(
     given :
         Limits by joint name and key; or a YAML file with a mapping ``joint_limits: {joint:
         {max_velocity: …}}``, MoveIt's ``has_…_limits`` switches included; ``max_effort`` and
-        ``max_jerk`` are accepted too, and so are the keys of drives. MoveIt's default scaling
-        factors are no limits: they are not applied.
+        ``max_jerk`` are accepted too, and so are the keys of drives. ``!degrees 90`` is read, and
+        ``max_deceleration`` bounds the acceleration, too. MoveIt's default scaling factors and
+        unknown keys are ignored, see :func:`limits_file_note`.
     joint_names :
         Joints of the robot; an entry for another joint is rejected.
+    rename :
+        New names of the joints in `given`, see :data:`.renaming.Rename`.
 
     Returns
     -------
@@ -175,28 +189,39 @@ def given_limits(
         If the file can't be read, or a joint, a key or a value can't be used.
     """
     limits: Any = given
-    where = "limits"
+    where, is_file = "limits", isinstance(given, str | Path)
     if isinstance(given, str | Path):
         where = f"limits file '{given}'"
         with reading(where, LimitsError):
             content = load_yaml(read_text(given))
             limits = content.get("joint_limits") if isinstance(content, dict) else None
+            if isinstance(limits, dict):  # YAML reads the name 1 as a number
+                limits = {str(name): entry for name, entry in limits.items()}
     if not isinstance(limits, Mapping):
         needed = "'joint_limits' " if where != "limits" else ""
         raise LimitsError(f"{where} must hold a mapping {needed}from joint names to limits")
+    if rename:
+        limits = {new_name(str(name), rename): entry for name, entry in limits.items()}
     for name in limits:
         if name not in joint_names:
-            raise LimitsError(f"{where}: {unknown_name('joint', name, joint_names)}")
+            unknown = unknown_name("joint", name, joint_names)
+            raise LimitsError(
+                f"{where}: {unknown}; --rename OLD=NEW (rename=) gives it another name"
+            )
     with reading(where, LimitsError):  # of a number that no float can hold
-        return {name: _read_entry(name, entry, where) for name, entry in limits.items()}
+        return {
+            name: _read_entry(name, entry, where, is_file=is_file) for name, entry in limits.items()
+        }
 
 
-def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
+def _read_entry(name: str, entry: Any, where: str, *, is_file: bool = False) -> dict[str, float]:
     if not isinstance(entry, Mapping):
         raise LimitsError(
             f"{where}: joint '{name}' must be a mapping of limits, got {shown(entry, 40)}"
         )
     values: dict[str, float] = {}
+    if is_file:
+        entry = _of_moveit(entry)
     # MoveIt's Setup Assistant writes 0 beside a limit that is switched off.
     off = [quantity for switch, quantity in _QUANTITIES.items() if entry.get(switch) is False]
     for key, value in entry.items():
@@ -220,7 +245,25 @@ def _read_entry(name: str, entry: Any, where: str) -> dict[str, float]:
             values[key] = number
         elif key not in _QUANTITIES:
             valid = (*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES)
+            # A limit with a misspelt name must not be missing without a word.
+            if is_file and not get_close_matches(str(key), valid[: -len(_QUANTITIES)], cutoff=0.85):
+                continue
             raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', key, valid)}")
         elif not isinstance(value, bool):
             raise LimitsError(f"{what} must be true or false")
     return values | {key: _absent(key) for key in LIMIT_KEYS if key.endswith(tuple(off))}
+
+
+def _of_moveit(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """An entry whose deceleration, which is negative, bounds its acceleration."""
+    has, most = (entry.get(key) for key in _DECELERATION)
+    is_off = entry.get("has_acceleration_limits") is False
+    own = np.inf if is_off else entry.get("max_acceleration", np.inf)
+    kept = {key: value for key, value in entry.items() if key not in _DECELERATION}
+    if has is False or most is None or not isinstance(own, int | float):
+        return kept
+    if not is_number(most):
+        raise ValueError(f"max_deceleration is {shown(most, 40)}, not a number")
+    if is_off:
+        del kept["has_acceleration_limits"]
+    return kept | {"max_acceleration": min(float(own), abs(float(most)))}

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray, check_number, frozen_array, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
+from ..renaming import Rename
 from .bodies import Bodies
 from .joints import (
     JointOrder,
@@ -224,20 +225,38 @@ class Robot:
         robot.path = self.path
         return robot.with_drives(self.drives)
 
-    def limits(self, *overrides: Overrides | str | Path) -> JointLimits:
+    def limits(
+        self, *overrides: Overrides | str | Path, rename: Rename | None = None
+    ) -> JointLimits:
         """Limits of the joints: those of the URDF, replaced by mappings or limits files in turn.
+
+        Parameters
+        ----------
+        overrides : mapping or path
+            Limits by joint and key, or files like MoveIt's joint_limits.yaml.
+        rename : mapping of str to str, optional
+            New names of the joints in them, with ``*`` for any text: ``{"left_*": "*"}``.
 
         Raises
         ------
         LimitsError
             If an override can't be used, or a limit is invalid, such as a velocity limit of 0.
         """
-        layers = (given_limits(one, self.movable_joints) for one in overrides)
+        layers = (given_limits(one, self.movable_joints, rename) for one in overrides)
         return JointLimits(
             self.joint_names,
             merge_limits(self._description.limits, *layers),
             source=f"limits of the {self._source}",
         )
+
+    def position_ranges(self) -> dict[str, tuple[float, float]]:
+        """Least and largest position of each joint that the URDF states [rad or m], by name."""
+        stated = {name: self._description.limits[name] for name in self.joint_names}
+        ranges = {
+            name: (one.get("min_position", -np.inf), one.get("max_position", np.inf))
+            for name, one in stated.items()
+        }
+        return {name: (low, high) for name, (low, high) in ranges.items() if low < high}
 
     def with_joints(self, joint_names: Sequence[str]) -> Robot:
         """The robot with these joints moving; itself, if they are its own in this order.

@@ -408,6 +408,11 @@ def _copy_joint(joint: ET.Element, clean: ET.Element) -> None:
         raise RobotError("its <axis> has no direction, expected three numbers that are not all 0")
     if limit is None:
         raise RobotError("it has no <limit>, which must state 'effort' and 'velocity'")
+    # `Description` has these limits; Pinocchio would reject a negative one, of any joint.
+    negative = {x: _UNBOUNDED for x in ("velocity", "effort") if float(limit.attrib[x]) < 0.0}
+    if negative:
+        copy.remove(limit)
+        ET.SubElement(copy, "limit", limit.attrib | negative)
 
 
 def _check_numbers(element: ET.Element) -> None:

@@ -45,14 +45,14 @@ def facts_of(script: str, *options: str | Path) -> dict:
 
 
 def test_components_are_compared_with_bsplines_and_peers():
-    facts = facts_of("compare.py", "--problems", "3", "--peer-problems", "1", "--repeats", "1")
+    facts = facts_of("compare.py", "--problems", "3", "--peer-problems", "1")
     assert len(facts["problems"]) == 3
     for problem in facts["problems"]:
         for name in ("pca_arm_effort_only", "bspline"):
             assert problem[name]["feasible"]
             for fact in ("effort_cost", "solve_time_s", "iterations"):
                 assert problem[name][fact] > 0
-    peers = {"promp", "dmp", "fddp", "box_fddp"}
+    peers = {"promp", "dmp", "fddp"}
     assert peers <= set(facts["absent"]) | set(facts["methods"])
     (table,) = facts["tables"].values()
     rows = {row[0]: dict(zip(table["header"], row, strict=True)) for row in table["rows"]}

@@ -227,6 +227,7 @@ def test_plan_takes_duration_and_basis(primitive):
     facts = plan(primitive, *options, "--naturalness", 0, ok=None)
     assert facts["duration"] == 1.5 and len(facts["times"]) == 151
     assert len(facts["weights"]) == 24
+    assert plan(primitive, "--via", "elbow=-0.6", "--duration", 3)["duration"] == pytest.approx(3.0)
 
 
 def test_plan_keeps_limits_from_a_file(primitive, tmp_path):

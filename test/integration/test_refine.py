@@ -69,6 +69,14 @@ def test_refined_motion_is_written_and_kept_as_a_primitive(primitive, tmp_path):
     assert after < before
 
 
+def test_motion_that_gains_too_little_is_not_kept(primitive, tmp_path, monkeypatch):
+    monkeypatch.setattr("mp_pca_planner.cli.refine._LEAST_GAIN", 0.9)
+    new = tmp_path / "new.npz"
+    facts = refine(primitive, "--output", new, ok=False)
+    assert not facts["kept"]
+    assert not new.exists()
+
+
 def by_share_of_path(q):
     """Positions at the shares of a minimum-jerk motion of the path."""
     path = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)))

@@ -120,14 +120,15 @@ def test_an_empty_cell_is_an_unknown_number(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.positions, other.positions)
 
 
-def test_times_in_milliseconds_are_noted(tmp_path: Path) -> None:
-    table = np.column_stack([1e3 * SECONDS, RECORDING.positions])
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")]
+)
+def test_times_in_other_units_are_refused_by_name(tmp_path: Path, factor: float, unit: str) -> None:
+    table = np.column_stack([factor * (1.78e9 + SECONDS), RECORDING.positions])
     header = ",".join(["time", *JOINT_NAMES])
-    np.savetxt(tmp_path / "t.csv", table, delimiter=",", header=header, comments="")
-    with pytest.warns(UserWarning, match="look like milliseconds"):
-        found = mp.load_demonstrations(tmp_path / "t.csv")
-    assert "look like milliseconds" in found.report
-    assert "milliseconds" not in mp.load_demonstrations(write_csv(tmp_path / "s.csv")).report
+    np.savetxt(tmp_path / "t.csv", table, "%.18g", delimiter=",", header=header, comments="")
+    with pytest.raises(RecordingError, match=f"'t.csv' .* in seconds, and these look like {unit}"):
+        mp.load_demonstrations(tmp_path / "t.csv")
 
 
 def write_episodes(path: Path, column: str = "episode", restart: bool = False) -> Path:
@@ -332,7 +333,7 @@ def test_a_dataset_is_built_and_inspected(tmp_path: Path) -> None:
     names = ("--joints", ",".join(JOINT_NAMES))
     facts = build(tmp_path / "set", *options, *names)
     assert facts["n_motions"] == len(episodes)
-    assert "no names" in facts["notes"]["set"][0]
+    assert "doesn't name" in facts["notes"]["set"][0]
     assert "no column of numbers is called 'observation.state'" in str(
         inspect_recording(tmp_path / "set").refusal
     )

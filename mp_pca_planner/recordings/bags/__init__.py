@@ -11,6 +11,7 @@ from .discovery import FORMAT_OF_SUFFIX as FORMAT_OF_SUFFIX
 from .discovery import BagFormat as BagFormat
 from .discovery import RecordingFormat as RecordingFormat
 from .discovery import checksum as checksum
+from .discovery import files_left_out as files_left_out
 from .discovery import find_recordings as find_recordings
 from .discovery import recording_format as recording_format
 from .discovery import recording_names as recording_names

@@ -111,8 +111,11 @@ class Bag:
         for found in self._connections:
             counts[found.topic, found.msgtype] += found.msgcount
         damaged = [file.damage for file in self._files if isinstance(file, ScannedFile)]
-        if any(damaged) and not counts:
-            raise RecordingError(f"'{path}' can't be read: {damaged[0]}")
+        is_unfinished = path.suffix == ".active"
+        if not counts and (is_unfinished or any(damaged)):
+            hint = f"; its recorder did not finish it: run rosbag reindex {path.name}"
+            reason = damaged[0] or "it holds no whole part"
+            raise RecordingError(f"'{path}' can't be read: {reason}{hint if is_unfinished else ''}")
         self.topics = tuple(Topic(*channel, count) for channel, count in sorted(counts.items()))
 
     def messages(self, topics: Collection[Topic]) -> Iterator[Stored]:

@@ -64,6 +64,21 @@ def find_recordings(paths: str | Path | Iterable[str | Path]) -> tuple[Path, ...
     return tuple(found.values())
 
 
+def files_left_out(paths: Iterable[str | Path], found: Iterable[Path]) -> list[Path]:
+    """The files in the folders among the paths that are in none of the recordings found there."""
+    taken = {_location(path) for path in found}
+    folders = [one for path in paths for one in _glob(path) if one.is_dir()]
+    left: list[Path] = []
+    while folders:
+        folder = folders.pop()
+        if _location(folder) not in taken:
+            children = [x for x in sorted(folder.iterdir()) if not x.name.startswith(".")]
+            folders += [child for child in children if child.is_dir()]
+            files = [child for child in children if child.is_file()]
+            left += [file for file in files if _location(file) not in taken]
+    return left
+
+
 def recording_names(paths: Sequence[Path]) -> tuple[str, ...]:
     """Name recordings by their file or folder; equal names get suffixes or parent folders."""
     locations = [_location(path) for path in paths]

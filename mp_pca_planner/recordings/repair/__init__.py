@@ -52,9 +52,10 @@ REPAIRS = {
     "short_pieces": "piece between cuts dropped: too few samples",
     "cut_off": "motion dropped: an end of the recording, a gap or a jump cuts it off",
     "rest": "movement dropped: within the extent of noise and sway, taken for rest",
+    "turns": "motion shifted by full turns of a continuous joint, to the other motions' turn",
 }
-"""Kinds of repairs, by the name under which they are counted. The last three are counted where
-motions are cut."""
+"""Kinds of repairs, by the name under which they are counted. The last four are counted where
+motions are cut, or compared."""
 
 DROPPED = {"short_pieces", "cut_off", "rest"}
 """Kinds of repairs that leave a motion out."""

@@ -29,6 +29,8 @@ from .recording import (
 # back [s]; at most so many steps are judged.
 _CLOCK_STEP = 0.1
 _MAX_CLOCK_STEPS = 100
+# A longer time between two messages is that of a clock that was set forward [s].
+_LONGEST_PAUSE = 86_400.0
 # A second publisher is present if more than this share of the messages, and more than this number,
 # contradict others.
 _MAX_CONFLICTS = 0.01
@@ -274,7 +276,7 @@ UNUSABLE = Defect(
 
 
 def order_by_time(samples: Samples, repairs: Counter[str]) -> Samples:
-    """Sort samples by stamp; where the clock was set back, time continues from its last value.
+    """Sort samples by stamp; where the clock was set, time continues from its last value.
 
     Returns
     -------
@@ -284,7 +286,9 @@ def order_by_time(samples: Samples, repairs: Counter[str]) -> Samples:
     max_gap = samples.longest_gap
     samples = _without_strays(samples, max_gap, repairs)
     samples.refuse_few()
-    jumps = _set_back(samples.times, max_gap)
+    back = _set_back(samples.times, max_gap)
+    forward = np.flatnonzero(np.diff(samples.times) > _LONGEST_PAUSE * NS_PER_S) + 1
+    jumps = np.union1d(back, forward)
     repairs["clock_jumps"] += jumps.size
     times: list[IntArray] = []
     rows: list[IntArray] = []
@@ -334,7 +338,7 @@ def _without_strays(samples: Samples, max_gap: float, repairs: Counter[str]) -> 
 DISORDER = Defect(
     {
         "stray_stamps": "message dropped: its stamp is far from those before and after it",
-        "clock_jumps": "the clock was set back: cut there",
+        "clock_jumps": "the clock was set back, or forward by more than a day: cut there",
         "out_of_order": "message with an earlier stamp than one before it: sorted in",
     },
     order_by_time,

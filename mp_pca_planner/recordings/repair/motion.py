@@ -71,8 +71,8 @@ def refuse_degrees(pieces: Sequence[Piece], repairs: Counter[str]) -> Sequence[P
     raise RecordingError(
         f"{n_far} of its {reach.size} joints are beyond {LARGEST_ANGLE:g} rad, one at "
         f"{reach.max():.3g}: positions must be in radians (or m), not in degrees (or mm); if these "
-        "are degrees, convert them with --degrees (degrees=True in Python), else choose the joints "
-        "of the arm"
+        "are degrees, convert them with --degrees (degrees=True in Python); if they are LeRobot's "
+        "shares from -100 to 100, with --scale (scale=); else choose the joints of the arm"
     )
 
 

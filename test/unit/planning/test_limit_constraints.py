@@ -158,6 +158,22 @@ def test_an_end_near_a_limit_leaves_room_for_itself():
         assert (tighter > room) == (slack > 0.0)
 
 
+def test_bounds_are_tightened_by_the_same_multiple_of_each_violation():
+    program, _, limits = constrained("arm", {})
+    (bounds,) = program.constraints[0]
+
+    def tightening(quantity, excess):
+        broken = Violation(quantity, limits.joint_names[0], 0.5, 0.0, 1.0, excess)
+        found = Findings(1.0, np.zeros((0, 4)), np.zeros(0), [broken], [broken])
+        first = np.flatnonzero(bounds.groups == 4 * QUANTITIES.index(quantity))[0]
+        return bounds.upper[first] - bounds.refined(found).upper[first]
+
+    # Excesses of positions are shares of the whole range, and bounds of half of it.
+    of_positions = tightening("position", 1e-3)
+    assert of_positions == pytest.approx(tightening("velocity", 2e-3))
+    assert of_positions > 2e-3
+
+
 @pytest.mark.parametrize("name", ["arm", "joint"])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_constrained_optimum_is_kept_and_scipy_finds_nothing_better(name, seed):

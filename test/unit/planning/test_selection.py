@@ -46,6 +46,21 @@ def test_the_least_score_is_that_of_the_nearest_primitive() -> None:
         assert selector.least_score(start, goal, 0.4) == pytest.approx(min(single), rel=1e-9)
 
 
+def test_primitives_whose_demonstrations_are_far_away_are_not_compiled() -> None:
+    primitives, compared = library(), 0
+    selector = Selector(arm_robot(), primitives)
+    requests = [motion.positions[[0, -1]] for motion in arm_demonstrations(10, 9)]
+    requests += [one.model.mean[:8].reshape(2, 4) for one in primitives]  # score 0
+    for ends in requests:
+        scores = scores_of(primitives, *ends)
+        compiled, _ = selector.choose(*ends)
+        limit = max(1.25 * scores.min(), 1.0)
+        assert len(compiled) == np.count_nonzero(scores <= limit)
+        assert all(c.expected.in_span_score <= limit for c in compiled)
+        compared += len(compiled) > np.count_nonzero(scores <= 1.25 * scores.min())
+    assert compared
+
+
 def test_those_considered_are_in_the_order_of_their_expected_effort() -> None:
     robot = arm_robot()
     selector = Selector(robot, library())

@@ -255,3 +255,5 @@ def test_shape_is_that_of_the_quintics_through_the_knots():
 def test_slowdown_follows_the_law_of_time_scaling(quantity, factor):
     violated = [Violation(quantity, "elbow", 0.0, 1.2, 1.0, 0.2)]
     assert slowdown(violated) == pytest.approx(1.0 if factor is None else 1.02 * factor)
+    worse = Violation("velocity", "elbow", 0.0, 1.5, 1.0, 0.5)
+    assert slowdown([*violated, worse]) == pytest.approx(1.02 * 1.5)

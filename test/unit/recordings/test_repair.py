@@ -736,5 +736,5 @@ def test_each_defect_has_names_of_its_own() -> None:
     names = [name for defect in (*OF_SAMPLES, GAPS, *OF_PIECES) for name in defect.counts]
     names += COUNTS
     assert len(names) == len(set(names))
-    # The others are counted where motions are cut.
-    assert len(REPAIRS) == len(names) + 3
+    # The others are counted where motions are cut and compared.
+    assert len(REPAIRS) == len(names) + 4

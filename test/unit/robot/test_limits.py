@@ -7,7 +7,7 @@ import pytest
 from support.arm import arm_robot
 
 from mp_pca_planner.exceptions import LimitsError
-from mp_pca_planner.robot.limits import JointLimits, given_limits, merge_limits
+from mp_pca_planner.robot.limits import JointLimits, given_limits, limits_file_note, merge_limits
 
 NAMES = ("a", "b")
 
@@ -60,6 +60,19 @@ def test_a_moveit_file_is_read_with_its_switches(tmp_path):
     assert limits.unlimited == ("velocity", "acceleration", "jerk")
 
 
+def test_a_file_with_degrees_and_keys_of_pilz_is_read(tmp_path):
+    path = write(
+        tmp_path / "limits.yaml",
+        "joint_limits:\n  1: {max_velocity: !degrees 90, max_acceleration: 4.0,\n"
+        "      has_deceleration_limits: true, max_deceleration: -3.0, k_position: 20}\n"
+        "  b: {max_position: !radians 1.5, has_acceleration_limits: false}\n",
+    )
+    found = given_limits(path, ("1", "b"))
+    assert found["1"] == {"max_velocity": pytest.approx(np.pi / 2), "max_acceleration": 3.0}
+    assert found["b"] == {"max_position": 1.5, "max_acceleration": np.inf}
+    assert "'k_position' are ignored" in limits_file_note(path)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -88,6 +101,17 @@ def test_a_faulty_file_is_refused_with_its_name_and_the_reason(tmp_path, text, m
     path = write(tmp_path / "limits.yaml", text)
     with pytest.raises(LimitsError, match=rf"limits\.yaml.*{message}"):
         given_limits(path, NAMES)
+
+
+def test_joints_of_limits_are_renamed(tmp_path):
+    path = write(tmp_path / "limits.yaml", "joint_limits: {left_elbow_joint: {max_velocity: 1.5}}")
+    robot = arm_robot()
+    rename = {"left_*_joint": "*"}
+    assert robot.limits(path, rename=rename).velocity[-1] == 1.5
+    with pytest.raises(
+        LimitsError, match="no joint is called 'left_elbow_joint'.*--rename OLD=NEW"
+    ):
+        robot.limits(path)
 
 
 def test_limits_of_a_robot_come_from_a_mapping_or_a_file(tmp_path):

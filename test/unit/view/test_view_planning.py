@@ -68,6 +68,13 @@ def test_a_drag_out_of_reach_is_followed_to_the_nearest_place(direction):
     assert np.linalg.norm(places - far, axis=1).min() > answer.distance - 0.02
 
 
+def test_distance_of_a_pose_out_of_reach_is_that_of_its_place_alone():
+    far = wrist(GOAL) + np.array([0.0, 0.0, 3.0])
+    answer = planner().answer(ViewRequest(START, GOAL, Pose(FRAME, far, [1.0, 0.0, 0.0, 0.0])))
+    end = answer.plan.trajectory.positions[-1]
+    assert answer.distance == pytest.approx(np.linalg.norm(wrist(end) - far))
+
+
 def test_a_goal_in_an_obstacle_is_refused_by_its_name_and_served_again_without_it():
     ball = Obstacle("ball", Sphere(0.08, wrist(GOAL)))
     subject = planner(with_collision=True)

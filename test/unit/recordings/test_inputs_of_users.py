@@ -1,0 +1,433 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs that users report: names, units, clocks and files of other programs."""
+
+from __future__ import annotations
+
+import json
+import os
+import tracemalloc
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from backports import zstd
+from hypothesis import given
+from hypothesis import strategies as st
+from support.bags import Message, write_bag
+
+import mp_pca_planner as mp
+from mp_pca_planner.cli.goal_arguments import joint_values
+from mp_pca_planner.exceptions import PlannerError, RecordingError
+from mp_pca_planner.recordings.bags import write_joint_states
+from mp_pca_planner.recordings.load import full_turns
+from mp_pca_planner.recordings.segmentation import SegmentationOptions
+from mp_pca_planner.renaming import new_name, read_rename
+
+RATE = 50
+NAMES = ("a", "b", "c")
+
+
+def reaches(n: int = 6, seed: int = 0, joints: int = 3) -> list[np.ndarray]:
+    """Minimum-jerk reaches of 2 s at 50 Hz, back and forth [rad]."""
+    rng = np.random.default_rng(seed)
+    here, found = np.full(joints, 0.1), []
+    s = np.linspace(0.0, 1.0, 2 * RATE)[:, None]
+    for k in range(n):
+        goal = (0.1 if k % 2 else 1.0) + rng.normal(0.0, 0.05, joints)
+        found.append(here + (goal - here) * (10 * s**3 - 15 * s**4 + 6 * s**5))
+        here = goal
+    return found
+
+
+def rested(motions: Sequence[np.ndarray], seconds: float = 1.0) -> np.ndarray:
+    """The motions one after the other, each after a rest, with a rest at the end."""
+    rest = round(seconds * RATE)
+    parts = [x for q in motions for x in (np.repeat(q[:1], rest, 0), q)]
+    return np.vstack([*parts, np.repeat(motions[-1][-1:], rest, 0)])
+
+
+def stamps(n: int, start: float = 1.78e9) -> np.ndarray:
+    return (start * 1e9 + np.arange(n) * 1e9 / RATE).astype(np.int64)
+
+
+def write_csv(path: Path, names: Sequence[str], episodes: Sequence[np.ndarray]) -> Path:
+    lines = [",".join(["time", "episode", *names])]
+    for k, q in enumerate(episodes):
+        lines += [f"{i / RATE:.3f},{k}," + ",".join(map(repr, x)) for i, x in enumerate(q.tolist())]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_dataset(
+    folder: Path,
+    episodes: Sequence[np.ndarray],
+    names: object,
+    times: str = "seconds",
+    shape: Sequence[int] | None = None,
+) -> Path:
+    """A LeRobot dataset of one Parquet file."""
+    arrow = pytest.importorskip("pyarrow", reason="pyarrow (extra 'lerobot') is not installed")
+    from pyarrow import parquet
+
+    feature = {"dtype": "float32", "shape": shape or [episodes[0].shape[1]], "names": names}
+    info = {
+        "codebase_version": "v2.1",
+        "fps": RATE,
+        "features": {"observation.state": feature},
+    }
+    for part in ("meta", "data/chunk-000"):
+        (folder / part).mkdir(parents=True)
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    counts = [np.arange(len(q)) for q in episodes]
+    columns = {
+        "observation.state": [x for q in episodes for x in q.astype(np.float32).tolist()],
+        "episode_index": np.repeat(np.arange(len(episodes)), list(map(len, counts))),
+        "frame_index": np.concatenate(counts),
+        "timestamp": np.concatenate(counts) / RATE,
+    }
+    if times == "constant":
+        columns["timestamp"] = np.zeros_like(columns["timestamp"])
+    elif times == "missing":
+        del columns["timestamp"]
+    parquet.write_table(arrow.table(columns), folder / "data/chunk-000/file.parquet")
+    return folder
+
+
+def write_urdf(path: Path, *joints: tuple[str, str, str]) -> Path:
+    """A chain of joints (name, type, attributes of the limit)."""
+    inertial = (
+        '<inertial><mass value="1"/><origin xyz="0 0 0.1"/>'
+        '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>'
+    )
+    parts = ['<robot name="arm"><link name="l0"/>']
+    for k, (name, kind, limit) in enumerate(joints):
+        parts.append(
+            f'<link name="l{k + 1}">{inertial}</link><joint name="{name}" type="{kind}">'
+            f'<parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="0 0 0.3"/>'
+            f'<axis xyz="0 1 0"/><limit {limit}/></joint>'
+        )
+    path.write_text("".join([*parts, "</robot>"]))
+    return path
+
+
+USUAL = 'lower="-3" upper="3" effort="50" velocity="2"'
+
+
+# Turns
+
+
+def test_motions_that_differ_by_full_turns_are_on_the_same_turn(tmp_path: Path) -> None:
+    urdf = write_urdf(
+        tmp_path / "arm.urdf",
+        ("a", "revolute", USUAL),
+        ("b", "continuous", 'effort="20" velocity="3"'),
+    )
+    one_turn = [q + np.array([0.0, np.pi - 0.1]) for q in reaches(14, joints=2)]
+    reported = [
+        np.column_stack([q[:, 0], (q[:, 1] + np.pi) % (2 * np.pi) - np.pi]) for q in one_turn
+    ]
+    found = mp.load_demonstrations(write_csv(tmp_path / "t.csv", ["a", "b"], reported), robot=urdf)
+    expected = mp.load_demonstrations(
+        write_csv(tmp_path / "s.csv", ["a", "b"], one_turn), robot=urdf
+    )
+    assert found.repairs["turns"] > 0 and "turns" not in expected.repairs
+    shifts = [x.positions - y.positions for x, y in zip(found, expected, strict=True)]
+    turns = shifts[0][0, 1] / (2.0 * np.pi)
+    assert turns == pytest.approx(round(turns))
+    for shift in shifts:
+        np.testing.assert_allclose(shift, np.broadcast_to(shifts[0][:1], shift.shape), atol=1e-6)
+
+
+@given(st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=20))
+def test_angles_come_within_one_turn_and_most_stay(angles: list[float]) -> None:
+    turns = np.array(full_turns(np.array(angles)))
+    shifted = np.array(angles) + 2.0 * np.pi * turns
+    assert np.ptp(shifted) <= 2.0 * np.pi + 1e-9
+    assert turns.dtype.kind == "i"
+    assert np.sort(turns)[(len(angles) - 1) // 2] == 0
+
+
+# Clocks and rests
+
+
+@pytest.mark.parametrize("years", [1, 5, 56])
+def test_a_clock_that_was_set_forward_cuts_there_alone(tmp_path: Path, years: int) -> None:
+    q = rested(reaches())
+    times = stamps(len(q))
+    times[: len(q) // 2 + 60] -= years * 365 * 86_400 * 10**9  # within the fourth motion
+    write_joint_states(tmp_path / "set.mcap", "mcap", NAMES, times, q)
+    found = mp.load_demonstrations(tmp_path / "set.mcap")
+    assert found.repairs["clock_jumps"] == 1 and len(found) == 5
+    assert found.reports[0].duration < 1.2 * len(q) / RATE
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03, 0.1])
+def test_rests_at_both_ends_are_cut_whatever_the_flicker(tmp_path: Path, noise: float) -> None:
+    rng, tick = np.random.default_rng(0), 360.0 / 4096.0
+    episodes = [np.rad2deg(rested([q], 5.0)) for q in reaches(6)]
+    flickering = [np.round((q + rng.normal(0.0, noise, q.shape)) / tick) * tick for q in episodes]
+    table = write_csv(tmp_path / "t.csv", NAMES, flickering)
+    found = mp.load_demonstrations(table, degrees=True)
+    assert len(found) == 6 and max(one.duration for one in found) < 2.6
+    for one, q in zip(found, reaches(6), strict=True):
+        np.testing.assert_allclose(one.positions[[0, -1]], q[[0, -1]], atol=0.02)
+
+
+# Robots
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [
+        'lower="0" upper="0.8" effort="0" velocity="0"',
+        'lower="0" upper="0" effort="10" velocity="1"',
+        'lower="0" upper="0.8" effort="10" velocity="-1"',
+    ],
+)
+def test_limits_of_a_joint_that_rests_do_not_matter(tmp_path: Path, limit: str) -> None:
+    joints = [("a", "revolute", USUAL), ("b", "revolute", USUAL), ("grip", "revolute", limit)]
+    urdf = write_urdf(tmp_path / "arm.urdf", *joints)
+    episodes = [np.column_stack([q, np.full(len(q), 0.02)]) for q in reaches(joints=2)]
+    table = write_csv(tmp_path / "t.csv", ["a", "b", "grip"], episodes)
+    assert mp.load_demonstrations(table, robot=urdf)[0].joint_names == ("a", "b")
+    with pytest.raises(PlannerError, match="joint 'grip'"):
+        mp.Robot.from_file(urdf).limits()
+
+
+def test_names_with_spaces_have_values() -> None:
+    names = ("Base Yaw", "Elbow 2 Pitch")
+    for text in ("Base Yaw=1.0,Elbow 2 Pitch=-2e-1", "[Base Yaw=1.0  Elbow 2 Pitch=-2e-1]"):
+        assert joint_values(text, names, "--goal") == {"Base Yaw": 1.0, "Elbow 2 Pitch": -0.2}
+
+
+# Names
+
+
+@pytest.mark.parametrize(
+    ("rename", "name", "expected"),
+    [
+        (["left_*=*"], "left_elbow", "elbow"),
+        (["*=arm_*"], "elbow", "arm_elbow"),
+        (["*_l*=left_*_j*"], "arm_l3", "left_arm_j3"),
+        (["a=b", "*=c_*"], "a", "b"),
+        (["left_*=*"], "elbow", "elbow"),
+        (["/right/states/*=right_*"], "elbow", "right_elbow"),
+    ],
+)
+def test_a_joint_is_renamed_by_the_first_pattern(
+    rename: list[str], name: str, expected: str
+) -> None:
+    assert new_name(name, read_rename(rename), "/right/states") == expected
+
+
+@pytest.mark.parametrize("text", ["a", "=b", "a=", "a=*"])
+def test_a_pattern_without_a_meaning_is_refused(text: str) -> None:
+    with pytest.raises(PlannerError, match="can't rename a joint"):
+        read_rename([text])
+
+
+def test_joints_are_renamed_in_bags_and_tables(tmp_path: Path) -> None:
+    left = [f"left_{name}" for name in NAMES]
+    q = rested(reaches())
+    write_joint_states(tmp_path / "set.mcap", "mcap", left, stamps(len(q)), q)
+    table = write_csv(tmp_path / "t.csv", [f"{name}.pos" for name in left], reaches())
+    for path in (tmp_path / "set.mcap", table):
+        found = mp.load_demonstrations(path, rename={"left_*": "*"}, joints=NAMES[::-1])
+        assert found[0].joint_names == NAMES[::-1]
+    with pytest.raises(RecordingError, match="'x'"):
+        mp.load_demonstrations(table, rename={"left_*": "x"})
+
+
+@pytest.mark.parametrize("times", ["seconds", "constant", "missing"])
+@pytest.mark.parametrize(
+    ("names", "joints"),
+    [
+        ([list(NAMES)], None),
+        ({name: i for i, name in reversed([*enumerate(NAMES)])}, None),
+        ({"motors": None}, NAMES),
+        (["state"], NAMES),
+        (["a", "b", "b"], NAMES),
+        ([f"{name}.pos" for name in NAMES], [f"{name}.pos" for name in NAMES]),
+    ],
+)
+def test_names_of_datasets_are_read_or_given(
+    tmp_path: Path, names: object, joints: Sequence[str] | None, times: str
+) -> None:
+    folder = write_dataset(tmp_path / "set", reaches(), names, times)
+    found = mp.load_demonstrations(folder, joints=joints)
+    assert found[0].joint_names == NAMES and len(found) == 6
+    assert found[0].duration == pytest.approx(2.0, abs=0.3)
+    assert ("times are frame_index / fps" in found.report) == (times != "seconds")
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["x", "y", "z"], "'x', 'y', 'z' are coordinates of poses and not joints"),
+        (["state"], "names 1 of the 3 values.*--joints"),
+        (["a", "b", "b"], "repeats a name among the 3 values.*--joints"),
+        (3, "info.json' can't be read"),
+    ],
+)
+def test_a_dataset_of_other_names_is_rejected_alone(
+    tmp_path: Path, names: object, words: str
+) -> None:
+    write_dataset(tmp_path / "bad", reaches(), names)
+    write_dataset(tmp_path / "good", reaches(), list(NAMES), shape=[1, 3])
+    with pytest.warns(UserWarning, match="1 of 2 recordings"):
+        found = mp.load_demonstrations(tmp_path)
+    assert len(found) == 6
+    with pytest.raises(RecordingError, match=words):
+        mp.load_demonstrations(tmp_path / "bad")
+
+
+# Units
+
+
+def test_degrees_are_those_of_joints_that_turn(tmp_path: Path) -> None:
+    slide = 'lower="0" upper="1.5" effort="10" velocity="1"'
+    joints = [("a", "revolute", USUAL), ("b", "revolute", USUAL), ("c", "prismatic", slide)]
+    urdf = write_urdf(tmp_path / "arm.urdf", *joints)
+    episodes = [q * [180.0 / np.pi, 180.0 / np.pi, 1.0] for q in reaches()]
+    found = mp.load_demonstrations(
+        write_csv(tmp_path / "t.csv", NAMES, episodes), robot=urdf, degrees=True
+    )
+    for one, q in zip(found, reaches(), strict=True):
+        np.testing.assert_allclose(one.positions[-1], q[-1], atol=0.02)
+    assert "not converted from degrees: 'c'" in found.report
+
+
+def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
+    names = ["a", "b", "gripper"]
+    ranges = {"a": 2000, "b": 3000, "gripper": 1000}
+    factors = np.array([1000, 1500, 1000]) * 2.0 * np.pi / 4095.0 / 100.0
+    folder = write_dataset(tmp_path / "set", [q / factors for q in reaches()], names)
+    calibration = tmp_path / "arm.json"
+    motors = {name: {"range_min": 1000, "range_max": 1000 + r} for name, r in ranges.items()}
+    calibration.write_text(json.dumps(motors))
+    by_hand = dict(zip(names, factors.tolist(), strict=True))
+    for scale in (calibration, by_hand):
+        found = mp.load_demonstrations(folder, scale=scale)
+        for one, q in zip(found, reaches(), strict=True):
+            np.testing.assert_allclose(one.positions[-1], q[-1], atol=0.02)
+    with pytest.raises(RecordingError, match="from -100 to 100, with --scale"):
+        mp.load_demonstrations(folder)
+    found = mp.load_demonstrations(folder, degrees=True)
+    assert found[0].joint_names == ("a", "b") and "LeRobot states grippers" in found.report
+    assert "values are from -100 to 100" in found.report
+    with pytest.raises(RecordingError, match="no joint is called 'd'"):
+        mp.load_demonstrations(folder, scale={"d": 2.0})
+    with pytest.raises(RecordingError, match="'a' must be a number that is not 0"):
+        mp.load_demonstrations(folder, scale={"a": 0.0})
+
+
+# Folders and files
+
+
+def test_packed_bags_of_a_folder_are_read_and_others_named(tmp_path: Path) -> None:
+    for name, seed in (("monday", 1), ("tuesday", 2)):
+        q = rested(reaches(seed=seed))
+        write_joint_states(tmp_path / f"{name}.mcap", "mcap", NAMES, stamps(len(q)), q)
+    packed = zstd.compress((tmp_path / "tuesday.mcap").read_bytes())
+    (tmp_path / "tuesday.mcap").unlink()
+    (tmp_path / "tuesday.mcap.zstd").write_bytes(packed)
+    (tmp_path / "wednesday.bag.active").write_bytes(b"#ROSBAG V2.0\n")
+    (tmp_path / "notes.txt").write_text("")
+    with pytest.warns(UserWarning, match="1 of 3 recordings"):
+        found = mp.load_demonstrations(tmp_path)
+    assert len(found.reports) == 2 and len(found) == 12
+    assert "run rosbag reindex wednesday.bag.active" in found.refused[0].reason
+    assert "files left out, as they are not recordings" in found.report
+    assert "notes.txt" in found.report
+
+
+def test_a_gripper_that_rests_is_left_out_without_a_robot(tmp_path: Path) -> None:
+    episodes = [np.column_stack([q, np.full(len(q), 0.02)]) for q in reaches()]
+    table = write_csv(tmp_path / "t.csv", [*NAMES, "left_gripper"], episodes)
+    found = mp.load_demonstrations(table)
+    assert found[0].joint_names == NAMES
+    assert "joints left out, as they never move: 'left_gripper'" in found.report
+    chosen = mp.load_demonstrations(table, joints=[*NAMES, "left_gripper"])
+    assert chosen[0].joint_names == (*NAMES, "left_gripper")
+
+
+def write_hostile(folder: Path, kind: str) -> Path:
+    """A small file that unpacks to much, or that never ends."""
+    path = folder / "t.csv"
+    if kind == "label":
+        rows = [f"{i},{'x' * (400_000 if i == 5 else 1)},0.5" for i in range(2000)]
+        path.write_text("time,episode,a\n" + "\n".join(rows))
+    elif kind == "header":
+        path.write_text("time," + ",".join(f"q{i}" for i in range(200_000)) + "\n1,2\n")
+    else:
+        path = write_dataset(folder / "set", reaches(), list(NAMES))
+        file = path / "data/chunk-000/file.parquet"
+        if kind == "pipe":
+            file.unlink()
+            os.mkfifo(file)
+        else:
+            arrow = pytest.importorskip("pyarrow")
+            from pyarrow import parquet
+
+            n = 5_000_000
+            column = arrow.FixedSizeListArray.from_arrays(arrow.array(np.zeros(3 * n, "f4")), 3)
+            many = {"episode_index": np.zeros(n, int), "observation.state": column}
+            parquet.write_table(arrow.table(many), file)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("label", "t: "),
+        ("header", "200,001 columns"),
+        ("pipe", "not a regular file"),
+        ("parquet", "unpack to"),
+    ],
+)
+def test_a_small_file_that_unpacks_to_much_is_rejected(
+    tmp_path: Path, kind: str, words: str
+) -> None:
+    path = write_hostile(tmp_path, kind)
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingError, match=words):
+            mp.load_demonstrations(path)
+        assert tracemalloc.get_traced_memory()[1] < 200e6
+    finally:
+        tracemalloc.stop()
+
+
+# Cuts
+
+
+def test_cuts_at_hesitations_are_said_and_can_be_left_out(tmp_path: Path) -> None:
+    halves = [x for q in reaches() for x in (q, 2.0 * q[-1] - q[::-1])]
+    q = rested([np.vstack(pair) for pair in zip(halves[::2], halves[1::2], strict=True)])
+    q = np.vstack([np.column_stack([q, np.sin(q[:, 0])])])
+    write_joint_states(tmp_path / "set.mcap", "mcap", (*NAMES, "d"), stamps(len(q)), q)
+    found = mp.load_demonstrations(tmp_path / "set.mcap")
+    rests = mp.load_demonstrations(
+        tmp_path / "set.mcap", segmentation=SegmentationOptions(cut="rests")
+    )
+    n_cuts = len(found) - len(rests)
+    assert n_cuts > 0 and f"{n_cuts} cuts at hesitations" in found.report
+    assert "hesitations" not in rests.report
+
+
+def test_arms_of_two_topics_are_taken_together(tmp_path: Path) -> None:
+    q = rested(reaches())
+    times = stamps(len(q))
+    messages = []
+    for t, x in zip(times.tolist(), q.tolist(), strict=True):
+        messages.append(Message(NAMES, x, t, topic="/left/joint_states"))
+        messages.append(Message(NAMES, x[::-1], t + 3_000_000, topic="/right/joint_states"))
+    bag = write_bag(tmp_path / "set", "mcap", messages)
+    both = {"topic": "/left/joint_states,/right/joint_states"}
+    with pytest.raises(RecordingError, match="list the same joints, 'a', 'b', 'c': rename"):
+        mp.load_demonstrations(bag, **both)
+    found = mp.load_demonstrations(bag, rename={"/right/joint_states/*": "right_*"}, **both)
+    assert found[0].joint_names == (*NAMES, "right_a", "right_b", "right_c")
+    np.testing.assert_allclose(found[0].positions[:, :3], found[0].positions[:, :2:-1], atol=0.01)
