@@ -137,7 +137,12 @@ def read_recording(path: Path, options: LoadOptions) -> CleanRecording:
     if joints is None and len(_topics(options)) > 1:
         joints = raw.listed_joints
     taken = _listed(joints, raw.listed_joints) if options.moving_only else joints
-    clean = repair(raw, taken, options.max_gap)
+    try:
+        clean = repair(raw, taken, options.max_gap)
+    except UnusableRecordingError as error:
+        if episodes:  # whose borders are no gaps
+            error.findings["repairs"].pop("gaps", None)
+        raise
     reach = np.rad2deg(max(np.abs(piece.positions).max() for piece in clean.pieces))
     if options.degrees and reach < LARGEST_ANGLE:
         raise RecordingError(

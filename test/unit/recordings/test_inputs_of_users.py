@@ -22,6 +22,7 @@ from mp_pca_planner.cli.goal_arguments import joint_values
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.load import full_turns
+from mp_pca_planner.recordings.reading import inspect_recording
 from mp_pca_planner.recordings.segmentation import SegmentationOptions
 from mp_pca_planner.renaming import new_name, read_rename
 
@@ -268,7 +269,7 @@ def test_names_of_datasets_are_read_or_given(
         (["x", "y", "z"], "'x', 'y', 'z' are coordinates of poses and not joints"),
         (["state"], "names 1 of the 3 values.*--joints"),
         (["a", "b", "b"], "repeats a name among the 3 values.*--joints"),
-        (3, "info.json' can't be read"),
+        (3, "info.json' does not describe a LeRobot dataset"),
     ],
 )
 def test_a_dataset_of_other_names_is_rejected_alone(
@@ -321,6 +322,14 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
         mp.load_demonstrations(folder, scale={"d": 2.0})
     with pytest.raises(RecordingError, match="'a' must be a number that is not 0"):
         mp.load_demonstrations(folder, scale={"a": 0.0})
+
+
+def test_borders_of_episodes_are_no_gaps(tmp_path: Path) -> None:
+    radians = write_dataset(tmp_path / "radians", reaches(), list(NAMES))
+    degrees = write_dataset(tmp_path / "degrees", list(map(np.rad2deg, reaches())), list(NAMES))
+    assert inspect_recording(radians).repairs == {}
+    refused = inspect_recording(degrees)
+    assert refused.repairs == {} and "--degrees" in (refused.refusal or "")
 
 
 # Folders and files
