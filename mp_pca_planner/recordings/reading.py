@@ -275,7 +275,7 @@ def _normalised_note(raw: RawJointStates, others: Collection[str]) -> tuple[str,
     """A note if values of a LeRobot dataset that shall be degrees may be shares of ranges."""
     layout = raw.layouts[0]
     columns = [i for i, name in enumerate(layout.joint_names) if name not in others]
-    if not columns or np.nanmax(np.abs(layout.positions[:, columns])) > 100.5:
+    if not columns or (np.abs(layout.positions[:, columns]) > 100.5).any():
         return ()
     return (
         "its values are from -100 to 100: if they are LeRobot's shares of the calibrated ranges "

@@ -344,12 +344,13 @@ def test_packed_bags_of_a_folder_are_read_and_others_named(tmp_path: Path) -> No
     (tmp_path / "tuesday.mcap.zstd").write_bytes(packed)
     (tmp_path / "wednesday.bag.active").write_bytes(b"#ROSBAG V2.0\n")
     (tmp_path / "notes.txt").write_text("")
+    (tmp_path / "loop").symlink_to(tmp_path)
     with pytest.warns(UserWarning, match="1 of 3 recordings"):
         found = mp.load_demonstrations(tmp_path)
     assert len(found.reports) == 2 and len(found) == 12
     assert "run rosbag reindex wednesday.bag.active" in found.refused[0].reason
     assert "files left out, as they are not recordings" in found.report
-    assert "notes.txt" in found.report
+    assert found.report.count("notes.txt") == 1
 
 
 def test_a_gripper_that_rests_is_left_out_without_a_robot(tmp_path: Path) -> None:
