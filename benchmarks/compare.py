@@ -53,8 +53,8 @@ from mp_pca_planner.cli.example_robots import (
 from mp_pca_planner.exceptions import PlannerError, quote_names, unknown_name
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel, package_folders
-from mp_pca_planner.planning.options import FREE, SHORTEST, PlannerOptions
-from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.planning.options import SHORTEST, PlannerOptions
+from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.library import load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.robot.model import Robot
@@ -83,13 +83,8 @@ _FACTS = (
 )
 
 
-# Likeness to the demonstrations, in the duration of least cost: nearly least effort.
-_SCENE_NATURALNESS = 0.01
-# Components of the primitive.
-_SCENE_N_COMPONENTS = 8
-# Time limit of a further run [s].
-_SCENE_QUICK = 0.1
-
+QUICK = 0.1
+"""Time limit of a further run of the planner among obstacles [s]."""
 
 Results = Sequence[Mapping[str, PeerResult]]
 """For each problem, the results of the methods that were run on it, by method name."""
@@ -121,24 +116,17 @@ def set_up(
 
 
 def _planner_in_scenes(scene: Scene, max_time: float) -> list[Method]:
-    """The planner with the options of the benchmark, a user's defaults and the shortest duration.
-
-    With a `max_time` above 100 ms, also with the options of the benchmark within 100 ms.
-    """
-    size, rho, quick = _SCENE_N_COMPONENTS, _SCENE_NATURALNESS, _SCENE_QUICK
-    chosen, usual = (
-        scene.primitive or build_primitive(scene.demonstrations, scene.name, options)
-        for options in (PrimitiveOptions("arm", size), PrimitiveOptions())
-    )
-    own = PlannerOptions(naturalness=rho, timing=FREE, max_solve_time=max_time)
-    methods = [planner_method(OWN, scene, chosen, own)]
-    if max_time > quick:
-        name, own = f"{OWN}_{1e3 * quick:.0f}ms", replace(own, max_solve_time=quick)
-        methods.append(planner_method(name, scene, chosen, own))
-    for name, timing in (("default", PlannerOptions.timing), (SHORTEST, SHORTEST)):
-        options = PlannerOptions(timing=timing, max_solve_time=max_time)
-        methods.append(planner_method(f"{OWN}_{name}", scene, usual, options))
-    return methods
+    """The planner with a user's defaults, also within 100 ms, and with the shortest duration."""
+    primitive = scene.primitive or build_primitive(scene.demonstrations, scene.name)
+    usual = PlannerOptions(max_solve_time=max_time)
+    return [
+        planner_method(name, scene, primitive, options)
+        for name, options in (
+            (OWN, usual),
+            (f"{OWN}_{1e3 * QUICK:.0f}ms", replace(usual, max_solve_time=QUICK)),
+            (f"{OWN}_{SHORTEST}", replace(usual, timing=SHORTEST)),
+        )
+    ]
 
 
 def compare(
@@ -250,8 +238,7 @@ def _summary_in_scenes(results: Results, name: str) -> dict[str, Any]:
     found = {
         "n_problems": len(facts),
         "solved_share": len(solved) / len(facts),
-        "solved_in_100_ms_share": sum(x["solve_time_s"] <= _SCENE_QUICK for x in solved)
-        / len(facts),
+        "solved_in_100_ms_share": sum(x["solve_time_s"] <= QUICK for x in solved) / len(facts),
         "n_collisions": sum(one.solved and one.facts()["collision"] != "" for one in of_method),
         "limits_kept_share": _share([one["feasible"] for one in solved]),
         "time_of_all_s": _quantile([one["solve_time_s"] for one in facts]),

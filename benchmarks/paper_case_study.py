@@ -18,7 +18,7 @@ from pathlib import Path
 
 from paper_figures import draw_pictures
 from paper_method import study
-from paper_tables import notes, titled_tables
+from paper_tables import notes, tables
 from support.tables import benchmark_parser, show
 
 from mp_pca_planner.cli.common import progress_bar
@@ -57,7 +57,7 @@ def main() -> int:
         arguments.output.mkdir(parents=True, exist_ok=True)
         draw_pictures(found, robot, FRAMES, arguments.output)
     show(
-        titled_tables(found),
+        tables(found),
         as_json=arguments.json,
         notes=[source, *notes(found)],
     )

@@ -213,8 +213,6 @@ class CaseStudy:
         The motions chosen.
     components : tuple of PrincipalComponents
         Of the joint angles, joint by joint: [P] Table 2 and Fig. 2.
-    shares_by_activity : dict of str to array, shape (n_joints, 4)
-        Shares of the variance for all motions of each activity.
     raising : Demonstration
         The motion with the largest rise of the hand.
     raised : dict of str to Prediction
@@ -227,7 +225,6 @@ class CaseStudy:
 
     motions: tuple[Demonstration, ...]
     components: tuple[PrincipalComponents, ...]
-    shares_by_activity: dict[str, FloatArray]
     raising: Demonstration
     raised: dict[str, Prediction]
     held_out: Comparison
@@ -297,7 +294,6 @@ def study(
     robot: Robot,
     tip: str,
     progress: Callable[[int, int], None] | None = None,
-    min_of_activity: int = 5,
     n_starts: int = 100,
 ) -> CaseStudy:
     """Run the case study.
@@ -314,8 +310,6 @@ def study(
         The frame at its end.
     progress :
         Called with motions done and in all.
-    min_of_activity :
-        Least number of motions for a table of an activity.
     n_starts :
         Starts of each search for the least effort; as many more follow until two agree.
 
@@ -345,19 +339,11 @@ def study(
         compare(chosen, groups, robot=robot, tip=tip, more=more, progress=count)
         for groups in groupings
     )
-    sets: dict[str, list[Demonstration]] = {}
-    for motion in motions:
-        sets.setdefault(motion.label, []).append(motion)
     highest = _highest_rise(held_out, robot, tip)
     planned_highest = held_out.predictions[highest]
     return CaseStudy(
         motions=tuple(chosen),
         components=tuple(angle_components(chosen)),
-        shares_by_activity={
-            label: variance_shares(angle_components(members))
-            for label, members in sorted(sets.items())
-            if label and len(members) >= min_of_activity
-        },
         raising=held_out.motions[highest],
         raised={name: planned_highest[name] for name in TABLE_3_METHODS},
         held_out=held_out,

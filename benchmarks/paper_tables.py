@@ -36,36 +36,21 @@ TABLE_3 = {"B-spline": (5.19594, 148.975), "PCA": (9.58805, 96.509)}
 
 _EFFORTS = ["method", "ends", "starts", "effort [N²m²s]", "ratio", "time [ms]", "time ratio"]
 
-_TITLES = {
-    "table_2": "Table 2: variance of the joint angles [%]",
-    "table_2_by_activity": "Table 2 for each activity: shares of the first two components [%]",
-    "table_3": "Table 3: the arm-raising motion",
-    "table_3_all_motions": "Table 3, all motions, each left out: medians",
-    "starts": "Methods with the same number of starts, all motions",
-    "naturalness": "Naturalness: RMS errors of motions left out, and 95 % intervals of the "
-    "difference from the default's",
-    "naturalness_other_activities": "Naturalness with primitives of other activities",
-}
-
 
 def tables(study: CaseStudy) -> dict[str, Table]:
-    """All tables, by the names of their files."""
+    """All tables by their titles."""
     found = {
-        "table_2": table_2(study),
-        "table_2_by_activity": table_2_by_activity(study),
-        "table_3": table_3(study),
-        "table_3_all_motions": table_3_all_motions(study),
-        "starts": starts_table(study),
-        "naturalness": error_table(study.held_out),
+        "Table 2: variance of the joint angles [%]": table_2(study),
+        "Table 3: the arm-raising motion": table_3(study),
+        "Table 3, all motions, each left out: medians": table_3_all_motions(study),
+        "Methods with the same number of starts, all motions": starts_table(study),
+        "Naturalness: RMS errors of motions left out, and 95 % intervals of the difference from "
+        "the default's": error_table(study.held_out),
     }
     if study.other_activities is not None:
-        found["naturalness_other_activities"] = error_table(study.other_activities)
+        title = "Naturalness with primitives of other activities"
+        found[title] = error_table(study.other_activities)
     return found
-
-
-def titled_tables(study: CaseStudy) -> dict[str, Table]:
-    """All tables by their titles."""
-    return {_TITLES[name]: table for name, table in tables(study).items()}
 
 
 def table_2(study: CaseStudy) -> Table:
@@ -75,15 +60,6 @@ def table_2(study: CaseStudy) -> Table:
         paper = TABLE_2.get(row[0], ())
         row += [*percents(paper, 4), percent(sum(paper)) if paper else ""]
     return ["joint", *columns, *(f"paper {name}" for name in columns)], rows
-
-
-def table_2_by_activity(study: CaseStudy) -> Table:
-    """Shares of the first two components, for all motions of each activity [%]."""
-    rows = [
-        [activity, *(f"{percent(x)} + {percent(y)}" for x, y in shares[:, :2])]
-        for activity, shares in study.shares_by_activity.items()
-    ]
-    return ["activity", *study.motions[0].joint_names], rows
 
 
 def table_3(study: CaseStudy) -> Table:

@@ -273,18 +273,16 @@ def refuse_copies(tasks: Sequence[LoadTask], loaded: list[RecordingSet]) -> None
     Of a recording with a table of segments, the motions are those that a person chose.
     """
     originals: dict[str, str] = {}
-    values, owners = list[int](), list[int]()
+    fingerprints: dict[int, Sequence[int]] = {}
     for index, task in enumerate(tasks):
         for report in loaded[index].reports if task.segments is None else ():
             original = originals.setdefault(report.checksum, task.name)
             if original != task.name:
                 _refuse(loaded, index, task.name, f"it is a copy of '{original}', which is used")
             else:
-                values.extend(report.fingerprint)
-                owners.extend([index] * len(report.fingerprint))
+                fingerprints[index] = report.fingerprint
     gone = set[int]()
-    both = (np.array(found, dtype=np.int64) for found in (values, owners))
-    for pair, shares in sorted(common_shares(*both).items()):
+    for pair, shares in sorted(common_shares(fingerprints).items()):
         if max(shares) >= MIN_SHARE and not gone & set(pair):
             # Of equal ones, the first is kept.
             part, whole = pair if shares[0] > shares[1] + 0.3 else pair[::-1]
@@ -298,39 +296,39 @@ def refuse_copies(tasks: Sequence[LoadTask], loaded: list[RecordingSet]) -> None
 
 
 def common_shares(
-    values: NDArray[np.int64], owners: NDArray[np.int64]
+    fingerprints: Mapping[int, Sequence[int]],
 ) -> dict[tuple[int, int], tuple[float, float]]:
     """Shares of the runs of two recordings that the other one has, too.
 
     Parameters
     ----------
-    values : array, shape (n_hashes,)
-        The fingerprints of all recordings, one after the other.
-    owners : array, shape (n_hashes,)
-        The index of the recording of each, not decreasing.
+    fingerprints :
+        By the index of the recording, increasing.
 
     Returns
     -------
     :
         By the indices of the recordings, the first one less than the second one.
     """
-    order = np.argsort(values, kind="stable")
-    is_new = np.append(True, np.diff(values[order]) != 0)
-    starts = np.flatnonzero(is_new)
-    ends = np.append(starts[1:], values.size)
-    pairs = Counter[tuple[int, int]]()
-    for start, end in zip(starts[ends - starts > 1], ends[ends - starts > 1], strict=True):
-        found = owners[order[start:end]].tolist()
-        # Of many copies, each is compared with the first ones.
-        pairs.update((one, other) for i, one in enumerate(found[:4]) for other in found[i + 1 :])
+    owners: dict[int, list[int]] = {}
+    for index, own in fingerprints.items():
+        for value in own:
+            owners.setdefault(value, []).append(index)
+    # Of many copies, each is compared with the first ones.
+    pairs = Counter(
+        (one, other)
+        for several in owners.values()
+        for i, one in enumerate(several[:4])
+        for other in several[i + 1 :]
+    )
     shares = {}
-    for pair, n_common in pairs.items():
-        both = [values[slice(*np.searchsorted(owners, (i, i + 1)))] for i in pair]
+    for (one, other), n_common in pairs.items():
+        both = fingerprints[one], fingerprints[other]
         # The hashes of a longer recording reach less far.
-        reach = min(own[-1] if own.size == FINGERPRINT_SIZE else np.inf for own in both)
+        reach = min(max(own) if len(own) == FINGERPRINT_SIZE else np.inf for own in both)
         if n_common >= MIN_COMMON:
-            first, second = (n_common / np.count_nonzero(own <= reach) for own in both)
-            shares[pair] = (float(first), float(second))
+            first, second = (n_common / sum(x <= reach for x in own) for own in both)
+            shares[one, other] = (first, second)
     return shares
 
 

@@ -137,7 +137,12 @@ def read_recording(path: Path, options: LoadOptions) -> CleanRecording:
     if joints is None and len(_topics(options)) > 1:
         joints = raw.listed_joints
     taken = _listed(joints, raw.listed_joints) if options.moving_only else joints
-    clean = repair(raw, taken, options.max_gap)
+    try:
+        clean = repair(raw, taken, options.max_gap)
+    except UnusableRecordingError as error:
+        if episodes:  # whose borders are no gaps
+            error.findings["repairs"].pop("gaps", None)
+        raise
     reach = np.rad2deg(max(np.abs(piece.positions).max() for piece in clean.pieces))
     if options.degrees and reach < LARGEST_ANGLE:
         raise RecordingError(
@@ -270,7 +275,7 @@ def _normalised_note(raw: RawJointStates, others: Collection[str]) -> tuple[str,
     """A note if values of a LeRobot dataset that shall be degrees may be shares of ranges."""
     layout = raw.layouts[0]
     columns = [i for i, name in enumerate(layout.joint_names) if name not in others]
-    if not columns or np.nanmax(np.abs(layout.positions[:, columns])) > 100.5:
+    if not columns or (np.abs(layout.positions[:, columns]) > 100.5).any():
         return ()
     return (
         "its values are from -100 to 100: if they are LeRobot's shares of the calibrated ranges "

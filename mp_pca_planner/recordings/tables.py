@@ -220,10 +220,16 @@ def _read_dataset(
 ) -> tuple[RawJointStates, Episodes]:
     with reading(f"'{path / _INFO}'", RecordingError):
         info = json.loads(read_text(path / _INFO))
+    try:
         version, features = str(info["codebase_version"]), dict(info["features"])
         vectors = [name for name, one in features.items() if _size(one)]
         named = [x for name in columns if name in vectors for x in _names(features[name])]
         fps, total = float(info.get("fps") or 0.0), info.get("total_episodes")
+    except (AttributeError, LookupError, TypeError, ValueError):
+        raise RecordingError(
+            f"'{path / _INFO}' does not describe a LeRobot dataset: expected 'codebase_version', "
+            "'fps', and 'features' with 'dtype', 'shape' and 'names'"
+        ) from None
     if not version.startswith(_VERSIONS):
         raise RecordingError(
             f"'{path}' is a LeRobot dataset of version '{version}': expected v2.0, v2.1 or v3.0"

@@ -72,6 +72,7 @@ def files_left_out(paths: Iterable[str | Path], found: Iterable[Path]) -> list[P
     while folders:
         folder = folders.pop()
         if _location(folder) not in taken:
+            taken.add(_location(folder))  # a link may lead back to it
             children = [x for x in sorted(folder.iterdir()) if not x.name.startswith(".")]
             folders += [child for child in children if child.is_dir()]
             files = [child for child in children if child.is_file()]

@@ -14,6 +14,7 @@ from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import Violation, check_limits
+from mp_pca_planner.planning.motion import samples_of
 from mp_pca_planner.planning.search.stop_and_go import FixedShape, StopAndGo, stop_and_go
 from mp_pca_planner.planning.time_scaling import (
     least_duration,
@@ -218,6 +219,15 @@ def test_motion_rests_at_each_place_and_its_segments_are_the_same(moving):
         values = [x[0] for x in whole.evaluate(np.array([moment]))]
         expected = (state.positions, state.velocities, state.accelerations)
         np.testing.assert_array_equal(values, expected)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_motion_in_its_least_durations_keeps_the_limits(moving):
+    route = through(moving=moving)
+    (motion,) = route.motions(route.durations, [len(route.durations)])
+    times, states = samples_of(motion, STEP)
+    limits = limits_of(max_velocity=2.0, max_acceleration=4.0)  # jerks are sampled between knots
+    assert not check_limits(Trajectory(JOINTS, times, *states), arm_robot(), limits).violations
 
 
 def test_launch_is_a_brake_backwards_in_time():

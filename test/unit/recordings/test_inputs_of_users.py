@@ -22,6 +22,7 @@ from mp_pca_planner.cli.goal_arguments import joint_values
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.load import full_turns
+from mp_pca_planner.recordings.reading import inspect_recording
 from mp_pca_planner.recordings.segmentation import SegmentationOptions
 from mp_pca_planner.renaming import new_name, read_rename
 
@@ -268,7 +269,7 @@ def test_names_of_datasets_are_read_or_given(
         (["x", "y", "z"], "'x', 'y', 'z' are coordinates of poses and not joints"),
         (["state"], "names 1 of the 3 values.*--joints"),
         (["a", "b", "b"], "repeats a name among the 3 values.*--joints"),
-        (3, "info.json' can't be read"),
+        (3, "info.json' does not describe a LeRobot dataset"),
     ],
 )
 def test_a_dataset_of_other_names_is_rejected_alone(
@@ -323,6 +324,14 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
         mp.load_demonstrations(folder, scale={"a": 0.0})
 
 
+def test_borders_of_episodes_are_no_gaps(tmp_path: Path) -> None:
+    radians = write_dataset(tmp_path / "radians", reaches(), list(NAMES))
+    degrees = write_dataset(tmp_path / "degrees", list(map(np.rad2deg, reaches())), list(NAMES))
+    assert inspect_recording(radians).repairs == {}
+    refused = inspect_recording(degrees)
+    assert refused.repairs == {} and "--degrees" in (refused.refusal or "")
+
+
 # Folders and files
 
 
@@ -335,12 +344,13 @@ def test_packed_bags_of_a_folder_are_read_and_others_named(tmp_path: Path) -> No
     (tmp_path / "tuesday.mcap.zstd").write_bytes(packed)
     (tmp_path / "wednesday.bag.active").write_bytes(b"#ROSBAG V2.0\n")
     (tmp_path / "notes.txt").write_text("")
+    (tmp_path / "loop").symlink_to(tmp_path)
     with pytest.warns(UserWarning, match="1 of 3 recordings"):
         found = mp.load_demonstrations(tmp_path)
     assert len(found.reports) == 2 and len(found) == 12
     assert "run rosbag reindex wednesday.bag.active" in found.refused[0].reason
     assert "files left out, as they are not recordings" in found.report
-    assert "notes.txt" in found.report
+    assert found.report.count("notes.txt") == 1
 
 
 def test_a_gripper_that_rests_is_left_out_without_a_robot(tmp_path: Path) -> None:
