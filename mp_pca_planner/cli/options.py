@@ -213,6 +213,14 @@ def add_request(parser: argparse.ArgumentParser) -> None:
         "between (default: 1, or (3 / score)³ if the in-span score is above 3)",
     )
     motion.add_argument(
+        "--demonstrated-margin",
+        metavar="M",
+        type=number(0.0, 1e6),
+        default=1.2,
+        help="largest velocities and accelerations, as multiples of the demonstrated ones; 0: only "
+        "the limits (default: %(default)g)",
+    )
+    motion.add_argument(
         "--max-in-span-score",
         metavar="S",
         type=number(0.0, 1e6),

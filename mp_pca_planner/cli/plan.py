@@ -182,6 +182,7 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
         timing=arguments.timing,
         naturalness=arguments.naturalness,
         max_in_span_score=arguments.max_in_span_score,
+        demonstrated_margin=arguments.demonstrated_margin,
         max_solve_time=arguments.max_solve_time or (math.inf if arguments.via else _MAX_SOLVE_TIME),
         n_starts=MOST_STARTS,
     )

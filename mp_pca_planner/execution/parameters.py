@@ -277,6 +277,13 @@ class Settings:
         Also applies to goals in motion and to detours. 0: none.""",
         high=1e6,
     )
+    demonstrated_margin: float = _declared(
+        PlannerOptions.demonstrated_margin,
+        """Largest velocities and accelerations of motions from rest, as multiples of the
+        demonstrated ones of each joint. Timing 'shortest' and 'free' keep this for accelerations
+        without a limit only. 0: only the limits.""",
+        high=1e6,
+    )
     objective: str = _declared(
         "effort",
         """Weighted sum to minimise, NAME=WEIGHT,…, of effort, energy, jerk, time and straightness

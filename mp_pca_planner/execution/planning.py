@@ -96,6 +96,12 @@ class Model:
                 f"some joints have no limit of {', '.join(unlimited)}: set them with "
                 "'limits_file' before a real robot moves"
             )
+        if found := self.planner.default_accelerations:
+            listed = ", ".join(f"'{name}' {value:.3g}" for name, value in found.items())
+            notes.append(
+                "joints without a limit of acceleration keep the demonstrated one times "
+                f"{self.settings.demonstrated_margin:g} [/s²]: {listed}"
+            )
         if note := limits_file_note(self.settings.limits_file):
             notes.append(note)
         if not self.settings.collision:

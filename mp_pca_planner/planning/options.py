@@ -73,6 +73,11 @@ class PlannerOptions:
     max_in_span_score : float
         In-span score above which no motion is executable: the request is too far from the
         demonstrations. 0: none is too far.
+    demonstrated_margin : float
+        Motions from rest to rest take at most this multiple of the largest demonstrated velocity
+        and acceleration of each joint. With timing 'shortest' or 'free', this holds for
+        accelerations without a limit only; with a requested duration or passing time, not at all.
+        0: no such limits.
     sample_period : float
         Time between the points of a trajectory [s].
     max_solve_time : float
@@ -106,6 +111,7 @@ class PlannerOptions:
     timing: str = AUTO
     naturalness: float | None = None
     max_in_span_score: float = 0.0
+    demonstrated_margin: float = 1.2
     sample_period: float = 0.01
     max_solve_time: float = 1.0
     n_starts: int = 1
@@ -140,4 +146,5 @@ class PlannerOptions:
         if self.naturalness is not None:
             check_number(self.naturalness, "naturalness", GoalError, 0.0, 1e12)
         check_number(self.max_in_span_score, "max_in_span_score", GoalError, 0.0, 1e6)
+        check_number(self.demonstrated_margin, "demonstrated_margin", GoalError, 0.0, 1e6)
         check_number(self.n_starts, "n_starts", GoalError, 1, MOST_STARTS, is_whole=True)

@@ -7,8 +7,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from importlib import import_module
 from types import NoneType
+
+import numpy as np
 
 from ..arrays import check_choice, check_type
 from ..exceptions import (
@@ -22,6 +25,7 @@ from ..exceptions import (
 from ..input_limits import INPUT_LIMITS
 from ..motion.collision import CollisionModel, package_folders
 from ..motion.goal import (
+    Goal,
     GoalLike,
     JointGoal,
     JointState,
@@ -37,8 +41,9 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
 from .context import Budget, Context, one_blas_thread
+from .demonstrated import demonstrated_limits
 from .objectives import uses_efforts
-from .options import MODES, OPTIMAL, PlannerOptions
+from .options import FREE, MODES, OPTIMAL, SHORTEST, PlannerOptions
 from .plan import Plan
 from .program.bases import BasisStore
 from .report import already_there, report
@@ -218,13 +223,45 @@ class Planner:
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         check_choice(mode, "the mode", GoalError, MODES)
+        context = replace(self._context, limits=self._limits_for(goal, start))
         began = time.perf_counter()
         most, each = self.options.max_solve_time, _TIME_FOR_CHECKS
         n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
         deadline = began + most - min(n_segments * each, 0.4 * most)
         budget = Budget(deadline, self.options.should_stop)
-        requests = resolve(self._context, self._selector, goal, start, mode, budget)
+        requests = resolve(context, self._selector, goal, start, mode, budget)
         if isinstance(requests, tuple) and not requests:
-            return already_there(self._context, start, began, self)
-        outcome = search(self._context, requests, budget)
-        return report(self._context, outcome, began, self)
+            return already_there(context, start, began, self)
+        outcome = search(context, requests, budget)
+        return report(context, outcome, began, self)
+
+    @cached_property
+    def _demonstrated(self) -> tuple[JointLimits, JointLimits]:
+        margin = self.options.demonstrated_margin
+        return demonstrated_limits(self.robot, self.primitives, self.limits, margin)
+
+    @property
+    def default_accelerations(self) -> dict[str, float]:
+        """Limits of acceleration [/s²] of joints without one, from the demonstrations."""
+        if not self.options.demonstrated_margin:
+            return {}
+        _, usual = self._demonstrated
+        pairs = zip(self.limits.joint_names, usual.acceleration.tolist(), strict=True)
+        free = np.isinf(self.limits.acceleration)
+        return {name: value for (name, value), has in zip(pairs, free, strict=True) if has}
+
+    def _limits_for(self, goal: Goal, start: JointState) -> JointLimits:
+        """The limits of a motion, see `demonstrated_margin` of the options."""
+        targets: Sequence[object] = ()
+        times: Sequence[float | None] = ()
+        if isinstance(goal, SequenceGoal):
+            targets, times = goal.targets, goal.times
+        else:
+            targets, times = [getattr(goal, "state", None)], [goal.duration]
+        states = [start, *(one for one in targets if isinstance(one, JointState))]
+        is_moving = any(np.any([one.velocities, one.accelerations]) for one in states)
+        is_asked = any(one is not None for one in times)
+        if not self.options.demonstrated_margin or is_moving or is_asked:
+            return self.limits
+        careful, usual = self._demonstrated
+        return usual if self.options.timing in (SHORTEST, FREE) else careful

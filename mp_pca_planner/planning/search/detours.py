@@ -87,7 +87,7 @@ def along_path(context: Context, request: Request, budget: Budget) -> Candidate 
             break
     if best is None or path is None or best.is_valid:
         return best
-    return replace(best, corners=corners_of(context, path))
+    return replace(best, corners=corners_of(context, path, budget))
 
 
 def _near_path(context: Context, request: Request, path: FloatArray, budget: Budget) -> Candidate:
@@ -218,14 +218,16 @@ def paths(
             return
 
 
-def corners_of(context: Context, path: FloatArray) -> FloatArray:
-    """The points of a path between which straight lines are free of collisions."""
+def corners_of(context: Context, path: FloatArray, budget: Budget) -> FloatArray:
+    """The points of a path between which straight lines are free; all once time has run out."""
     assert context.collision is not None
     collides, step = context.collision.collides, _FINE_STEP
     kept = [0]
     while kept[-1] < len(path) - 1:
         here, k = path[kept[-1]], len(path) - 1
-        while k > kept[-1] + 1 and not _is_free(collides, here, path[k], step):
+        while k > kept[-1] + 1 and (
+            budget.is_late() or not _is_free(collides, here, path[k], step)
+        ):
             k -= 1
         kept.append(k)
     return path[kept]
@@ -306,7 +308,8 @@ def sampled_path(
     def is_free(state: Any) -> bool:
         nonlocal n_checks
         n_checks += 1
-        return not collides(np.array(state[0:n_joints]))
+        # Once time has run out, the simplifier finds no shortcut and ends.
+        return not (should_stop() or collides(np.array(state[0:n_joints])))
 
     def ends_now() -> bool:
         return n_checks > max_checks or should_stop()

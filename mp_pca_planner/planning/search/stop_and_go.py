@@ -412,7 +412,7 @@ def _around(
         around = next(paths(context, ends, budget), None)
         if around is None:
             return found
-        corners.append(corners_of(context, around)[1:-1])
+        corners.append(corners_of(context, around, budget)[1:-1])
     try:
         other = _slow(context, request, failed, usual, tuple(corners))
     except (GoalError, TrajectoryError):

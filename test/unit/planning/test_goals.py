@@ -129,7 +129,7 @@ def test_a_pose_out_of_reach_is_refused_with_how_near_it_comes():
 def test_the_shortest_duration_is_feasible_and_clearly_shorter_ones_are_not():
     for i in range(2):
         goal, start = request(i)
-        plan = planner(timing="shortest").plan(goal, start)
+        plan = planner(timing="shortest", demonstrated_margin=0.0).plan(goal, start)
         assert plan.status == SOLVED and kept(plan)
         shortest = plan.duration
         patient = planner(naturalness=0.01)
@@ -149,7 +149,7 @@ def test_a_free_duration_is_where_the_cost_is_least():
 def test_time_that_costs_makes_motions_shorter():
     goal, start = request(3)
     durations = [
-        planner(timing="free", objectives=((1.0, effort), (weight, time)))
+        planner(timing="free", demonstrated_margin=0.0, objectives=((1.0, effort), (weight, time)))
         .plan(goal, start)
         .motion.duration
         for weight in (1e-3, 20.0, 200.0)
@@ -171,10 +171,11 @@ def test_each_objective_is_lowered_by_asking_for_it():
         a = plan.trajectory.accelerations
         return float(np.mean(np.gradient(a, plan.trajectory.times, axis=0) ** 2))
 
-    least_effort = planner(naturalness=1e-3).plan(goal, start)
-    smooth = planner(naturalness=1e-3, objectives=((1.0, jerk),)).plan(goal, start)
+    bold = partial(planner, naturalness=1e-3, demonstrated_margin=0.0)
+    least_effort = bold().plan(goal, start)
+    smooth = bold(objectives=((1.0, jerk),)).plan(goal, start)
     near_line = partial(straightness, frame=HAND)
-    straight = planner(naturalness=1e-3, objectives=((1.0, near_line),)).plan(goal, start)
+    straight = bold(objectives=((1.0, near_line),)).plan(goal, start)
     assert mean_jerk(smooth) < mean_jerk(least_effort)
     assert hand_off_line(straight) < 0.5 * hand_off_line(least_effort)
     assert least_effort.solution.effort_cost < min(

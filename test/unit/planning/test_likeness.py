@@ -64,7 +64,7 @@ def test_what_is_given_counts():
 
 
 def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():
-    smooth = {"objectives": ((1.0, jerk),)}
+    smooth = {"objectives": ((1.0, jerk),), "demonstrated_margin": 0.0}
     shown = planned(unlike(), timing="demonstrated", **smooth)
     slowest = planned(unlike(), timing="free", **smooth)
     plan = planned(unlike(), **smooth)

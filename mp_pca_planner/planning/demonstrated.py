@@ -1,0 +1,83 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""Limits of velocity and acceleration that follow from the demonstrations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..motion.interpolation import boundary_values, hermite_functions
+from ..primitives.primitive import MovementPrimitive
+from ..primitives.timing import aligned_phases
+from ..robot.limits import LIMIT_KEYS, JointLimits
+from ..robot.model import Robot
+
+# Samples of a demonstration. Two of its derivatives by differences over four of them are smooth.
+_N_SAMPLES = 64
+# Share of the fastest joint's peak that a joint may take, however little it moved.
+_LEAST_SHARE = 0.25
+
+
+def demonstrated_peaks(primitive: MovementPrimitive) -> FloatArray:
+    """Largest velocities and accelerations of the demonstrations [/s, /s²], shape (2, n_joints)."""
+    shares, peaks = np.linspace(0.0, 1.0, _N_SAMPLES), []
+    phases = aligned_phases(primitive.warps, shares)
+    for duration, phase, state, weights in zip(
+        primitive.durations, phases, primitive.boundary_states, primitive.weights, strict=True
+    ):
+        boundary = boundary_values(tuple(state[:3]), tuple(state[3:]), float(duration))
+        q = hermite_functions(phase) @ boundary + primitive.basis.shape(weights, phase)
+        v = np.gradient(q, shares * duration, axis=0)
+        a = np.gradient(v, shares * duration, axis=0)
+        peaks.append(np.abs([v, a]).max(axis=1))
+    return np.asarray(np.max(peaks, axis=0))
+
+
+def demonstrated_limits(
+    robot: Robot, primitives: Iterable[MovementPrimitive], limits: JointLimits, margin: float
+) -> tuple[JointLimits, JointLimits]:
+    """Limits with those of the demonstrations.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    primitives : iterable of MovementPrimitive
+        The primitives.
+    limits : JointLimits
+        Limits of the robot.
+    margin : float
+        Factor of the demonstrated peaks.
+
+    Returns
+    -------
+    careful : JointLimits
+        The lower of each velocity and acceleration and of the demonstrated one times the margin.
+    usual : JointLimits
+        The same, but only of accelerations without a limit.
+    """
+    peaks = np.max([demonstrated_peaks(one) for one in primitives], axis=0)
+    is_prismatic = np.isin(robot.joint_names, robot.prismatic_joints)
+    for kind in (is_prismatic, ~is_prismatic):
+        if kind.any():
+            fastest = peaks[:, kind].max(axis=1, keepdims=True)
+            peaks[:, kind] = np.maximum(peaks[:, kind], _LEAST_SHARE * fastest)
+    velocity, acceleration = np.maximum(margin * peaks, 1e-6)
+    free = np.isinf(limits.acceleration)
+    careful = _with(limits, np.minimum(limits.velocity, velocity), acceleration)
+    return careful, _with(limits, limits.velocity, np.where(free, acceleration, np.inf))
+
+
+def _with(limits: JointLimits, velocity: FloatArray, acceleration: FloatArray) -> JointLimits:
+    """Limits with other velocities and with accelerations that are not above some."""
+    acceleration = np.minimum(limits.acceleration, acceleration)
+    columns = (limits.lower, limits.upper, velocity, acceleration, limits.jerk, limits.effort)
+    rows = np.transpose(columns).tolist()
+    names = limits.joint_names
+    given = {
+        name: dict(zip(LIMIT_KEYS, row, strict=True)) for name, row in zip(names, rows, strict=True)
+    }
+    return JointLimits(names, given, source="limits of the demonstrations")
