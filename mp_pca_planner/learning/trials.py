@@ -89,6 +89,8 @@ def improve_by_trials(
     if planner is None or planner.options.constraints:
         why = "a plan without constraints, made by Planner.plan, is expected"
         raise LearningError(f"the plan can't be improved by trials: {why}")
+    if not plan.motions:
+        raise LearningError(f"there is no motion to improve: {plan.message}")
     if n_trials < MIN_TRIALS:
         raise LearningError(f"n_trials must be at least {MIN_TRIALS}, got {n_trials}")
     cmaes = require("cmaes", "learn", "learning by trials")
