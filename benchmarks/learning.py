@@ -9,7 +9,7 @@ on the true robot, without noise and with 10 %. The optimum is that of an off-li
 the true model. Primitives:
 goals near refined motions, planned with the old primitive and with the new one.
 
-    python benchmarks/learning.py [--problems 100] [--seeds 10] [--trials 60]
+    python3 benchmarks/learning.py [--problems 100] [--seeds 10] [--trials 60]
 """
 
 from __future__ import annotations
