@@ -19,6 +19,7 @@ from ..renaming import Rename, check_rename, new_name
 from . import bags
 from .bags import Bag, Topic
 from .joint_states import JointLayout, RawJointStates, joined
+from .recording_set import NORMALISED
 from .repair import repair
 from .repair.motion import LARGEST_ANGLE
 from .repair.recording import CleanRecording
@@ -277,10 +278,7 @@ def _normalised_note(raw: RawJointStates, others: Collection[str]) -> tuple[str,
     columns = [i for i, name in enumerate(layout.joint_names) if name not in others]
     if not columns or (np.abs(layout.positions[:, columns]) > 100.5).any():
         return ()
-    return (
-        "its values are from -100 to 100: if they are LeRobot's shares of the calibrated ranges "
-        "and not degrees, leave out --degrees and pass --scale CALIBRATION.json or JOINT=FACTOR",
-    )
+    return (NORMALISED,)
 
 
 def _scaled(layout: JointLayout, factors: Mapping[str, float]) -> JointLayout:

@@ -22,6 +22,13 @@ if TYPE_CHECKING:
     from .segmentation import SpeedThresholds
 
 
+NORMALISED = (
+    "its values are from -100 to 100: if they are LeRobot's shares of the calibrated ranges and "
+    "not degrees, leave out --degrees and pass --scale CALIBRATION.json or JOINT=FACTOR"
+)
+"""The note on a dataset whose values may be no degrees."""
+
+
 @dataclass(frozen=True)
 class Segment:
     """Interval of a recording that holds one motion.
@@ -254,7 +261,8 @@ class RecordingSet:
                     f"rad (or m) in '{motion.recording}', and over {ABSURD_EXTENT:g} is absurd: "
                     "degrees=True converts degrees, joints=[…] chooses the joints"
                 )
-        return ""
+        doubtful = [one.name for one in self.reports if NORMALISED in one.notes]
+        return f"{listed(doubtful, 3)}: {NORMALISED}" if doubtful else ""
 
     def require_motion(self) -> None:
         """Raise a RecordingError, with the first reason, if no recording holds a motion."""

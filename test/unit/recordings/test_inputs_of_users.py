@@ -315,7 +315,8 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
             np.testing.assert_allclose(one.positions[-1], q[-1], atol=0.02)
     with pytest.raises(RecordingError, match="from -100 to 100, with --scale"):
         mp.load_demonstrations(folder)
-    found = mp.load_demonstrations(folder, degrees=True)
+    with pytest.warns(UserWarning, match="from -100 to 100: if they are LeRobot's shares"):
+        found = mp.load_demonstrations(folder, degrees=True)
     assert found[0].joint_names == ("a", "b") and "LeRobot states grippers" in found.report
     assert "values are from -100 to 100" in found.report
     with pytest.raises(RecordingError, match="no joint is called 'd'"):
