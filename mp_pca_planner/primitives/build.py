@@ -317,10 +317,12 @@ def build_from_statistics(
 
 
 def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float | None, float]:
-    """RMS errors in path of motions that are left out [rad or m].
+    """RMS errors of motions that are left out [rad or m].
 
-    From their prediction by the others, None for a single motion, and from the minimum-jerk motion
-    between their ends. Whole shapes are predicted, so the number of components makes no difference.
+    At equal shares of the path, or of the time where motions are aligned by 'linear', with the
+    boundary parts of the motions. From their prediction by the others, None for a single motion,
+    and from the minimum-jerk motion between their ends. Whole shapes are predicted, so the number
+    of components makes no difference.
     At most 200 motions are left out.
     """
     used = statistics.thinned()

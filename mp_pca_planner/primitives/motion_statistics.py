@@ -71,7 +71,7 @@ class MotionStatistics:
     extents : array, shape (n_demonstrations,)
         Norms over the joints of the distances that each covers [rad or m].
     boundary_states : array, shape (n_demonstrations, 6, n_joints)
-        q, q̇, q̈ at the start, then at the end.
+        q, q̇, q̈ at the start, then at the end; q̈ is zero.
     warps : array, shape (n_demonstrations, n_warp_phases)
         See :func:`.align`.
     paces : array, shape (n_demonstrations, PACE_DEGREE)
@@ -135,9 +135,10 @@ class MotionStatistics:
             ranges[i] = np.ptp(d.positions, axis=0)
             # Joint angles over time: what [P] analyses.
             over_time[i] = d.time_normalised(n_phases)
+            # A re-timed motion counts as one from rest to rest. The accelerations at the ends count
+            # as zero for all: they are noisy, and the quintic would spread them over the motion.
             curves = np.array([d.positions, d.velocities, d.accelerations])
-            if options.align != "linear":
-                curves[1:] = 0.0  # a re-timed motion counts as one from rest to rest
+            curves[1 if options.align == "arc_length" else 2 :] = 0.0
             states[i] = np.concatenate([curves[:, 0], curves[:, -1]])
             ends = boundary_values(curves[:, 0], curves[:, -1], d.duration)
             quintics[i] = hermite_functions(phases) @ ends

@@ -65,7 +65,7 @@ class MovementPrimitive:
         Weights of the demonstrations ([P] eq. (2)).
     boundary_states : array, shape (n_demonstrations, 6, n_joints)
         q, q̇, q̈ of the aligned demonstrations at the start, then at the end; re-timed ones
-        start and end at rest.
+        start and end at rest, and q̈ is zero for all.
     durations : array, shape (n_demonstrations,)
         Their durations [s].
     warps : array, shape (n_demonstrations, n_warp_phases)
@@ -144,9 +144,10 @@ class MovementPrimitive:
         Returns
         -------
         facts : dict
-            `left_out_error` and `minimum_jerk_error`: RMS distance in path of demonstrations that
-            are left out from their prediction by the others, and from the minimum-jerk motion
-            between their ends [rad or m]; NaN for one demonstration, and for a refined primitive.
+            `left_out_error` and `minimum_jerk_error`: RMS distance of demonstrations that are left
+            out from their prediction by the others, and from the minimum-jerk motion between their
+            ends, at equal shares of the path, or of the time with `align` 'linear' [rad or m];
+            NaN for one demonstration, and for a refined primitive.
             Whole shapes are predicted, so neither depends on the number of components:
             :meth:`errors` of motions that were held out does. `starts` and `goals`: lowest and
             highest demonstrated position by joint. `durations`: the shortest and the longest [s].
@@ -205,7 +206,7 @@ class MovementPrimitive:
         align : {'arc_length', 'linear'}
             Whether equal shares of the path or of the time are compared, see :func:`.align`.
             Motions aligned by 'arc_length' start and end at rest. With 'linear', they keep the
-            velocities and accelerations that were measured at their ends, with the noise of these.
+            velocities that were measured at their ends, with their noise.
 
         Raises
         ------

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Distances between motions, and errors of held-out motions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.arm import arm_demonstrations
@@ -47,6 +49,20 @@ def test_left_out_motions_are_nearer_to_their_predictions_than_to_straight_ones(
     facts = build_primitive(motions, "all", options).summary()
     assert facts["left_out_error"] == pytest.approx(predicted, rel=0.3)
     assert facts["minimum_jerk_error"] == pytest.approx(straight, rel=0.3)
+
+
+@pytest.mark.parametrize("method", ALIGNMENTS)
+def test_noise_of_the_accelerations_at_the_ends_does_not_change_predictions(method):
+    motions, noise = arm_demonstrations(), np.random.default_rng(3)
+    options = PrimitiveOptions(n_components=5, align=method)
+    before = build_primitive(motions[1:], "x", options).errors(motions[:1])
+    noisy = []
+    for motion in motions[1:]:
+        accelerations = motion.accelerations.copy()
+        accelerations[[0, -1]] += noise.normal(0.0, 5.0, (2, len(motion.joint_names)))
+        noisy.append(replace(motion, accelerations=accelerations))
+    after = build_primitive(noisy, "x", options).errors(motions[:1])
+    np.testing.assert_allclose(after, before, rtol=1e-2)
 
 
 def straight_error(motion):

@@ -225,6 +225,7 @@ def test_re_timed_motions_start_and_end_at_rest(method):
         np.testing.assert_array_equal(kept, moving)
     else:
         assert not np.any(kept)
+    assert not np.any(primitive.boundary_states[:, [2, 5]])
     assert primitive.joint_names == JOINTS
 
 
