@@ -232,20 +232,17 @@ class MotionServer:
 
     # Set-up.
 
-    def use(self, model: NodeModel | None, reason: str = "") -> None:
-        """Use another model, or none; a running motion of other joints is stopped."""
-        old = self._last_model
-        self._drop(
-            "the parameters, the primitives or the robot description changed during planning"
-        )
-        names = model.robot.joint_names if model else ()
-        if names != self.tracker.measured.joint_names:
-            if old is not None:
-                self.release(reason or "the joints of the primitives have changed")
+    def use(self, model: NodeModel | None, joint_names: tuple[str, ...]) -> None:
+        """Use another model of some joints, or none; a running motion of others is stopped."""
+        changed = "the parameters, the primitives or the robot description changed"
+        self._drop(f"{changed} during planning")
+        if joint_names != self.tracker.measured.joint_names:
+            reason = "the joints of the primitives have changed"
+            self.release(reason)
             if self.execution is not None:
-                self._report(self.execution.given_up("the joints of the primitives have changed"))
-            self.execution, self._last_model = None, None
-            self.tracker.expect(names)
+                self._report(self.execution.given_up(reason))
+            self.execution = self._last_model = None
+            self.tracker.expect(joint_names)
         self.model = model
         self._last_model = model or self._last_model
 

@@ -160,7 +160,7 @@ class PlannerNode(Node):
 
     def unload(self) -> None:
         """Drop the primitives."""
-        self._server.use(None)
+        self._server.use(None, ())
         self._done = SetUpDone(0)
 
     def accept_goals(self) -> None:
@@ -499,7 +499,7 @@ class PlannerNode(Node):
             robot = Robot(urdf, done.joint_names, locked=done.model.locked)
             robot = robot.with_drives(done.model.drives)
             model = NodeModel(robot, done.model, settings)
-        self._server.use(model)
+        self._server.use(model, done.joint_names)
         if self._watcher is not None:
             self._watcher.send(self._present_set_up(0))
         self._use_controller()
@@ -562,7 +562,7 @@ class PlannerNode(Node):
             self._adopt(done, self._settings)
             return
         # The robot has changed, so the old model is invalid.
-        self._server.use(None)
+        self._server.use(None, self._done.joint_names)
         self._model_problem = done.problem
         self.get_logger().error(to_text(done.problem))
 

@@ -32,6 +32,7 @@ from support.nodes import (
     call,
     described_client,
     goal_message,
+    planner_of,
     ros_node,
     running_node,
 )
@@ -101,13 +102,14 @@ def of_other_joints(names: tuple[str, ...]) -> MovementPrimitive:
 
 @contextmanager
 def full_disk(process: subprocess.Popen[str], size: int = 1000) -> Iterator[None]:
-    """No file of the process grows beyond the size [bytes]: the system refuses to write it."""
-    before = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
-    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size, before[1]))
+    """No file of the planner grows beyond the size [bytes]: the system refuses to write it."""
+    planner = planner_of(process)
+    before = resource.prlimit(planner, resource.RLIMIT_FSIZE)
+    resource.prlimit(planner, resource.RLIMIT_FSIZE, (size, before[1]))
     try:
         yield
     finally:
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, before)
+        resource.prlimit(planner, resource.RLIMIT_FSIZE, before)
 
 
 def test_motion_that_does_not_fit_on_the_disk_leaves_no_part_of_a_file(
@@ -289,20 +291,3 @@ def test_node_that_security_keeps_out_ends_with_the_reason_and_status_2(
         said = log.read()
     assert "ROS refuses the node: error creating node: " in said
     assert "Traceback" not in said
-
-
-@pytest.mark.parametrize(
-    ("stack", "memory", "words"),
-    [(8 << 20, 1000 << 20, "GiB of address space"), (1 << 30, 4 << 30, "24 threads")],
-)
-def test_node_without_memory_for_itself_or_its_threads_ends_with_one_line_and_status_1(
-    stack: int, memory: int, words: str
-) -> None:
-    command = [sys.executable, "-m", "mp_pca_planner", "planner_node"]
-    limits = f"ulimit -S -s {stack >> 10} -v {memory >> 10} && exec"
-    done = subprocess.run(
-        ["bash", "-c", f'{limits} "$@"', "bash", *command], capture_output=True, text=True
-    )
-    assert done.returncode == 1, done.stderr
-    (line,) = done.stderr.splitlines()
-    assert words in line

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +25,7 @@ from support.nodes import (
     column,
     described_client,
     goal_message,
+    planner_of,
     running_node,
 )
 from support.patience import HANG
@@ -50,18 +50,6 @@ def client(node: subprocess.Popen[str]) -> Iterator[NodeClient]:
         client.publish_state(JOINTS, START)
         client.call("stop", HANG)
         yield client
-
-
-def planner_of(node: subprocess.Popen[str]) -> int:
-    """The process of the planner: the one of the node's children that plans."""
-    children = Path(f"/proc/{node.pid}/task/{node.pid}/children").read_text().split()
-    found = [
-        int(child)
-        for child in children
-        if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
-    ]
-    assert found
-    return found[0]
 
 
 def serve(client: NodeClient) -> None:

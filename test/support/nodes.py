@@ -112,6 +112,13 @@ def running_node(
     assert "Traceback" not in log.read_text()
 
 
+def planner_of(node: subprocess.Popen[str]) -> int:
+    """The process in which a node plans: its first child that was spawned."""
+    children = Path(f"/proc/{node.pid}/task/{node.pid}/children").read_text().split()
+    commands = {int(child): Path(f"/proc/{child}/cmdline").read_bytes() for child in children}
+    return next(child for child, command in commands.items() if b"spawn_main" in command)
+
+
 @contextmanager
 def described_client() -> Iterator[NodeClient]:
     """A client of a node that has a model: its only robot description is that of the topic."""

@@ -194,7 +194,8 @@ class VirtualNode:
         self.planner = VirtualPlanner(self, self._model)
         self.watcher = VirtualWatcher(self, self._model)
         self.server = MotionServer(self.tracker, self.planner, self)
-        self.server.use(NodeModel(self._model.robot, self._model.facts, self._model.settings))
+        known = NodeModel(self._model.robot, self._model.facts, self._model.settings)
+        self.server.use(known, self._model.robot.joint_names)
         self.use_world(self._world)
 
     def use_world(self, world: World) -> None:

@@ -277,9 +277,9 @@ def test_stream_at_20_hz_is_served(kind, is_stated):
 
 
 def test_goal_without_a_robot_is_refused_with_the_reason(node):
-    node.server.use(None, "the robot description is missing")
+    node.server.use(None, tuple(JOINTS))
     node.ask(GOAL)
-    node.server.use(NodeModel(MODEL.robot, MODEL.facts, MODEL.settings))
+    node.server.use(NodeModel(MODEL.robot, MODEL.facts, MODEL.settings), tuple(JOINTS))
     node.server.hold = "the primitives are being read"
     node.ask(GOAL)
     assert node.statuses == ["refused"] * 2
@@ -288,7 +288,7 @@ def test_goal_without_a_robot_is_refused_with_the_reason(node):
 
 def test_goal_is_refused_whose_set_up_changes_while_it_is_planned(node):
     node.ask(GOAL)
-    node.server.use(NodeModel(MODEL.robot, MODEL.facts, MODEL.settings))
+    node.server.use(NodeModel(MODEL.robot, MODEL.facts, MODEL.settings), tuple(JOINTS))
     node.run(1.0)
     assert node.statuses == ["refused"] and not node.sent
     assert "changed during planning; send the goal again" in reasons(node)[0]
@@ -301,7 +301,7 @@ def test_motion_that_is_no_longer_monitored_is_stopped(node, event):
     if event == "release":
         node.server.release("it is deactivated")
     else:
-        node.server.use(None, "the joints are others")
+        node.server.use(None, ("other",))
     assert len(node.sent) == 2
     for _ in range(1500):
         node.robot.step()
@@ -473,10 +473,10 @@ def test_motion_that_can_no_longer_be_followed_is_reported(node, monkeypatch, ch
     node.run(0.2)
     if change == "joints":
         robot = MODEL.robot
-        node.server.use(NodeModel(robot, MODEL.facts, MODEL.settings))  # the same ones
+        node.server.use(NodeModel(robot, MODEL.facts, MODEL.settings), tuple(JOINTS))  # the same
         node.run(0.1)
         assert not node.outcomes
-        node.server.use(None)
+        node.server.use(None, ())
         assert node.server.execution is None
     else:
         monkeypatch.setattr(node.tracker, "clock", lambda: node.now - 100.0)

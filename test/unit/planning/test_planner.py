@@ -18,6 +18,7 @@ from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program import compile as compiler
 from mp_pca_planner.planning.program.limits import Limits
+from mp_pca_planner.planning.resolve import check_goal
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.robot.limits import JointLimits
@@ -313,7 +314,7 @@ def test_a_joint_that_turns_without_end_goes_the_shorter_way():
         Planner(robot, [primitive], bounded, PATIENT),
         JointGoal(JointState(["turn"], [-3.0])),
     )
-    careful.check(goal)
+    check_goal(robot, bounded, goal)
     assert careful.plan(goal, JointState(["turn"], [3.0 + 4.0 * np.pi])).is_executable
 
 
