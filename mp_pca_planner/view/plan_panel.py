@@ -25,7 +25,7 @@ from .planning import (
 )
 from .robot_shapes import DrawnRobot, Rgb, add_paths, show_paths
 from .stage import Player, ShownMotion, Stage, part
-from .worker import PreemptiveWorker
+from .worker import NewestFirst
 
 NAME = "Plan"
 _TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."
@@ -90,9 +90,7 @@ class PlanPanel:
             self._bars = gui.add_html("")
         self._formats = gui.add_button_group("Save as", tuple(_FORMATS))
         self._formats.on_click(self._on_save)
-        self._worker = PreemptiveWorker[ViewRequest](
-            self._serve, lambda _: None, lambda: None, self._on_failure
-        )
+        self._worker = NewestFirst[ViewRequest](self._serve, self._on_failure)
         self._place_handle()
         self.submit()
 
@@ -230,7 +228,7 @@ class PlanPanel:
             goal, self._stage.frame
         )
 
-    def _serve(self, request: ViewRequest, _: object) -> None:
+    def _serve(self, request: ViewRequest) -> None:
         # In the planning thread: only what is under the lock changes the page.
         if request.pose is not None and self.answer is not None:
             # The search for a pose begins where the last answer ended.
@@ -242,11 +240,10 @@ class PlanPanel:
                 show(answer)
             self._stage.server.flush()
 
-    def _on_failure(self, request: ViewRequest | None, error: BaseException) -> None:
+    def _on_failure(self, request: ViewRequest, error: BaseException) -> None:
         """Show that a plan failed for a reason that no goal should cause."""
         with self._stage.caught():
             raise error
-        request = request or self._request
         problem = "internal error; its traceback is in the log of this command"
         with self._stage.caught(), self._stage.lock:
             self._say(PlanAnswer(request, request.goal, None, problem, 0.0))

@@ -1,136 +1,68 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A thread that serves one goal at a time, and that newer goals preempt."""
+"""A thread that answers the newest request."""
 
 from __future__ import annotations
 
 import threading
-import traceback
 from collections.abc import Callable
-from concurrent.futures import CancelledError
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-IsCancelled = Callable[[], bool]
 
-
-class PreemptiveWorker(Generic[T]):
-    """Serves one goal at a time; a newer one replaces the waiting one and cancels the served one.
-
-    Goals may arrive faster than they can be served. Therefore, the goal after a cancelled one is
-    not cancelled in turn: at least every second goal that is begun is finished. The thread survives
-    every exception.
+class NewestFirst(Generic[T]):
+    """Serves one request at a time, in a thread; a newer one replaces the one that waits.
 
     Parameters
     ----------
     serve :
-        Serves a goal. Once its second argument returns True, it may return at any time or raise
-        `CancelledError`.
-    drop :
-        Called with each goal that was cancelled or replaced.
-    rest :
-        Called when a goal was served and no other came for `pause`: for work that can wait.
+        Serves a request.
     fail :
-        Called with an exception of the other functions, and the goal; None for one of `rest`.
+        Called with a request and the exception that serving it has raised.
     """
 
-    pause = 0.02
-    """Idle time after which other work is done [s]."""
-
     def __init__(
-        self,
-        serve: Callable[[T, IsCancelled], None],
-        drop: Callable[[T], None],
-        rest: Callable[[], None],
-        fail: Callable[[T | None, BaseException], None],
+        self, serve: Callable[[T], None], fail: Callable[[T, BaseException], None]
     ) -> None:
-        self._serve = serve
-        self._drop = drop
-        self._rest = rest
-        self._fail = fail
+        self._serve, self._fail = serve, fail
         self._changed = threading.Condition()
         self._waiting: T | None = None
-        self._dropped: list[T] = []  # by `cancel`
-        self._is_serving = self._is_cancelled = self._is_closed = False
-        self._may_cancel = True
-        # A daemon: a goal that never ends must not keep the process alive.
+        self._is_serving = self._is_closed = False
+        # A daemon: a request that never ends must not keep the process alive.
         self._thread = threading.Thread(target=self._run, name="planning", daemon=True)
         self._thread.start()
 
-    def submit(self, goal: T) -> None:
-        """Serve a goal as soon as possible; it replaces the waiting one."""
+    def submit(self, request: T) -> None:
+        """Serve a request as soon as possible; it replaces the waiting one."""
         with self._changed:
-            dropped, self._waiting = self._waiting, goal
-            self._is_cancelled = self._is_cancelled or (self._is_serving and self._may_cancel)
+            self._waiting = request
             self._changed.notify_all()
-        if dropped is not None:
-            self._attempt(dropped, self._drop)
-
-    def submit_if_idle(self, goal: T) -> bool:
-        """Serve a goal unless another one is served or waits; return whether it is."""
-        with self._changed:
-            if not self.is_idle:
-                return False
-            self._waiting = goal
-            self._changed.notify_all()
-        return True
 
     @property
     def is_idle(self) -> bool:
-        """Whether no goal is served or waits."""
-        return self._waiting is None and not self._is_serving
-
-    def cancel(self) -> None:
-        """Cancel the waiting and the served goal; the thread drops both."""
+        """Whether no request is served or waits."""
         with self._changed:
-            if self._waiting is not None:
-                self._dropped.append(self._waiting)
-            self._waiting, self._is_cancelled = None, self._is_serving
-            self._changed.notify_all()
+            return self._waiting is None and not self._is_serving
 
     def close(self, timeout: float = 5.0) -> None:
-        """Cancel all goals and end the thread, within the timeout [s] if the served goal ends."""
-        self._is_closed = True
-        self.cancel()
+        """End the thread, within the timeout [s] if the served request ends."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
         self._thread.join(timeout)
 
     def _run(self) -> None:
-        may_rest = False
         while True:
             with self._changed:
-                self._changed.wait_for(
-                    lambda: self._is_closed or self._dropped or self._waiting is not None,
-                    self.pause if may_rest else None,
-                )
-                goal, self._waiting = self._waiting, None
-                dropped, self._dropped = self._dropped, []
-                self._is_serving, self._is_cancelled = goal is not None, False
-            for one in dropped:
-                self._attempt(one, self._drop)
-            if self._is_closed:
-                return
-            if goal is not None:
-                self._attempt(goal, self._serve_one)
                 self._is_serving = False
-            elif may_rest:
-                self._attempt(None, lambda _: self._rest())
-            may_rest = goal is not None
-
-    def _serve_one(self, goal: T) -> None:
-        try:
-            self._serve(goal, lambda: self._is_cancelled)
-            self._may_cancel = True
-        except CancelledError:
-            self._may_cancel = False
-            self._drop(goal)
-
-    def _attempt(self, goal: Any, work: Callable[[Any], None]) -> None:
-        """Do some work; whatever it raises, the thread goes on."""
-        try:
-            work(goal)
-        except BaseException as error:  # such as SystemExit, which ends a thread silently
+                self._changed.wait_for(lambda: self._is_closed or self._waiting is not None)
+                if self._is_closed:
+                    return
+                request, self._waiting = self._waiting, None
+                self._is_serving = True
+            assert request is not None
             try:
-                self._fail(goal, error)
-            except BaseException:
-                traceback.print_exc()
+                self._serve(request)
+            except BaseException as error:  # such as SystemExit, which ends a thread silently
+                self._fail(request, error)
