@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..exceptions import GoalError, PlannerError
+from ..exceptions import GoalError, PlannerError, TrajectoryError
 from ..motion.goal import Goal, JointGoal, JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
@@ -63,6 +63,9 @@ _CONFIRMATION = 1.5
 # Least time that a motion around an obstacle is planned ahead, and time before a collision at which
 # the robot is stopped if there is none [s].
 _LOOKAHEAD, _RESERVE = 0.15, 0.6
+# Distance between the first command and the motion under way that is rounding [rad or m]: of times
+# in seconds since 1970, and of those in messages.
+_ROUNDING = 1e-6
 # Change of a joint that carries the arm, while a motion is planned, up to which it is the same.
 _CARRIER_TOLERANCE = 1e-3
 
@@ -554,14 +557,16 @@ class MotionServer:
                     f"where the motion joins the one under way, the {check.violations[0]}; send "
                     "the goal again"
                 )
+            first = JointState(first.joint_names, motion.sent.positions[0])
             following = start.following
             assert following is not None
-            # The reference at the time of the first command: what is sent must not jump from it.
-            place = motion.time - following.motion.began
             if following.rate == 1.0 and motion.is_timed:
-                first = following.motion.state(place)
-            else:
-                first = JointState(first.joint_names, motion.sent.positions[0])
+                reference = following.motion.state(motion.time - following.motion.began)
+                jump = float(np.abs(first.positions - reference.positions).max())
+                if jump > _ROUNDING:
+                    raise TrajectoryError(
+                        f"the motion would jump by {jump:.3g} rad (or m) from the one under way"
+                    )
             if start.time >= self._threat_time():
                 raise GoalError(f"{self._verdict.reason} before another motion could begin")
         settings = model.settings

@@ -3,6 +3,9 @@
 """Servos that lag and sag are no fault: goals in motion and stops neither jump nor are refused."""
 
 import pytest
+
+pytest.importorskip("example_robot_data", reason="extra 'example' is not installed")
+
 from campaigns.slow_servos import LAGS, LARGEST_JUMP, SAGS, Run
 from support.virtual_node import scene_and_model
 
