@@ -340,14 +340,7 @@ class Execution:
         if following.is_running and is_same:
             left = (following.motion.duration - following.place) / max(following.rate, 0.01)
             return f"the goal is under way: the robot arrives in {left:.2g} s"
-        if not following.is_over or isinstance(goal, SequenceGoal):
-            return ""
-        if not is_same and isinstance(goal, JointGoal):
-            end = self.planned.trajectory
-            here = JointState(end.joint_names, end.positions[-1], end.velocities[-1])
-            if set(goal.state.joint_names) <= set(end.joint_names) and goal.primitive is None:
-                is_same = is_same_configuration(goal.state, in_order(here, goal.state.joint_names))
-        if not is_same:
+        if not (following.is_over and is_same) or isinstance(goal, SequenceGoal):
             return ""
         error = f"{following.distance:.3g} rad (or m), of joint '{following.joint}'"
         return f"the robot is at the goal: the largest error is {error}"

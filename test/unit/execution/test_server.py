@@ -138,9 +138,11 @@ def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(eit
     assert "arrives in" in reasons(either)[-1]
     either.run(3.0)
     either.ask(GOAL)
-    either.ask(GOAL[:2], JOINTS[:2])
-    assert either.statuses == ["served"] + ["under_way"] * 3
     assert reasons(either)[-1].startswith("the robot is at the goal")
+    either.ask(GOAL[:2], JOINTS[:2])
+    either.run(0.1)
+    assert either.statuses == ["served"] + ["under_way"] * 3
+    assert reasons(either)[-1].startswith("already there")
     assert len(either.sent) == 1
     assert either.outcomes == ["arrived"]
 
