@@ -44,7 +44,7 @@ more than the noise of sensors."""
 
 # Change of the goal up to which a motion is displaced without planning, while it runs and at its
 # end [rad or m]. Planned motions would swing as the demonstrations do.
-_NEAR, _NEAR_AT_REST = 0.15, 0.03
+_NEAR, _NEAR_AT_REST, _SAME = 0.15, 0.03, 1e-4
 # Duration of a displaced motion in durations of the planned one.
 _SLOWEST = 2.0
 # Part of the time for planning that is left for what follows it [s].
@@ -462,7 +462,8 @@ class GoalPlanner:
         change = float(np.abs(target.positions - running.trajectory.positions[-1]).max())
         near = _NEAR_AT_REST if running.is_over else _NEAR
         is_near = not goal.duration and goal.primitive is None and change <= near
-        if running.is_over and not (is_near and running.is_of_goal):
+        is_there = change <= _SAME  # no motion is needed, says the planner
+        if running.is_over and (is_there or not (is_near and running.is_of_goal)):
             return None
         adapted = self._displaced(request, stated, target, running, model, began)
         if adapted is None or is_near:
