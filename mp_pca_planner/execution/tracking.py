@@ -40,6 +40,8 @@ _BELIEVED, _ON_PATH = 0.1, 1.5e-4
 _FULL_RATE, _MIN_RATE, _HELD_RATE, _MAX_CHANGE = 0.01, 0.05, 1e-3, 0.5
 # Distance that a robot at rest may move from the choice of a start to publishing [rad or m].
 _START_TOLERANCE = 0.005
+# Shortest part of a motion that another one continues [s]; else that begins at its end.
+_LAST = 0.05
 # Part of a motion that is kept when another one continues it [s]; more than servos lag.
 _LEAD = 0.35
 # How far states may be ahead of their time, as stamps and clocks are rounded [s].
@@ -492,7 +494,9 @@ def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: fl
         check_joinable(where)
         then = now + latency + 2.0 * TRANSPORT
         expected = following.at(then)
-        place = following.motion.near_point(expected)
+        place, end = following.motion.near_point(expected), following.motion.duration
+        # What is left of a motion at its jerk limit could not be displaced.
+        place = end if end - _LAST < place < end else place
         then += place - expected
         state = following.motion.state(place)
         return MotionStart(state, following, tracker.motion, place, then, where.measured)

@@ -190,7 +190,8 @@ class PlannerNode(Node):
         """Describe an error in one sentence; log the traceback of an internal one."""
         if isinstance(error, PlannerError):
             return to_text(error)
-        if isinstance(error, RuntimeError) and "deserialize" in str(error):
+        is_of_rclpy = type(error).__module__.startswith("rclpy")
+        if is_of_rclpy or (isinstance(error, RuntimeError) and "deserialize" in str(error)):
             return to_text(f"rclpy rejects the received message: {error}")
         if isinstance(error, OSError) and error.strerror:
             file = f": '{error.filename!s:.80}'" if error.filename else ""

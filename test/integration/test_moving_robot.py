@@ -126,7 +126,7 @@ def test_drifting_goal_is_met(rate):
     node.assert_clean()
 
 
-@pytest.mark.parametrize("rate", [5.0, 20.0, 50.0])
+@pytest.mark.parametrize("rate", [20.0, 50.0])
 @pytest.mark.campaign
 def test_drifting_goal_is_followed(rate):
     _, _, away = drift(rate)
@@ -167,6 +167,7 @@ def test_sag_of_a_payload_is_not_learned_anew_with_every_goal():
 def test_goals_in_motion_are_served_without_a_jump_at_any_speed(scaling):
     node = Panda()
     node.robot.faults.speed_scaling = scaling
+    node.has_controller_state = scaling < 1.0
     node.run(1.0)
     for k in range(4):
         node.ask(node.ends[3 + k % 2])

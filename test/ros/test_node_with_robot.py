@@ -86,8 +86,9 @@ def test_goal_is_reached_and_reported_as_arrived(bench: Bench) -> None:
 @pytest.mark.slow
 def test_goal_to_an_inactive_controller_is_reported_as_never_started(bench: Bench) -> None:
     with bench.fault("active", False, True):
-        assert bench.execution(bench.send(VIA))["outcome"] == "never_started"
-    bench.arrive(START)
+        elsewhere = START if np.abs(bench.position - VIA).max() < 0.01 else VIA
+        assert bench.execution(bench.send(elsewhere))["outcome"] == "never_started"
+    bench.arrive(elsewhere)
 
 
 @pytest.mark.slow
