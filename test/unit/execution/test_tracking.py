@@ -285,7 +285,7 @@ def test_robot_whose_speed_changes_waits():
 
 def test_held_robot_starts_where_it_rests(moving):
     began = moving.motion.began
-    moving.follow(0.9, lambda time: max(1.75 - 1.5 * (time - began), 0.0))
+    moving.follow(1.2, lambda time: max(1.75 - 1.5 * (time - began), 0.0))
     start = moving.choose()
     assert not start.is_in_motion
     np.testing.assert_allclose(start.state.positions, moving.here, atol=1e-3)
