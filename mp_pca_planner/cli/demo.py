@@ -130,7 +130,7 @@ def _pipeline(folder: Path) -> int:
     goals = [motion.positions[[0, -1]] for motion in generate_motions(_N_GOALS, _GOAL_SEED)]
     home = goals[0][0]
     start = ",".join(f"{name}={q}" for name, q in zip(JOINT_NAMES, home, strict=True))
-    node = ["planner_node", "--ros-args", "--log-level", "warn", "-p", f"primitives:=['{file}']"]
+    node = ["planner_node", "--ros-args", "--log-level", "error", "-p", f"primitives:=['{file}']"]
     simulation = ["simulate", "--robot", str(arm), "--start", start]
     record = ["--record", str(folder / "commands.npz"), "--force"]
     with _children(node, [*simulation, *record]) as check:

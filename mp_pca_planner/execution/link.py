@@ -132,7 +132,7 @@ class RunningMotion:
     in_span_score : float
         Its in-span score.
     is_of_goal : bool
-        Whether it serves a goal planned with the present set-up.
+        Whether it serves a goal.
     """
 
     trajectory: Trajectory

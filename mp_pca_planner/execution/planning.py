@@ -446,8 +446,11 @@ class GoalPlanner:
 
         A planned motion takes no longer than the displaced one, so streams of goals do not delay
         the arrival. Planning ends when it is time to publish. For a goal near the end of the
-        motion, the displaced motion is used.
+        motion, the displaced motion is used. A motion of primitives that are no longer there is
+        not continued.
         """
+        if not set(running.primitives) <= set(model.planner.primitives.names):
+            return None
         began = time.monotonic()
         stated = goal
         if isinstance(goal, PoseGoal):

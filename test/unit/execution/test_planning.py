@@ -353,6 +353,16 @@ def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPl
     np.testing.assert_array_equal(found.trajectory.positions[-1], goal.state.positions)
 
 
+def test_motion_of_primitives_that_went_is_not_displaced(planner: GoalPlanner) -> None:
+    first = planner.plan(request(measured={"grip": 0.02}))
+    assert isinstance(first, Planned)
+    running = replace(under_way(first), primitives=("reloaded since",))
+    goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 0.5))
+    assert isinstance(found, Planned)
+    assert found.primitives == first.primitives and "continued" not in found.message
+
+
 def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
     class Forbidden:
         """A constraint that no configuration keeps."""
