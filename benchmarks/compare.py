@@ -52,11 +52,12 @@ from mp_pca_planner.cli.example_robots import (
 )
 from mp_pca_planner.exceptions import PlannerError, quote_names, unknown_name
 from mp_pca_planner.files import config_file
-from mp_pca_planner.motion.collision import CollisionModel, package_folders
+from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.options import SHORTEST, PlannerOptions
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.library import load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.robot.meshes import package_folders
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import World
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..arrays import by_name
 from ..exceptions import GoalError, PlannerError, quote_names
-from ..motion.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.options import MOST_STARTS, PlannerOptions
@@ -28,6 +28,7 @@ from ..plotting.style import picture
 from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import limits_file_note
+from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
 from .common import check_motion_file, check_output, show, write_motion

@@ -19,7 +19,7 @@ import numpy as np
 from ..control.law import control_statement
 from ..exceptions import GoalError, PlannerError, RobotError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
-from ..motion.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel
 from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
@@ -32,6 +32,7 @@ from ..planning.report import motion_remarks
 from ..primitives.library import PrimitiveLibrary, load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits, Overrides, limits_file_note
+from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
 from .link import ModelFacts, Planned, PlanRequest, Rejected, RunningMotion, SetUp, SetUpDone

@@ -10,7 +10,6 @@ are halved, down to a sixteenth of a millisecond. Bodies that may touch even the
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -356,15 +355,6 @@ def _disabled(srdf: str | Path, links: Bodies) -> NDArray[np.bool_]:
     pairs = {(x.get("link1"), x.get("link2")) for x in root.iter("disable_collisions")}
     either = pairs | {(b, a) for a, b in pairs}
     return np.array([[(a, b) in either for b in links.names] for a in links.names], dtype=bool)
-
-
-def package_folders(given: Sequence[Path], urdf: Path | None = None) -> list[Path]:
-    """Folders in which packages may be: those given, those of ROS, and those above a URDF file."""
-    folders = [*given]
-    folders += [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    folders += [Path(p) / "share" for p in prefixes if p]
-    return folders if urdf is None else [*folders, *urdf.resolve().parents]
 
 
 def _between(values: FloatArray, moments: Indices) -> FloatArray:

@@ -23,7 +23,7 @@ from ..exceptions import (
     quote_names,
 )
 from ..input_limits import INPUT_LIMITS
-from ..motion.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel
 from ..motion.goal import (
     Goal,
     GoalLike,
@@ -38,6 +38,7 @@ from ..motion.validation import require_effort_limits
 from ..primitives.library import PrimitiveLibrary
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
+from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
 from .context import Budget, Context, one_blas_thread

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
@@ -18,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import WorldError, printable, quote_names
-from ..files import read_bytes, reading
+from ..exceptions import WorldError, printable
+from ..files import read_bytes, read_text, reading
 from ..input_limits import INPUT_LIMITS
 
 SUFFIXES = (".stl", ".obj", ".dae")
@@ -173,19 +175,36 @@ def find_mesh(resource: str, folders: Sequence[Path]) -> MeshContent:
         path = _find_file(resource, folders)
     if path is None:
         raise WorldError(
-            f"mesh '{printable(resource):.200}' was not found, searched in "
-            f"{quote_names(map(str, folders))} (package_dirs); accepted are "
-            "package://package/path, file:///path and a path"
+            f"mesh '{printable(resource):.200}' was not found: name the folder that holds "
+            f"{_package_of(resource)} by --package-dirs (package_dirs in Python and of the node)"
         )
     return read_mesh(path, resource)
 
 
-def _find_file(resource: str, folders: Sequence[Path]) -> Path | None:
-    """The file of a mesh.
+def package_folders(given: Sequence[Path], urdf: Path | None = None) -> list[Path]:
+    """Folders in which packages may be.
 
-    Relative paths, and packages by their names, are searched in some folders; a folder may be the
-    package itself, as the URDF reader accepts it.
+    These are those given, those above a URDF file, those of ROS, and that of example-robot-data.
     """
+    folders = [*given, *(urdf.resolve().parents if urdf else ())]
+    folders += map(Path, filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)))
+    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    folders += (Path(prefix) / "share" for prefix in prefixes)
+    if (examples := find_spec("example_robot_data")) and examples.origin:
+        shares = (folder / "share" for folder in Path(examples.origin).parents)
+        folders += (share for share in shares if (share / "example-robot-data").is_dir())
+    return folders
+
+
+def _package_of(resource: str) -> str:
+    """The package of a mesh in words, for a message."""
+    scheme, mark, rest = resource.partition("://")
+    name = rest.partition("/")[0]
+    return f"the package '{printable(name):.100}'" if mark and scheme == "package" else "it"
+
+
+def _find_file(resource: str, folders: Sequence[Path]) -> Path | None:
+    """The file of a mesh: beside or in a package of that name, or at a path in a folder."""
     scheme, mark, rest = resource.partition("://")
     relative = Path(rest if mark else resource)
     if relative.is_absolute():
@@ -193,8 +212,16 @@ def _find_file(resource: str, folders: Sequence[Path]) -> Path | None:
     candidates = [folder / relative for folder in folders]
     if scheme == "package":
         package, *inner = relative.parts
-        candidates += [folder.joinpath(*inner) for folder in folders if folder.name == package]
+        candidates += [f.joinpath(*inner) for f in folders if _is_package(f, package)]
     return next((path for path in candidates if path.exists()), None)
+
+
+def _is_package(folder: Path, name: str) -> bool:
+    """Whether a folder is a package: the clone of one often has another name."""
+    manifest = folder / "package.xml"
+    return folder.name == name or (
+        manifest.is_file() and f"<name>{name}</name>" in read_text(manifest)
+    )
 
 
 def scaled(vertices: FloatArray, scale: FloatArray) -> FloatArray:

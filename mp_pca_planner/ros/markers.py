@@ -24,9 +24,8 @@ from ..execution.link import WorldFacts
 from ..execution.parameters import fixed_frames
 from ..execution.planning import Model, in_world
 from ..input_limits import INPUT_LIMITS
-from ..motion.collision import package_folders
 from ..recordings.joint_states import ENCAPSULATION
-from ..robot.meshes import MeshContent, find_mesh, scaled
+from ..robot.meshes import MeshContent, find_mesh, package_folders, scaled
 from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"

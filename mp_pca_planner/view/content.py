@@ -14,11 +14,12 @@ import numpy as np
 from ..arrays import FloatArray, check_type
 from ..exceptions import MissingDependencyError, PlannerError, RobotError
 from ..files import read_text, reading
-from ..motion.collision import CollisionModel, package_folders
+from ..motion.collision import CollisionModel
 from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
+from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
 

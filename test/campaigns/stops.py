@@ -27,8 +27,8 @@ from support.virtual_node import VirtualNode, scene_and_model
 
 import mp_pca_planner as mp
 from mp_pca_planner.cli.example_robots import robot_file
-from mp_pca_planner.motion.collision import package_folders
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.robot.meshes import package_folders
 
 KINDS = ("on its motion", "new obstacle", "slowed", "held", "silent")
 MARGIN = 0.01

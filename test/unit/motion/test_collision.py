@@ -26,7 +26,7 @@ from support.patience import PATIENT
 import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file
-from mp_pca_planner.motion.collision import Collision, CollisionModel, package_folders
+from mp_pca_planner.motion.collision import Collision, CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
@@ -135,24 +135,6 @@ def test_sliding_joints_reach_as_far_as_they_slide():
     # Along z: away from the base and back into the way of its box.
     found = worst(model, motion([0.0, 0.4, 3.0], [0.0, 0.0, 3.0]))
     assert found is not None and "c" in found.links
-
-
-def test_mesh_of_a_package_is_found(tmp_path):
-    (tmp_path / "somebody").mkdir()
-    triangle = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
-    stl = tmp_path / "somebody/x.stl"
-    stl.write_text(f"solid x\n{triangle}endloop\nendfacet\nendsolid x\n", encoding="utf-8")
-    mesh = chain(**{'<box size="0.1 0.1 0.1"/>': '<mesh filename="package://somebody/x.stl"/>'})
-    assert CollisionModel(mesh, package_dirs=[tmp_path]).has_geometry
-
-
-def test_packages_are_looked_for_where_ros_and_the_urdf_are(monkeypatch, tmp_path):
-    monkeypatch.setenv("ROS_PACKAGE_PATH", "/one:/two")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros")
-    folders = package_folders([Path("/given")], tmp_path / "robot.urdf")
-    known = [Path("/given"), Path("/one"), Path("/two"), Path("/opt/ros/share")]
-    assert folders[:5] == [*known, tmp_path.resolve()]
-    assert package_folders([Path("/given")]) == known
 
 
 def two_cubes(path: Path) -> None:

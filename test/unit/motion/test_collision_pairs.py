@@ -14,7 +14,8 @@ from support.arm import JOINTS
 
 from mp_pca_planner.cli.example_robots import EXAMPLE_ROBOTS, robot_file
 from mp_pca_planner.files import config_file
-from mp_pca_planner.motion.collision import CollisionModel, package_folders
+from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.robot.meshes import package_folders
 from mp_pca_planner.robot.model import Robot
 
 loader = pytest.importorskip(

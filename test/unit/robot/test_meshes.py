@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mesh files, and distances from meshes with and without a volume."""
 
+import shutil
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -10,7 +13,7 @@ from support.balls import RADIUS, URDF, distances, model
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import RobotError, WorldError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.robot.meshes import THICKNESS, read_mesh, solid_of
+from mp_pca_planner.robot.meshes import THICKNESS, package_folders, read_mesh, solid_of
 
 # pycollada uses matrices of NumPy.
 pytestmark = pytest.mark.filterwarnings("ignore:the matrix subclass")
@@ -289,3 +292,40 @@ def test_links_have_flat_meshes_and_bad_ones_are_named(tmp_path):
     (tmp_path / "bad.dae").write_bytes(b"<COLLADA")
     with pytest.raises(RobotError, match=r"link 'base': mesh .*bad\.dae' can't be read: "):
         CollisionModel(mp.Robot(URDF.replace(ball, mesh.format("bad.dae", "1 1 1"), 1)))
+
+
+NAMED = '<mesh filename="package://somebody/meshes/floor.stl"/>'
+
+
+@pytest.mark.parametrize(
+    "folder",
+    [
+        "robot/somebody",  # above the URDF
+        "robot/clone-of-somebody",  # a clone with another name, the URDF in it
+        "ros/share/somebody",
+        "catkin/somebody",
+        "site/share/somebody",  # beside example-robot-data
+        "given/somebody",
+    ],
+)
+def test_mesh_of_a_package_is_found(tmp_path, monkeypatch, folder):
+    package = tmp_path / folder
+    (package / "meshes").mkdir(parents=True)
+    saved(package / "meshes/floor.stl", *FLOOR)
+    (package / "package.xml").write_text("<package><name>somebody</name></package>")
+    examples = tmp_path / "site/lib/example_robot_data/__init__.py"
+    for file in (examples, tmp_path / "site/share/example-robot-data/x"):
+        file.parent.mkdir(parents=True)
+        file.touch()
+    monkeypatch.syspath_prepend(tmp_path / "site/lib")
+    monkeypatch.delitem(sys.modules, "example_robot_data", raising=False)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path / 'catkin'}")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ros"))
+    urdf = tmp_path / "robot" / ("clone-of-somebody" if "clone" in folder else "") / "urdf/r.urdf"
+    urdf.parent.mkdir(parents=True)
+    folders = package_folders([tmp_path / "given"], urdf)
+    robot = mp.Robot(URDF.replace(f'<sphere radius="{RADIUS}"/>', NAMED, 1))
+    assert CollisionModel(robot, package_dirs=folders).has_geometry
+    shutil.rmtree(package)
+    with pytest.raises(RobotError, match=r"holds the package 'somebody' by --package-dirs"):
+        CollisionModel(robot, package_dirs=folders)
