@@ -28,7 +28,15 @@ from ..robot.distances import CONTACT, BodyPairs, Indices, JointTree, NearPairs
 from ..robot.model import Robot
 from ..robot.urdf import parse_xml
 from ..robot.world import World
-from .interpolation import DenseSamples, interpolate
+from .interpolation import (
+    GRID_PERIOD,
+    DenseSamples,
+    curve_bounds,
+    interpolate,
+    interpolate_at,
+    parts_of_segments,
+    segment_ends,
+)
 from .trajectory import Trajectory
 
 NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
@@ -280,6 +288,9 @@ class CollisionModel:
         """
         if not self.pairs:
             return ()
+        doubtful = _doubtful(self.body_pairs, trajectory)
+        if not doubtful[0].size:
+            return ()
         dense = interpolate(trajectory)
         speeds = np.abs(dense.v)
         displacements = np.maximum(speeds[1:], speeds[:-1]) * np.diff(dense.times)[:, None]
@@ -287,7 +298,7 @@ class CollisionModel:
         travelled = np.concatenate(
             [np.zeros((1, displacements.shape[1])), np.cumsum(displacements, axis=0)]
         )
-        met = _moments_in_collision(self, dense.q, travelled, precisely)
+        met = _moments_in_collision(self, dense.q, travelled, doubtful, precisely)
         found = [self._collision(dense, k, moments) for k, moments in met.items()]
         return tuple(sorted(found, key=attrgetter("penetration"), reverse=True))
 
@@ -366,7 +377,11 @@ def _between(values: FloatArray, moments: Indices) -> FloatArray:
 
 
 def _moments_in_collision(
-    model: CollisionModel, q: FloatArray, travelled: FloatArray, precisely: bool
+    model: CollisionModel,
+    q: FloatArray,
+    travelled: FloatArray,
+    doubtful: tuple[Indices, Indices, Indices],
+    precisely: bool,
 ) -> dict[int, list[tuple[float, int]]]:
     """Search for collisions along a motion, by halving the intervals that may have one.
 
@@ -378,6 +393,8 @@ def _moments_in_collision(
         Computes the distances.
     q, travelled : array, shape (n_samples, n_joints)
         The motion, and the distances that the joints have travelled.
+    doubtful : tuple of array
+        See :func:`_doubtful`.
     precisely : bool
         See :meth:`CollisionModel.collisions`.
 
@@ -403,14 +420,14 @@ def _moments_in_collision(
         np.fmin.at(deepest, pairs, distances)
         return distances
 
-    pairs, first, last = _doubtful(bodies, q, travelled)
+    pairs, first, last = doubtful
     closed = largest_approach(pairs, first, last)
     both = np.concatenate([first, last]) * n_pairs + np.tile(pairs, 2)
     every, places = np.unique(both, return_inverse=True)
     ends = distances_at(*np.divmod(every, n_pairs))[places].reshape(2, -1)
     if found and not precisely:
         return found
-    doubtful: dict[int, list[tuple[float, int]]] = {}
+    uncertain: dict[int, list[tuple[float, int]]] = {}
     while True:
         # A distance within an interval is at least half of this.
         least = ends.sum(axis=0) - closed
@@ -421,9 +438,9 @@ def _moments_in_collision(
         is_done = both | (last - first <= np.where(collide.any(axis=0), _PARTS, 1))
         is_clear = least > 2.0 * CONTACT
         for e in np.flatnonzero(~is_clear & (last - first <= 1)):
-            doubtful.setdefault(int(pairs[e]), []).append((0.0, int(first[e])))
+            uncertain.setdefault(int(pairs[e]), []).append((0.0, int(first[e])))
         if (is_done | is_clear).all():
-            return doubtful | found
+            return uncertain | found
         kept = np.flatnonzero(~(is_done | is_clear))
         pairs, first, last, ends = pairs[kept], first[kept], last[kept], ends[:, kept]
         middle = (first + last) // 2
@@ -435,15 +452,27 @@ def _moments_in_collision(
         closed = largest_approach(pairs, first, last)
 
 
-def _doubtful(
-    bodies: BodyPairs, q: FloatArray, travelled: FloatArray
-) -> tuple[Indices, Indices, Indices]:
-    """Pairs and intervals that bounds of the distances don't clear."""
-    # Every 32 ms are checked first; a single point is an interval of its own.
-    n = len(q)
+def _doubtful(bodies: BodyPairs, trajectory: Trajectory) -> tuple[Indices, Indices, Indices]:
+    """Pairs, and first and last moments of intervals, that bounds of the distances don't clear."""
+    times, q = trajectory.times, trajectory.positions
+    steps = np.diff(times)
+    if not steps.size:  # a single point is an interval of its own
+        pairs = np.flatnonzero(~(bodies.bounds(q, CONTACT)[0] > CONTACT))
+        return pairs, 0 * pairs, 0 * pairs
+    ends = segment_ends(times, q, trajectory.velocities, trajectory.accelerations)
+    displacements = curve_bounds(ends, steps)[1][1] * steps[:, None]
+    before = np.cumsum(displacements, axis=0) - displacements
+    # Every 32nd sample is checked first.
+    n_parts = parts_of_segments(steps, GRID_PERIOD)
+    n = steps.size * (n_parts + 1)
     grid = np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp)
-    closed = np.diff(travelled[grid], axis=0) @ bodies.levers.T
+    segment, part = np.divmod(grid, n_parts + 1)
+    share = part / n_parts
+    positions, _, _ = interpolate_at(times[segment] + share * steps[segment], times, ends)
+    travelled = before[segment] + share[:, None] * displacements[segment]
+    closed = np.diff(travelled, axis=0) @ bodies.levers.T
     pad = np.zeros((1, closed.shape[1]))
-    bounds = bodies.bounds(q[grid], np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed])))
+    enough = np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed]))
+    bounds = bodies.bounds(positions, enough)
     interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
     return pairs, _PARTS * grid[interval], _PARTS * grid[interval + 1]

@@ -187,6 +187,29 @@ def interpolate_at(
     return q, v / steps[:, None], a / steps[:, None] ** 2
 
 
+def curve_bounds(ends: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bounds of the curves of segments: they lie between their lowest and highest Bézier points.
+
+    Parameters
+    ----------
+    ends, steps : array, shape (n_segments, 6, n_joints) and (n_segments,)
+        Segments, see :func:`segment_ends`, and their durations [s].
+
+    Returns
+    -------
+    lowest : array, shape (n_segments, n_joints)
+        Bounds of the positions from below.
+    highest : array, shape (4, n_segments, n_joints)
+        Bounds of the positions from above, and of the magnitudes of their first three derivatives.
+    """
+    columns = ends.transpose(1, 0, 2).reshape(6, -1)
+    points, shape = BEZIER_POINTS @ columns, (4, *ends[:, 0].shape)
+    lowest, highest = points.min(axis=1).reshape(shape), points.max(axis=1).reshape(shape)
+    rates = np.maximum(highest[1:], -lowest[1:], out=highest[1:])
+    rates /= steps[:, None] ** np.arange(1.0, 4.0)[:, None, None]
+    return lowest[0], highest
+
+
 @dataclass(frozen=True, eq=False)
 class DenseSamples:
     """The controller's interpolation of a trajectory on a fine grid.
@@ -226,9 +249,7 @@ def interpolate(
     if steps.size == 0:
         zero = np.zeros_like(trajectory.positions)
         return DenseSamples(trajectory.times, *trajectory.states, zero)
-    # At its ends, a quintic from rest to rest has no speed and little effort for any duration; at a
-    # quarter of the duration, its acceleration is near the peak.
-    n_parts = max(int(np.ceil(steps.max() / period - 1e-6)), 4)
+    n_parts = parts_of_segments(steps, period)
     fractions = np.linspace(0.0, 1.0, n_parts + 1)
     tables = np.array([hermite_functions(fractions, d) for d in range(4)])
     q, v, a = trajectory.positions, trajectory.velocities, trajectory.accelerations
@@ -237,6 +258,15 @@ def interpolate(
         ends, steps, began = ends[segments], steps[segments], began[segments]
     q, v, a, jerk = _derivatives(ends, steps, tables)
     return DenseSamples((began[:, None] + steps[:, None] * fractions).ravel(), q, v, a, jerk)
+
+
+def parts_of_segments(steps: FloatArray, period: float) -> int:
+    """Parts into which every segment is sampled, at least 4; see :func:`interpolate`.
+
+    At its ends, a quintic from rest to rest has no speed and little effort for any duration; at a
+    quarter of the duration, its acceleration is near the peak.
+    """
+    return max(int(np.ceil(steps.max() / period - 1e-6)), 4)
 
 
 def _derivatives(ends: FloatArray, steps: FloatArray, tables: FloatArray) -> FloatArray:

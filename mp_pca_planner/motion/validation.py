@@ -19,7 +19,7 @@ from ..exceptions import TrajectoryError
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .goal import JointState
-from .interpolation import BEZIER_POINTS, GRID_PERIOD, interpolate, segment_ends
+from .interpolation import GRID_PERIOD, curve_bounds, interpolate, segment_ends
 from .trajectory import Trajectory
 
 LIMIT_TOLERANCE = 1e-6
@@ -124,7 +124,7 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
     # Only segments that come near a limit are sampled, and a single point.
     near, near_efforts = np.ones(1, dtype=bool), np.isfinite(limits.effort)
     if steps.size:
-        lowest, highest = _extremes(ends, steps)
+        lowest, highest = curve_bounds(ends, steps)
         near = _near_limits(lowest, highest, limits)
         if near_efforts.any():
             distances = np.maximum(-lowest, highest[0])
@@ -227,24 +227,6 @@ def require_effort_limits(robot: Robot, limits: JointLimits) -> None:
     """
     if np.isfinite(limits.effort).any():
         robot.require_inertias("limits of efforts", "remove those limits (max_effort: .inf)")
-
-
-def _extremes(ends: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bounds of the curves of segments: they lie between their lowest and highest Bézier points.
-
-    Returns
-    -------
-    lowest : array, shape (n_segments, n_joints)
-        Bounds of the positions from below.
-    highest : array, shape (4, n_segments, n_joints)
-        Bounds of the positions from above, and of the magnitudes of their first three derivatives.
-    """
-    columns = ends.transpose(1, 0, 2).reshape(6, -1)
-    points, shape = BEZIER_POINTS @ columns, (4, *ends[:, 0].shape)
-    lowest, highest = points.min(axis=1).reshape(shape), points.max(axis=1).reshape(shape)
-    rates = np.maximum(highest[1:], -lowest[1:], out=highest[1:])
-    rates /= steps[:, None] ** np.arange(1.0, 4.0)[:, None, None]
-    return lowest[0], highest
 
 
 def _near_limits(lowest: FloatArray, highest: FloatArray, limits: JointLimits) -> NDArray[np.bool_]:

@@ -242,13 +242,20 @@ class BodyPairs:
         k, pairs = np.divmod(np.flatnonzero(~(bounds > enough)), max(first.size, 1))
         first, second, margins = first[pairs], second[pairs], self.margins[pairs]
         away = centres[k, second] - centres[k, first]
-        for one, other in ((first, second), (second, first)):
-            # The ball around one body and the box around the other.
-            axes = turned[k, other] @ bodies.rotations[other]
-            local = np.abs(np.einsum("eij,ei->ej", axes, away))
-            outside = np.maximum(local - bodies.halves[other], 0.0)
-            gaps = np.sqrt(np.einsum("ei,ei->e", outside, outside)) - bodies.radii[one] - margins
-            bounds[k, pairs] = np.maximum(bounds[k, pairs], gaps)
+        axes = [turned[k, body] @ bodies.rotations[body] for body in (first, second)]
+        overlaps = np.abs(axes[0].transpose(0, 2, 1) @ axes[1])
+        found = bounds[k, pairs]
+        for one, other, own, overlap in (
+            (second, first, axes[0], overlaps),
+            (first, second, axes[1], overlaps.transpose(0, 2, 1)),
+        ):
+            # The ball around one body and the box around the other, then both boxes along an axis.
+            beyond = np.abs(np.einsum("eij,ei->ej", own, away)) - bodies.halves[other]
+            outside = np.maximum(beyond, 0.0)
+            gaps = np.sqrt(np.einsum("ei,ei->e", outside, outside)) - bodies.radii[one]
+            beyond -= np.einsum("eij,ej->ei", overlap, bodies.halves[one])
+            found = np.maximum(found, np.maximum(gaps, beyond.max(axis=1)) - margins)
+        bounds[k, pairs] = found
         return bounds
 
     def distances(self, q: FloatArray, configurations: Indices, pairs: Indices) -> FloatArray:

@@ -70,8 +70,10 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
     links = Chain(junctions, segments) if request.mode else None
     starts = [links.start] if links else _starts(setting, segments[0], terms[0], near)
     collision, clear = context.collision, setting.bases[0].is_detour
-    if collision is not None and collision.pairs and not (clear or links or setting.is_shortest):
-        # Whether bodies collide at a quadrature node of the first motion.
+    among = collision is not None and len(collision.world)
+    if collision is not None and among and not (clear or links or setting.is_shortest):
+        # Whether bodies collide at a quadrature node of the first motion. Links alone rarely do;
+        # the check of the motion finds it.
         clear = collision.collide_anywhere(segments[0].states(starts[0])[0])
     constraints = []
     for segment, natural, (here, there) in zip(segments, terms, pairwise(junctions), strict=True):
