@@ -50,7 +50,7 @@ class UnusableRecordingError(RecordingError):
     ----------
     findings : dict
         Repairs until then, and facts on the messages, see
-        :class:`.repair.recording.CleanRecording`.
+        :class:`.recordings.recording.Recording`.
     """
 
     def __init__(self, reason: str, findings: Mapping[str, Any]) -> None:

@@ -16,8 +16,8 @@ from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
 from ..files import read_text
 from ..input_limits import INPUT_LIMITS
-from ..recordings.joint_states import NS_PER_S, JointLayout, RawJointStates
-from ..recordings.recording_set import MarkerResidual
+from ..recordings.joint_states import NS_PER_S, JointStates
+from ..recordings.recording import MarkerResidual
 from ..robot.model import Robot
 from .inverse_kinematics import MarkerProblem, check_fits, fit_origins, solve
 from .markers import MarkerMap, MarkerPlacement, MarkerTrajectories, read_marker_map, read_markers
@@ -50,7 +50,7 @@ class MarkerSource:
 
     def joint_states(
         self, path: Path, *, salvage: bool = False
-    ) -> tuple[RawJointStates, dict[str, MarkerResidual]]:
+    ) -> tuple[JointStates, dict[str, MarkerResidual]]:
         """Joint states of a recording of markers, see :func:`solve_trajectories`.
 
         Raises
@@ -118,7 +118,7 @@ def _is_moved(robot: Robot, link: str) -> bool:
 
 def solve_trajectories(
     recorded: MarkerTrajectories, source: MarkerSource
-) -> tuple[RawJointStates, dict[str, MarkerResidual]]:
+) -> tuple[JointStates, dict[str, MarkerResidual]]:
     """Find the joint states whose markers on the model fit the recorded ones.
 
     Parameters
@@ -130,7 +130,7 @@ def solve_trajectories(
 
     Returns
     -------
-    joint_states : RawJointStates
+    joint_states : JointStates
         Joint states in the form of recorded ones, with notes; positions are NaN in frames with too
         few markers.
     residuals : dict
@@ -163,20 +163,19 @@ def solve_trajectories(
         for name, r in found.items()
         if r.n_frames
     )
-    joint_states = RawJointStates(
-        topic=recorded.topic,
-        header_stamps=recorded.header_stamps,
-        receive_stamps=recorded.receive_stamps,
-        layouts=(JointLayout(source.joint_names, np.arange(len(q), dtype=np.int64), q),),
-        n_malformed=0,
-        notes=(
+    joint_states = JointStates.of_arrays(
+        recorded.topic,
+        source.joint_names,
+        recorded.header_stamps,
+        recorded.receive_stamps,
+        q,
+        (
             *recorded.notes,
             f"distances of the markers from the model's, median and 95 % [mm]: {figures}",
             *fits,
             *(f"marker '{x}' is missing in {n} of {len(q)} frames" for x, n in missing.items()),
             *_notes(robot, q),
         ),
-        computed=True,
     )
     return joint_states, found
 

@@ -18,8 +18,8 @@ from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.timing import aligned_positions
 from ..recordings.demonstration import Demonstration
+from ..recordings.recording import REPAIRS
 from ..recordings.recording_set import RecordingReport, RecordingSet
-from ..recordings.repair import REPAIRS
 from .primitive import primitive_figure
 from .style import (
     BLACK,

@@ -11,7 +11,7 @@ import csv
 import io
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,9 +22,10 @@ from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .demonstration import Demonstration
-from .joint_states import RawJointStates
+from .joint_states import JointStates
+from .recording import Recording, Samples
 from .recording_set import Overview, Segment
-from .repair import CleanRecording, Piece, repair
+from .repair import repair
 from .segmentation import (
     MIN_EXTENT,
     MOVING_RATIO,
@@ -101,24 +102,24 @@ class Cut:
         )
 
 
-def smoothed(clean: CleanRecording) -> tuple[list[SmoothPiece], SpeedThresholds]:
+def smoothed(recording: Recording) -> tuple[list[SmoothPiece], SpeedThresholds]:
     """The smoothed pieces of a repaired recording, and the speeds of its rests and motions."""
-    pieces = [smooth(piece, clean.sample_rate) for piece in clean.pieces]
+    pieces = [smooth(piece, recording.sample_rate) for piece in recording.pieces]
     speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
     return pieces, speed_thresholds(speed)
 
 
 def cut_joint_states(
-    raw: RawJointStates,
+    states: JointStates,
     joints: Sequence[str] | None,
     *,
     moving_only: bool = False,
-) -> tuple[list[Cut], CleanRecording]:
+) -> tuple[list[Cut], Recording]:
     """Cut joint states as :func:`.load_recordings` cuts a bag that holds nothing else.
 
     Parameters
     ----------
-    raw :
+    states :
         Joint states as recorded.
     joints :
         Names of the joints; by default all that every message lists.
@@ -130,34 +131,35 @@ def cut_joint_states(
     RecordingError
         If they can't be used, or hold no motion.
     """
+    listed = [name for name in joints or () if name in states.joint_names]
+    recording = repair(states, listed if moving_only and listed else joints)
     if moving_only and joints is not None:
-        joints = [name for name in joints if name in raw.listed_joints] or joints
-        still = repair(raw, joints).still_joints
-        joints = [name for name in joints if name not in still]
-    repaired, options = repair(raw, joints), SegmentationOptions()
-    pieces, thresholds = smoothed(repaired)
-    cuts, clean = cut_motions(repaired, pieces, thresholds, options)
+        moving = [name for name in recording.joint_names if name not in recording.still_joints]
+        recording = recording.with_joints(moving)
+    pieces, thresholds = smoothed(recording)
+    options = SegmentationOptions()
+    cuts, notes, counts = cut_motions(recording, pieces, thresholds, options)
     extents = [cut.extent for cut in cuts]
     least = least_extent_of_set(extents) if cuts else 0.0
     if cuts and min(extents) <= least:
-        cuts, clean = cut_motions(repaired, pieces, thresholds, options, least)
-    return cuts, clean
+        cuts, notes, counts = cut_motions(recording, pieces, thresholds, options, least)
+    return cuts, recording.noted(*notes, repairs=counts)
 
 
 def cut_motions(
-    clean: CleanRecording,
+    recording: Recording,
     pieces: Sequence[SmoothPiece],
     thresholds: SpeedThresholds,
     options: SegmentationOptions,
     least_of_set: float = 0.0,
     *,
     is_whole: bool = False,
-) -> tuple[list[Cut], CleanRecording]:
+) -> tuple[list[Cut], tuple[str, ...], dict[str, int]]:
     """Cut a recording into its motions.
 
     Parameters
     ----------
-    clean :
+    recording :
         The repaired recording.
     pieces, thresholds :
         Its smoothed pieces, and the speeds of its rests and motions, see :func:`smoothed`.
@@ -172,34 +174,35 @@ def cut_motions(
     -------
     cuts : list of Cut
         The motions.
-    clean : CleanRecording
-        The recording with notes and a count of what is left out.
+    notes : tuple of str
+        What is left out, and where hesitations cut.
+    counts : dict
+        How many movements are rest.
 
     Raises
     ------
     RecordingError
         If all movements are within the extent of noise and sway.
     """
+    notes: tuple[str, ...] = ()
     if is_whole:
         spans = [(piece, trim(piece, thresholds)) for piece in pieces]
-        found = large = [Cut(piece, *span) for piece, span in spans if span is not None]
+        large = [Cut(piece, *span) for piece, span in spans if span is not None]
     else:
-        found = [
+        every = [
             Cut(piece, *span)
             for piece in pieces
             for span in find_motions(piece, thresholds, options)
         ]
-        largest = max((cut.extent for cut in found), default=0.0)
-        large = [cut for cut in found if cut.extent > _EXTENT_RATIO * largest]
-    if len(large) < len(found):
-        note = (
-            f"{len(found) - len(large)} motions over less than {_EXTENT_RATIO:.0%} of the "
-            "extent of the largest are left out"
-        )
-        clean = replace(clean, notes=(*clean.notes, note))
-    moved = _without_rest(large, clean.pieces, least_of_set)
-    clean = replace(clean, notes=(*clean.notes, *_hesitations(moved)))
-    return moved, counted(clean, "rest", len(large) - len(moved))
+        largest = max((cut.extent for cut in every), default=0.0)
+        large = [cut for cut in every if cut.extent > _EXTENT_RATIO * largest]
+        if len(large) < len(every):
+            notes = (
+                f"{len(every) - len(large)} motions over less than {_EXTENT_RATIO:.0%} of the "
+                "extent of the largest are left out",
+            )
+    moved = _without_rest(large, recording.pieces, least_of_set)
+    return moved, (*notes, *_hesitations(moved)), {"rest": len(large) - len(moved)}
 
 
 def _hesitations(cuts: Sequence[Cut]) -> tuple[str, ...]:
@@ -268,11 +271,6 @@ def count_short_halves(
     return n
 
 
-def counted(clean: CleanRecording, kind: str, n: int) -> CleanRecording:
-    """A recording with another count of a repair."""
-    return replace(clean, repairs={**clean.repairs, kind: n}) if n else clean
-
-
 def cut_row(pieces: Sequence[SmoothPiece], row: Segment) -> Cut:
     """Cut the motion of a row of a table of segments.
 
@@ -295,7 +293,7 @@ def cut_row(pieces: Sequence[SmoothPiece], row: Segment) -> Cut:
     )
 
 
-def _without_rest(cuts: Sequence[Cut], pieces: Sequence[Piece], least_of_set: float) -> list[Cut]:
+def _without_rest(cuts: Sequence[Cut], pieces: Sequence[Samples], least_of_set: float) -> list[Cut]:
     """Leave out movements within the extent of noise and sway, or small beside the set's motions.
 
     Raises

@@ -200,7 +200,7 @@ class Demonstration:
         label: str = "",
     ) -> Demonstration:
         """The motion of :meth:`from_arrays`, without a warning."""
-        from .repair import Piece
+        from .recording import Samples
         from .segmentation import smooth
 
         names = unique_names(joint_names, f"joints of '{recording}'", RecordingError)
@@ -234,7 +234,7 @@ class Demonstration:
                 f"the times of '{recording}' are too uneven: they span {span:.3g} s, but half of "
                 f"them are at most {period:.3g} s apart"
             )
-        found = smooth(Piece(t - t[0], q), 1.0 / period)
+        found = smooth(Samples(t - t[0], q), 1.0 / period)
         return cls(
             names,
             found.times - found.times[0],

@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loading of recordings as demonstrations; unusable recordings are rejected with a reason.
 
-Each recording is loaded alone, then they are compared: their joints, copies and extents. Some are
-loaded again by what the others show.
+Each recording is read, repaired and cut alone. Then they are compared: their joints, copies and
+extents; some are cut again by what the others show.
 """
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from operator import itemgetter
 from pathlib import Path
 from types import NoneType
@@ -23,28 +24,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import as_list, check_number, check_type
-from ..exceptions import RecordingError, RobotError, quote_names, unknown_name
+from ..exceptions import (
+    RecordingError,
+    RobotError,
+    UnusableRecordingError,
+    quote_names,
+    unknown_name,
+)
 from ..robot.model import Robot
 from . import bags, cutting
+from .copies import parts_of_others
 from .cutting import segments_by_hand
-from .load_one import LoadTask, load_one
-from .reading import LoadOptions, scale_of_calibration
-from .recording_set import RecordingSet, Refusal
-from .repair.recording import FINGERPRINT_SIZE
-from .segmentation import absurd_extent, least_extent_of_set
+from .demonstration import Demonstration
+from .reading import LoadOptions, read_recording, scale_of_calibration
+from .recording import Recording
+from .recording_set import RecordingReport, RecordingSet, Refusal, Segment
+from .repair import repair
+from .segmentation import ABSURD_EXTENT, absurd_extent, extent, least_extent_of_set
 from .workers import dask_cluster, process_pool
-
-MIN_COMMON = 3
-"""Fewer common hashes of fingerprints are no evidence."""
 
 MAX_CHUNK, N_CHUNKS = 16, 64
 """Recordings that are sent to a process together, at most; and so many times they are sent."""
 
-MIN_SHARE = 0.7
-"""Share of a recording's runs that another one has, from which on it is a copy or a part of it."""
+# Distance beyond a limit that is no reason for a note, as of soft limits and noise, and one for
+# which a recording is rejected: half a turn is beyond any calibration [rad or m].
+_LIMIT_TOLERANCE = 0.0175
+_ABSURD_EXCESS = 3.14
 
 
-_OPTIONS = [one.name for one in fields(LoadOptions)]
+_OPTIONS = [item.name for item in fields(LoadOptions)]
 _OPTIONS += ["jobs", "dask", "executor", "progress", "continuous"]
 
 
@@ -207,21 +215,46 @@ def load_recordings(
         workers = dask_cluster(dask)
     elif executor is None and jobs > 1 and len(tasks) > 1:
         workers = process_pool(min(jobs, len(tasks)))
-    loaded = [RecordingSet()] * len(tasks)
+    loaded: dict[int, Loaded] = {}
     with workers as pool:
         _load_all(dict(enumerate(tasks)), loaded, pool, progress)
-        refuse_copies(tasks, loaded)
-        again = with_joints_of_set(tasks, loaded, same_joints, moving_only=settings.moving_only)
+        _refuse_copies(tasks, loaded)
+        again = _with_joints_of_set(tasks, loaded, same_joints, settings.moving_only)
         _load_all(again, loaded, pool, None)
-        tasks = [again.get(index, task) for index, task in enumerate(tasks)]
-        _load_all(with_extent_of_set(tasks, loaded), loaded, pool, None)
+    _with_extent_of_set(tasks, loaded)
+    results = [loaded[index].result for index in range(len(tasks))]
     for name in continuous:
-        put_on_one_turn(loaded, name)
-    left = bags.files_left_out(several, found)
-    if left:
+        put_on_one_turn(results, name)
+    if left := bags.files_left_out(several, found):
         names = quote_names(str(path) for path in left)
-        loaded.append(RecordingSet(notes=(f"files left out, as they are not recordings: {names}",)))
-    return RecordingSet.joined(loaded)
+        results.append(
+            RecordingSet(notes=(f"files left out, as they are not recordings: {names}",))
+        )
+    return RecordingSet.joined(results)
+
+
+@dataclass(frozen=True, slots=True)
+class LoadTask:
+    """A recording to load; its motions, if cut by hand; notes on it."""
+
+    path: Path
+    name: str
+    segments: tuple[Segment, ...] | None
+    options: LoadOptions
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """The repaired samples of a recording, and its motions; or why there are none."""
+
+    recording: Recording | None
+    result: RecordingSet
+
+    @classmethod
+    def refused(cls, name: str, reason: str, joints: Sequence[str] = ()) -> Loaded:
+        """The result of a recording that can't be used."""
+        return cls(None, RecordingSet(refused=(Refusal(name, reason, tuple(joints)),)))
 
 
 def _tasks(found: Sequence[Path], options: LoadOptions) -> list[LoadTask]:
@@ -238,7 +271,7 @@ def _tasks(found: Sequence[Path], options: LoadOptions) -> list[LoadTask]:
 
 def _load_all(
     tasks: Mapping[int, LoadTask],
-    loaded: list[RecordingSet],
+    loaded: dict[int, Loaded],
     pool: Executor | None,
     progress: Callable[[int, int], None] | None,
 ) -> None:
@@ -246,12 +279,12 @@ def _load_all(
     sizes = [bags.stored_size(task.path) if progress else 0 for task in tasks.values()]
     done, total = 0, sum(sizes)
     chunk = min(MAX_CHUNK, 1 + len(tasks) // N_CHUNKS)
-    ready: Iterable[RecordingSet] = map(load_one, tasks.values())
+    ready: Iterable[Loaded] = map(load_one, tasks.values())
     if pool is not None:
         ready = pool.map(load_one, tasks.values(), chunksize=chunk)
     try:
-        for index, size, found in zip(tasks, sizes, ready, strict=True):
-            loaded[index] = found
+        for index, size, one in zip(tasks, sizes, ready, strict=True):
+            loaded[index] = one
             done += size
             if progress is not None:
                 progress(done, total)
@@ -262,99 +295,293 @@ def _load_all(
         ) from None
 
 
-def _refuse(loaded: list[RecordingSet], index: int, name: str, reason: str) -> None:
-    """Reject a recording after all."""
-    loaded[index] = RecordingSet.rejected(Refusal(name, reason))
+def load_one(task: LoadTask) -> Loaded:
+    """Read, repair and cut one recording, in this process or another one."""
+    options, began = task.options, time.perf_counter()
+    try:
+        if task.segments == ():
+            raise RecordingError("the table of segments lists no motion of it")
+        if options.markers is None:
+            recording, residuals = read_recording(task.path, options), {}
+        else:
+            states, residuals = options.markers.joint_states(task.path, salvage=options.salvage)
+            recording = repair(states, None, options.max_gap)
+        recording = replace(
+            recording.noted(*task.notes),
+            marker_residuals=residuals,
+            checksum=bags.checksum(task.path),
+            seconds=time.perf_counter() - began,
+        )
+        return cut_one(task, recording)
+    except RecordingError as error:
+        facts = error.findings if isinstance(error, UnusableRecordingError) else {}
+        return Loaded.refused(task.name, str(error), facts.get("listed_joints", ()))
 
 
-def refuse_copies(tasks: Sequence[LoadTask], loaded: list[RecordingSet]) -> None:
+def cut_one(task: LoadTask, recording: Recording, least_extent: float = 0.0) -> Loaded:
+    """Cut one recording into its motions.
+
+    Parameters
+    ----------
+    task :
+        What is loaded.
+    recording :
+        Its repaired samples.
+    least_extent :
+        Smallest extent of a motion by those of all recordings [rad or m].
+
+    Raises
+    ------
+    RecordingError
+        If it holds no motion, or motions absurdly far beyond the limits of the robot.
+    """
+    options = task.options
+    pieces, thresholds = cutting.smoothed(recording)
+    notes: tuple[str, ...] = ()
+    counts: dict[str, int] = {}
+    if task.segments is not None:
+        cuts = [cutting.cut_row(pieces, row) for row in task.segments]
+    else:
+        is_whole = bool(recording.episodes) or options.segment == "none"
+        cuts, notes, counts = cutting.cut_motions(
+            recording, pieces, thresholds, options.segmentation, least_extent, is_whole=is_whole
+        )
+        if not recording.episodes:
+            whole = cutting.without_cut_off(cuts, pieces, whole=is_whole)
+            n_short = 0 if is_whole else cutting.count_short_halves(pieces, thresholds, cuts)
+            counts["cut_off"] = len(cuts) - len(whole) + n_short
+            cuts = whole
+    if not cuts:
+        raise RecordingError("no motion was found in it")
+    motions = [
+        replace(
+            cut.demonstration(recording.joint_names, task.name, recording.checksum),
+            episode=recording.episode_at(cut.piece.times[0] + 1e-6),
+        )
+        for cut in cuts
+    ]
+    segments = [Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions]
+    noted = recording.noted(
+        *notes, *_absurd(motions), *_beyond_limits(motions, options), repairs=counts
+    )
+    report = RecordingReport(
+        name=task.name,
+        path=str(task.path),
+        format=bags.recording_format(task.path),
+        topic=recording.topic,
+        n_messages=recording.n_messages,
+        rate=recording.rate,
+        duration=recording.duration,
+        joint_names=recording.joint_names,
+        checksum=recording.checksum,
+        repairs=noted.repairs,
+        motions=tuple(segments),
+        thresholds=thresholds,
+        notes=noted.all_notes,
+        overview=cutting.overview(pieces) if options.overviews else None,
+        marker_residuals=recording.marker_residuals,
+        seconds=recording.seconds,
+    )
+    return Loaded(recording, RecordingSet(tuple(motions), (report,)))
+
+
+def _absurd(motions: Sequence[Demonstration]) -> tuple[str, ...]:
+    """A note if a joint moves absurdly far."""
+    ranges = np.max([np.ptp(motion.positions, axis=0) for motion in motions], axis=0)
+    if ranges.max() <= ABSURD_EXTENT:
+        return ()
+    who = f"joint '{motions[0].joint_names[ranges.argmax()]}' moves"
+    return (cutting.far_moving(who, ranges.max(), ABSURD_EXTENT),)
+
+
+def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:
+    """A note if motions are beyond the limits of the robot.
+
+    Raises
+    ------
+    RecordingError
+        If they are absurdly far beyond.
+    """
+    beyond: list[tuple[float, float, str]] = []
+    for motion in motions:
+        for name, q in zip(motion.joint_names, motion.positions.T.tolist(), strict=True):
+            low, high = options.position_limits.get(name, (-np.inf, np.inf))
+            beyond += [(low - min(q), min(q), name), (max(q) - high, max(q), name)]
+    excess, position, name = max(beyond, default=(0.0, 0.0, ""))
+    if excess <= _LIMIT_TOLERANCE:
+        return ()
+    text = (
+        f"joint '{name}' is at {position:.3g} rad (or m), {excess:.3g} beyond its limit in the "
+        "robot description"
+    )
+    if excess > _ABSURD_EXCESS:
+        raise RecordingError(
+            f"{text}: positions must be in radians (or m), not in degrees (or mm), and of this "
+            "robot"
+        )
+    return (f"{text}: check that it is of this robot, and its zero position",)
+
+
+def _cut_again(
+    task: LoadTask, recording: Recording, loaded: dict[int, Loaded], index: int, least: float = 0.0
+) -> None:
+    try:
+        loaded[index] = cut_one(task, recording, least)
+    except RecordingError as error:
+        loaded[index] = Loaded.refused(task.name, str(error))
+
+
+def _used(loaded: Mapping[int, Loaded]) -> list[tuple[int, Recording]]:
+    """The recordings that are used, by index."""
+    return [(i, x.recording) for i, x in sorted(loaded.items()) if x.recording is not None]
+
+
+def _refuse_copies(tasks: Sequence[LoadTask], loaded: dict[int, Loaded]) -> None:
     """Reject recordings whose samples are those of another one, or a part of them.
 
     Of a recording with a table of segments, the motions are those that a person chose.
     """
     originals: dict[str, str] = {}
     fingerprints: dict[int, Sequence[int]] = {}
-    for index, task in enumerate(tasks):
-        for report in loaded[index].reports if task.segments is None else ():
-            original = originals.setdefault(report.checksum, task.name)
-            if original != task.name:
-                _refuse(loaded, index, task.name, f"it is a copy of '{original}', which is used")
+    for index, recording in _used(loaded):
+        name = tasks[index].name
+        if tasks[index].segments is None:
+            original = originals.setdefault(recording.checksum, name)
+            if original == name:
+                fingerprints[index] = recording.fingerprint
             else:
-                fingerprints[index] = report.fingerprint
-    gone = set[int]()
-    for pair, shares in sorted(common_shares(fingerprints).items()):
-        if max(shares) >= MIN_SHARE and not gone & set(pair):
-            # Of equal ones, the first is kept.
-            part, whole = pair if shares[0] > shares[1] + 0.3 else pair[::-1]
-            gone.add(part)
-            where = f"in '{tasks[whole].name}', which is used"
-            if min(shares) < MIN_SHARE:
-                reason = f"it is a part of another recording: its samples are also {where}"
-            else:
-                reason = f"it is a copy in another form: its samples are also {where}"
-            _refuse(loaded, part, tasks[part].name, reason)
+                reason = f"it is a copy of '{original}', which is used"
+                loaded[index] = Loaded.refused(name, reason)
+    for part, whole, is_part in parts_of_others(fingerprints):
+        what = "a part of another recording" if is_part else "a copy in another form"
+        reason = f"it is {what}: its samples are also in '{tasks[whole].name}', which is used"
+        loaded[part] = Loaded.refused(tasks[part].name, reason)
 
 
-def common_shares(
-    fingerprints: Mapping[int, Sequence[int]],
-) -> dict[tuple[int, int], tuple[float, float]]:
-    """Shares of the runs of two recordings that the other one has, too.
+def _with_joints_of_set(
+    tasks: Sequence[LoadTask], loaded: dict[int, Loaded], same_joints: bool, moving_only: bool
+) -> dict[int, LoadTask]:
+    """Give recordings the joints of the set in its order; returns those to read again, by index.
 
-    Parameters
-    ----------
-    fingerprints :
-        By the index of the recording, increasing.
-
-    Returns
-    -------
-    :
-        By the indices of the recordings, the first one less than the second one.
+    On request, recordings of other joints are rejected. With `moving_only`, joints that move in no
+    recording are no joints of the set; unless joints are chosen, those of a gripper never are. A
+    recording is read again if its other joints move: their defects must not cut it.
     """
-    owners: dict[int, list[int]] = {}
-    for index, own in fingerprints.items():
-        for value in own:
-            owners.setdefault(value, []).append(index)
-    # Of many copies, each is compared with the first ones.
-    pairs = Counter(
-        (one, other)
-        for several in owners.values()
-        for i, one in enumerate(several[:4])
-        for other in several[i + 1 :]
+    still = _still_joints([recording for _, recording in _used(loaded)])
+    if not moving_only:
+        is_chosen = any(task.options.joints for task in tasks)
+        still = {x for x in still if "gripper" in x.lower() or "finger" in x.lower()}
+        still = set() if is_chosen else still
+    orders: dict[frozenset[str], tuple[str, ...]] = {}
+    counts = Counter[tuple[str, ...]]()
+    for _, recording in _used(loaded):
+        joints = tuple(name for name in recording.joint_names if name not in still)
+        counts[orders.setdefault(frozenset(joints), joints)] += 1
+    common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
+    is_one_set = same_joints and 2 * n_common > counts.total()
+    again: dict[int, LoadTask] = {}
+    for index, recording in _used(loaded):
+        task, own = tasks[index], set(recording.joint_names)
+        joints = common if is_one_set else orders[frozenset(own - still)]
+        notes = _left_out(recording.joint_names, joints, still)
+        if not own.issuperset(joints):
+            loaded[index] = Loaded.refused(
+                task.name,
+                f"its joints, {quote_names(recording.joint_names)}, are not those of most "
+                f"recordings, {quote_names(common)}: choose joints that all have, or use it "
+                "separately",
+            )
+        elif own - {*joints} <= {*recording.still_joints}:
+            if joints != recording.joint_names:
+                taken = recording.with_joints(joints).noted(*notes)
+                _cut_again(task, taken, loaded, index)
+        else:
+            options = replace(task.options, joints=joints)
+            again[index] = replace(task, options=options, notes=notes)
+    for index, one in loaded.items():
+        task = tasks[index]
+        for refusal in one.result.refused if is_one_set and not task.options.joints else ():
+            if set(refusal.joint_names).issuperset(common):
+                options = replace(task.options, joints=common)
+                notes = _left_out(refusal.joint_names, common, ())
+                again[index] = replace(task, options=options, notes=notes)
+    return again
+
+
+def _still_joints(recordings: Sequence[Recording]) -> set[str]:
+    """The joints that move in no recording."""
+    moving = {n for x in recordings for n in x.joint_names if n not in x.still_joints}
+    return {name for x in recordings for name in x.still_joints} - moving
+
+
+def _left_out(
+    names: Sequence[str], joints: Sequence[str], still: Collection[str]
+) -> tuple[str, ...]:
+    """Notes on the joints that are not taken."""
+    others = [name for name in names if name not in joints]
+    reasons = {
+        "they never move": [name for name in others if name in still],
+        "most recordings lack them": [name for name in others if name not in still],
+    }
+    return tuple(
+        f"joints left out, as {why}: {quote_names(several)}"
+        for why, several in reasons.items()
+        if several
     )
-    shares = {}
-    for (one, other), n_common in pairs.items():
-        both = fingerprints[one], fingerprints[other]
-        # The hashes of a longer recording reach less far.
-        reach = min(max(own) if len(own) == FINGERPRINT_SIZE else np.inf for own in both)
-        if n_common >= MIN_COMMON:
-            first, second = (n_common / sum(x <= reach for x in own) for own in both)
-            shares[one, other] = (first, second)
-    return shares
 
 
-def put_on_one_turn(loaded: list[RecordingSet], joint: str) -> None:
+def _with_extent_of_set(tasks: Sequence[LoadTask], loaded: dict[int, Loaded]) -> None:
+    """Cut recordings again by the extents of all motions.
+
+    Movements of some count as rest relative to the motions of the set. Those of absurdly large
+    motions are rejected.
+    """
+    extents = {
+        index: [m.extent for x in loaded[index].result.reports for m in x.motions]
+        for index, _ in _used(loaded)
+        if tasks[index].segments is None
+    }
+    absurd = absurd_extent([max(own) for own in extents.values()])
+    for index, own in list(extents.items()):
+        if max(own) > absurd:
+            what = cutting.far_moving("its joints move", max(own), absurd)
+            reason = (
+                f"beside the other recordings' motions, {what}; choose the joints, or give "
+                "a table of segments if these movements are motions"
+            )
+            loaded[index] = Loaded.refused(tasks[index].name, reason)
+            del extents[index]
+    if not extents:
+        return
+    least = least_extent_of_set([x for own in extents.values() for x in own if x <= absurd])
+    for index, recording in _used(loaded):
+        if min(extents.get(index, [np.inf])) <= least:
+            _cut_again(tasks[index], recording, loaded, index, least)
+
+
+def put_on_one_turn(results: list[RecordingSet], joint: str) -> None:
     """Shift motions by full turns of a continuous joint, so that their starts are near each other.
 
     Drivers report angles from -pi to pi, or from 0 after a restart.
     """
     places = [
         (index, k, motion)
-        for index, one in enumerate(loaded)
+        for index, one in enumerate(results)
         for k, motion in enumerate(one.demonstrations)
         if joint in motion.joint_names
     ]
     starts = np.array([m.positions[0, m.joint_names.index(joint)] for _, _, m in places])
     for (index, k, motion), turns in zip(places, full_turns(starts), strict=True):
         if turns:
-            motions = list(loaded[index].demonstrations)
+            motions = list(results[index].demonstrations)
             positions = motion.positions.copy()
             positions[:, motion.joint_names.index(joint)] += 2.0 * np.pi * turns
             motions[k] = replace(motion, positions=positions)
             reports = [
                 replace(x, repairs={**x.repairs, "turns": x.repairs.get("turns", 0) + 1})
-                for x in loaded[index].reports
+                for x in results[index].reports
             ]
-            loaded[index] = replace(loaded[index], demonstrations=motions, reports=reports)
+            results[index] = replace(results[index], demonstrations=motions, reports=reports)
 
 
 def full_turns(angles: NDArray[np.float64]) -> list[int]:
@@ -370,105 +597,3 @@ def full_turns(angles: NDArray[np.float64]) -> list[int]:
     turns = -np.floor((angles - begin) / (2.0 * np.pi)).astype(int)
     usual = int(np.percentile(turns, 50, method="lower"))
     return [int(n) - usual for n in turns]
-
-
-def with_joints_of_set(
-    tasks: Sequence[LoadTask], loaded: list[RecordingSet], same_joints: bool, *, moving_only: bool
-) -> dict[int, LoadTask]:
-    """Recordings to load again with the joints of the set in its order, by index.
-
-    On request, recordings of other joints are rejected. With `moving_only`, joints that move in no
-    recording are no joints of the set; unless joints are chosen, those of a gripper never are.
-    """
-    still = _still_joints(loaded)
-    if not moving_only:
-        is_chosen = any(task.options.joints for task in tasks)
-        still = {x for x in still if "gripper" in x.lower() or "finger" in x.lower()}
-        still = set() if is_chosen else still
-    orders: dict[frozenset[str], tuple[str, ...]] = {}
-    counts = Counter[tuple[str, ...]]()
-    for index in range(len(tasks)):
-        for report in loaded[index].reports:
-            joints = tuple(name for name in report.joint_names if name not in still)
-            counts[orders.setdefault(frozenset(joints), joints)] += 1
-    common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
-    is_one_set = same_joints and 2 * n_common > counts.total()
-    again: dict[int, LoadTask] = {}
-    for index, task in enumerate(tasks):
-        used, refused = loaded[index].reports, loaded[index].refused
-        for report in used:
-            own = set(report.joint_names)
-            joints = common if is_one_set else orders[frozenset(own - still)]
-            if not own.issuperset(joints):
-                _refuse(
-                    loaded,
-                    index,
-                    task.name,
-                    f"its joints, {quote_names(report.joint_names)}, are not those of most "
-                    f"recordings, {quote_names(common)}: choose joints that all have, or use it "
-                    "separately",
-                )
-            elif joints != report.joint_names:
-                again[index] = _with_joints(task, joints, report.joint_names, still)
-        for one in refused:
-            if is_one_set and not task.options.joints and set(one.joint_names).issuperset(common):
-                again[index] = _with_joints(task, common, one.joint_names)
-    return again
-
-
-def _still_joints(loaded: Sequence[RecordingSet]) -> set[str]:
-    """The joints that move in no recording that is used."""
-    reports = [report for one in loaded for report in one.reports]
-    moving = {n for one in reports for n in one.joint_names if n not in one.still_joints}
-    return {name for one in reports for name in one.still_joints} - moving
-
-
-def _with_joints(
-    task: LoadTask,
-    joints: tuple[str, ...],
-    found: Sequence[str],
-    still: Collection[str] = (),
-) -> LoadTask:
-    """A recording with some of its joints, and notes on the others."""
-    others = [name for name in found if name not in joints]
-    reasons = {
-        "they never move": [name for name in others if name in still],
-        "most recordings lack them": [name for name in others if name not in still],
-    }
-    notes = tuple(
-        f"joints left out, as {why}: {quote_names(names)}"
-        for why, names in reasons.items()
-        if names
-    )
-    return replace(task, options=replace(task.options, joints=joints), notes=notes)
-
-
-def with_extent_of_set(
-    tasks: Sequence[LoadTask], loaded: list[RecordingSet]
-) -> dict[int, LoadTask]:
-    """Recordings to load again by the extents of all motions, by index.
-
-    Movements of some count as rest relative to the motions of the set. Those of absurdly large
-    motions are rejected.
-    """
-    extents, smallest, largest = list[float](), list[float](), list[float]()
-    for index, task in enumerate(tasks):
-        reports = loaded[index].reports
-        own = [m.extent for x in reports for m in x.motions if task.segments is None]
-        extents.extend(own)
-        smallest.append(min(own, default=np.inf))
-        largest.append(max(own, default=0.0))
-    absurd = absurd_extent([*filter(None, largest)])
-    for index in np.flatnonzero(np.asarray(largest) > absurd).tolist():
-        what = cutting.far_moving("its joints move", largest[index], absurd)
-        reason = (
-            f"beside the other recordings' motions, {what}; choose the joints, or give "
-            "a table of segments if these movements are motions"
-        )
-        _refuse(loaded, index, tasks[index].name, reason)
-        smallest[index] = np.inf
-    if not np.isfinite(smallest).any():
-        return {}
-    least = least_extent_of_set([x for x in extents if x <= absurd])
-    small = np.flatnonzero(np.asarray(smallest) <= least).tolist()
-    return {index: replace(tasks[index], least_extent=least) for index in small}

@@ -12,17 +12,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..arrays import is_number, unique_names
+from ..arrays import is_number
 from ..exceptions import RecordingError, UnusableRecordingError, quote_names, unknown_name
 from ..files import read_text, reading
-from ..renaming import Rename, check_rename, new_name
+from ..renaming import Rename, check_rename
 from . import bags
 from .bags import Bag, Topic
-from .joint_states import JointLayout, RawJointStates, joined
+from .continuity import LARGEST_ANGLE
+from .joint_states import JointStates, joined
+from .recording import Recording
 from .recording_set import NORMALISED
 from .repair import repair
-from .repair.motion import LARGEST_ANGLE
-from .repair.recording import CleanRecording
 from .segmentation import SegmentationOptions
 from .tables import FORMATS, Episodes, names_of_positions, read_table, whole_episodes
 
@@ -122,7 +122,7 @@ class LoadOptions:
             )
 
 
-def read_recording(path: Path, options: LoadOptions) -> CleanRecording:
+def read_recording(path: Path, options: LoadOptions) -> Recording:
     """Read the joint states of a bag or a table, and repair them.
 
     Raises
@@ -133,35 +133,39 @@ def read_recording(path: Path, options: LoadOptions) -> CleanRecording:
     joints = options.joints
     if joints is not None and bags.recording_format(path) in FORMATS:
         joints = names_of_positions(joints)
-        options = replace(options, joints=joints)
-    raw, episodes = _read(path, options)
+    states, episodes = _read(path, replace(options, joints=joints))
     if joints is None and len(_topics(options)) > 1:
-        joints = raw.listed_joints
-    taken = _listed(joints, raw.listed_joints) if options.moving_only else joints
+        joints = states.joint_names
+    listed = [name for name in joints or () if name in states.joint_names]
     try:
-        clean = repair(raw, taken, options.max_gap)
+        recording = repair(
+            states, listed if options.moving_only and listed else joints, options.max_gap
+        )
     except UnusableRecordingError as error:
         if episodes:  # whose borders are no gaps
             error.findings["repairs"].pop("gaps", None)
         raise
-    reach = np.rad2deg(max(np.abs(piece.positions).max() for piece in clean.pieces))
+    reach = np.rad2deg(max(np.abs(piece.positions).max() for piece in recording.pieces))
     if options.degrees and reach < LARGEST_ANGLE:
         raise RecordingError(
             f"its positions are {reach:.3g} at most, which are radians rather than degrees: leave "
             "out --degrees (degrees=True in Python)"
         )
-    clean = _noted(clean, joints)
-    return whole_episodes(clean, episodes) if episodes else clean
+    if missing := [name for name in joints or () if name not in recording.joint_names]:
+        recording = recording.noted(
+            f"joints left out, as the recording lacks them: {quote_names(missing)}"
+        )
+    return whole_episodes(recording, episodes) if episodes else recording
 
 
-def _read(path: Path, options: LoadOptions) -> tuple[RawJointStates, Episodes]:
+def _read(path: Path, options: LoadOptions) -> tuple[JointStates, Episodes]:
     """Joint states by their new names, in rad (or m), and the episodes of a table."""
     table_format = bags.recording_format(path)
     topics = _topics(options)
     if table_format in FORMATS:
         if options.state_field is not None:
             raise RecordingError("--field is for messages of bags: a table has columns")
-        raw, episodes = read_table(
+        states, episodes = read_table(
             path,
             table_format,
             topics,
@@ -170,41 +174,21 @@ def _read(path: Path, options: LoadOptions) -> tuple[RawJointStates, Episodes]:
             max_gap=options.max_gap or 0.0,
             episodes=options.episodes,
         )
-        is_lerobot = table_format == "lerobot"
-        return in_si_units(raw, options, are_normalised=is_lerobot), episodes
+        return in_si_units(states, options, are_normalised=table_format == "lerobot"), episodes
     if options.episodes is not None:
         raise RecordingError("a bag holds no episodes: they are chosen from tables only")
     with bags.open_bag(path, salvage=options.salvage) as bag:
         if not topics or options.state_field is None:
-            chosen = [_chosen_topic(bag, topic) for topic in topics or (None,)]
-            topics = [topic.name for topic in chosen]
-        states = [bag.joint_states(topic, field=options.state_field) for topic in topics]
-    raw = together([renamed(one, options.rename) for one in states])
-    return in_si_units(raw, options), ()
+            topics = [_chosen_topic(bag, topic).name for topic in topics or (None,)]
+        several = [bag.joint_states(topic, field=options.state_field) for topic in topics]
+    return in_si_units(together([x.renamed(options.rename) for x in several]), options), ()
 
 
 def _topics(options: LoadOptions) -> list[str]:
     return [] if options.topic is None else [topic.strip() for topic in options.topic.split(",")]
 
 
-def renamed(raw: RawJointStates, rename: Rename) -> RawJointStates:
-    """Joint states by their new names.
-
-    Raises
-    ------
-    RecordingError
-        If two joints of a message get the same name.
-    """
-    layouts = []
-    for layout in raw.layouts:
-        names = tuple(new_name(name, rename, raw.topic) for name in layout.joint_names)
-        layouts.append(
-            replace(layout, joint_names=unique_names(names, "renamed joints", RecordingError))
-        )
-    return replace(raw, layouts=tuple(layouts)) if rename else raw
-
-
-def together(states: Sequence[RawJointStates]) -> RawJointStates:
+def together(states: Sequence[JointStates]) -> JointStates:
     """Joint states of several topics.
 
     Raises
@@ -213,21 +197,30 @@ def together(states: Sequence[RawJointStates]) -> RawJointStates:
         If two of them list the same joint.
     """
     whole = states[0]
-    for one in states[1:]:
-        if both := [name for name in one.listed_joints if name in whole.listed_joints]:
+    for following in states[1:]:
+        if both := [name for name in following.joint_names if name in whole.joint_names]:
             raise RecordingError(
-                f"'{whole.topic}' and '{one.topic}' list the same joints, {quote_names(both)}: "
-                f"rename some, as by --rename '{one.topic}/*=second_*'"
+                f"'{whole.topic}' and '{following.topic}' list the same joints, "
+                f"{quote_names(both)}: rename some, as by --rename '{following.topic}/*=second_*'"
             )
-        topic = f"{whole.topic},{one.topic}"
-        whole = replace(joined(whole, one), topic=topic, notes=(*whole.notes, *one.notes))
+        topic = f"{whole.topic},{following.topic}"
+        whole = replace(joined(whole, following), topic=topic)
     return whole
 
 
 def in_si_units(
-    raw: RawJointStates, options: LoadOptions, *, are_normalised: bool = False
-) -> RawJointStates:
+    states: JointStates, options: LoadOptions, *, are_normalised: bool = False
+) -> JointStates:
     """Joint states in rad (or m).
+
+    Parameters
+    ----------
+    states :
+        As recorded.
+    options :
+        With `degrees`, `prismatic` and `scale`.
+    are_normalised :
+        Whether they are those of a LeRobot dataset, whose grippers are in per cent.
 
     Raises
     ------
@@ -235,56 +228,28 @@ def in_si_units(
         If a joint with a scale is unknown.
     """
     for name in options.scale:
-        if name not in raw.listed_joints:
-            raise RecordingError(f"--scale: {unknown_name('joint', name, raw.listed_joints)}")
-    factors, notes = {name: float(x) for name, x in options.scale.items()}, raw.notes
+        if name not in states.joint_names:
+            raise RecordingError(f"--scale: {unknown_name('joint', name, states.joint_names)}")
+    factors, notes = {name: float(x) for name, x in options.scale.items()}, []
     if options.degrees:
-        left = {name for name in options.prismatic if name in raw.listed_joints}
-        if are_normalised:
-            grippers = {name for name in raw.listed_joints if "gripper" in name.lower()}
-            left |= grippers
-            notes += _normalised_note(raw, left.union(factors))
-        left -= factors.keys()
+        left = {name for name in options.prismatic if name in states.joint_names}
+        grippers = {x for x in states.joint_names if are_normalised and "gripper" in x.lower()}
+        left = (left | grippers) - factors.keys()
+        angles = [x for x in states.joint_names if x not in left and x not in factors]
+        shares = states.positions[:, states.columns(angles)]
+        if are_normalised and angles and not (np.abs(shares) > 100.5).any():
+            notes.append(NORMALISED)
         if left:
-            notes += (f"not converted from degrees: {quote_names(sorted(left))}",)
-        if are_normalised and (options.joints is None or options.moving_only):
-            raw = _without(raw, grippers & left)
-        angles = (x for x in raw.listed_joints if x not in left and x not in factors)
+            notes.append(f"not converted from degrees: {quote_names(sorted(left))}")
+        gone = grippers & left
+        if gone and (options.joints is None or options.moving_only) and angles:
+            states = states.without(gone)
+            notes.append(
+                f"left out, as LeRobot states grippers in per cent: {quote_names(sorted(gone))}; "
+                "--scale or --joints takes them"
+            )
         factors |= dict.fromkeys(angles, np.pi / 180.0)
-    if not factors:
-        return raw
-    layouts = tuple(_scaled(layout, factors) for layout in raw.layouts)
-    return replace(raw, layouts=layouts, notes=tuple(dict.fromkeys((*notes, *raw.notes))))
-
-
-def _without(raw: RawJointStates, joints: Collection[str]) -> RawJointStates:
-    """The states of a table without some joints, and a note on them."""
-    (layout,) = raw.layouts
-    kept = [i for i, name in enumerate(layout.joint_names) if name not in joints]
-    if not joints or not kept:
-        return raw
-    note = (
-        f"left out, as LeRobot states grippers in per cent: {quote_names(sorted(joints))}; "
-        "--scale or --joints takes them"
-    )
-    names = tuple(layout.joint_names[i] for i in kept)
-    layout = replace(layout, joint_names=names, positions=layout.positions[:, kept])
-    return replace(raw, layouts=(layout,), notes=(*raw.notes, note))
-
-
-def _normalised_note(raw: RawJointStates, others: Collection[str]) -> tuple[str, ...]:
-    """A note if values of a LeRobot dataset that shall be degrees may be shares of ranges."""
-    layout = raw.layouts[0]
-    columns = [i for i, name in enumerate(layout.joint_names) if name not in others]
-    if not columns or (np.abs(layout.positions[:, columns]) > 100.5).any():
-        return ()
-    return (NORMALISED,)
-
-
-def _scaled(layout: JointLayout, factors: Mapping[str, float]) -> JointLayout:
-    own = np.array([factors.get(name, 1.0) for name in layout.joint_names])
-    velocities = None if layout.velocities is None else layout.velocities * own.astype(np.float32)
-    return replace(layout, positions=layout.positions * own, velocities=velocities)
+    return replace(states.scaled(factors) if factors else states, notes=(*states.notes, *notes))
 
 
 _ENCODER_STEPS = 4095  # of a turn, as LeRobot counts those of its motors
@@ -310,20 +275,6 @@ def scale_of_calibration(path: str | Path) -> dict[str, float]:
             / (100.0 if "gripper" in name else 200.0)
             for name, one in motors.items()
         }
-
-
-def _listed(joints: Sequence[str] | None, listed: Sequence[str]) -> Sequence[str] | None:
-    """The joints that are listed; all of them if none is, which is an error later."""
-    return [name for name in joints or () if name in listed] or joints
-
-
-def _noted(clean: CleanRecording, joints: Sequence[str] | None) -> CleanRecording:
-    """The recording with a note on the joints that it lacks."""
-    missing = [name for name in joints or () if name not in clean.joint_names]
-    if not missing:
-        return clean
-    note = f"joints left out, as the recording lacks them: {quote_names(missing)}"
-    return replace(clean, notes=(*clean.notes, note))
 
 
 def _chosen_topic(bag: Bag, topic: str | None) -> Topic:
@@ -364,7 +315,7 @@ class RecordingInspection:
     rate, duration : float or None
         Usual rate [Hz] and duration [s], if its time is usable.
     repairs : dict
-        Counts of the repairs that are needed, by their names in :data:`.repair.REPAIRS`.
+        Counts of the repairs that are needed, by their names in :data:`.recording.REPAIRS`.
     notes : tuple of str
         Other findings, one sentence each.
     refusal : str or None
@@ -423,15 +374,16 @@ def inspect_recording(
                 inspection = replace(inspection, topics=bag.topics)
         options = LoadOptions(topic=topic, state_field=state_field, salvage=salvage)
         clean = read_recording(recording, options)
-        found, refusal = vars(clean) | {"duration": clean.duration}, None
+        facts = vars(clean) | {"duration": clean.duration, "notes": clean.all_notes}
+        refusal = None
     except UnusableRecordingError as error:
-        found, refusal = error.findings, str(error)
+        facts, refusal = error.findings, str(error)
     except RecordingError as error:
         return replace(inspection, refusal=str(error))
-    facts = ("topic", "n_messages", "rate", "duration", "repairs", "notes")
+    shown = ("topic", "n_messages", "rate", "duration", "repairs", "notes")
     return replace(
         inspection,
-        joint_names=found["listed_joints"],
+        joint_names=facts["listed_joints"],
         refusal=refusal,
-        **{fact: found[fact] for fact in facts if fact in found},
+        **{name: facts[name] for name in shown if name in facts},
     )

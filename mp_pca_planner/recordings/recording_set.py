@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, listed
 from .demonstration import Demonstration
-from .repair import DROPPED, REPAIRS
+from .recording import DROPPED, REPAIRS, MarkerResidual
 from .segmentation import ABSURD_EXTENT
 
 if TYPE_CHECKING:
@@ -62,23 +62,6 @@ the next sample [rad/s or m/s], shape (n_samples,).
 
 
 @dataclass(frozen=True)
-class MarkerResidual:
-    """Distances of a marker on the model from its measured positions.
-
-    Attributes
-    ----------
-    median, percentile_95 : float
-        Of the distances [m].
-    n_frames : int
-        Frames in which it was seen and used.
-    """
-
-    median: float
-    percentile_95: float
-    n_frames: int
-
-
-@dataclass(frozen=True)
 class Refusal:
     """A recording that can't be used, and why.
 
@@ -114,7 +97,7 @@ class RecordingReport:
     checksum : str
         SHA-256 of the stored bytes.
     repairs : dict
-        Counts of the repairs, by their names in :data:`.repair.REPAIRS`.
+        Counts of the repairs, by their names in :data:`.recording.REPAIRS`.
     motions : tuple of Segment
         The motions, in order.
     thresholds : SpeedThresholds
@@ -125,12 +108,8 @@ class RecordingReport:
         The recording in few samples, on request.
     marker_residuals : dict
         Residual of each marker; empty unless markers were recorded.
-    still_joints : tuple of str
-        The joints of `joint_names` that never move.
-    fingerprint : tuple of int
-        Shows copies of the recording, see :func:`.repair.recording.fingerprint`.
     seconds : float
-        Time that it took to read it and to cut it into motions [s].
+        Time that it took to read it [s].
     """
 
     name: str
@@ -148,8 +127,6 @@ class RecordingReport:
     notes: tuple[str, ...]
     overview: Overview | None = None
     marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
-    still_joints: tuple[str, ...] = ()
-    fingerprint: tuple[int, ...] = ()
     seconds: float = field(default=0.0, compare=False)
 
 
@@ -173,11 +150,6 @@ class RecordingSet:
     reports: Sequence[RecordingReport] = ()
     refused: Sequence[Refusal] = ()
     notes: Sequence[str] = ()
-
-    @classmethod
-    def rejected(cls, refusal: Refusal) -> RecordingSet:
-        """The result of a recording that can't be used."""
-        return cls(refused=(refusal,))
 
     @classmethod
     def joined(cls, sets: Sequence[RecordingSet]) -> RecordingSet:

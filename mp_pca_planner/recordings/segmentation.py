@@ -22,7 +22,7 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
-from .repair import Piece
+from .recording import Samples
 
 CUTOFF = 8.0
 """Cut-off of the low-pass [Hz]; 6 to 10 Hz is usual for movements of the human arm."""
@@ -65,7 +65,7 @@ class SmoothPiece:
         return float((self.times.size - 1) / (self.times[-1] - self.times[0]))
 
 
-def smooth(piece: Piece, rate: float) -> SmoothPiece:
+def smooth(piece: Samples, rate: float) -> SmoothPiece:
     """Filter and resample a piece, and differentiate the resulting curve.
 
     Parameters
@@ -217,7 +217,7 @@ def _usual_peak(values: FloatArray) -> float:
     return float(ordered[np.searchsorted(energy, 0.5 * energy[-1])])
 
 
-def least_extent(pieces: Sequence[Piece]) -> float:
+def least_extent(pieces: Sequence[Samples]) -> float:
     """Smallest extent of a motion, by the noise of the recording [rad or m]."""
     return max(MIN_EXTENT, _NOISE_EXTENTS * float(np.linalg.norm(_noise(pieces))))
 
@@ -233,7 +233,7 @@ def absurd_extent(extents: Sequence[float]) -> float:
     return max(ABSURD_EXTENT, _ABSURD_FACTOR * usual)
 
 
-def _noise(pieces: Sequence[Piece]) -> FloatArray:
+def _noise(pieces: Sequence[Samples]) -> FloatArray:
     """Standard deviation of each joint's noise, from samples and the line between their neighbours.
 
     It is taken from the median, which motions during less than half of the time don't change; and
@@ -244,7 +244,7 @@ def _noise(pieces: Sequence[Piece]) -> FloatArray:
     return np.asarray(np.median(np.abs(errors), axis=0) / (0.6745 * np.sqrt(1.5)))
 
 
-def _errors_from_neighbours(piece: Piece) -> FloatArray:
+def _errors_from_neighbours(piece: Samples) -> FloatArray:
     t, q = piece.times, piece.positions
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     return np.asarray(q[1:-1] - (1.0 - share) * q[:-2] - share * q[2:])

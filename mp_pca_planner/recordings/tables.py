@@ -25,8 +25,8 @@ from ..files import open_regular, read_text, reading
 from ..input_limits import INPUT_LIMITS
 from ..renaming import Rename, new_name
 from .demonstration import TIME_COLUMNS, other_unit_of_time
-from .joint_states import NS_PER_S, JointLayout, RawJointStates
-from .repair import CleanRecording
+from .joint_states import NS_PER_S, JointStates
+from .recording import Recording
 
 FORMATS = ("csv", "lerobot")
 """Formats of tables among those of recordings."""
@@ -67,7 +67,7 @@ def read_table(
     rename: Rename | None = None,
     max_gap: float = 0.0,
     episodes: Sequence[int | str] | None = None,
-) -> tuple[RawJointStates, Episodes]:
+) -> tuple[JointStates, Episodes]:
     """Read the joint states of a table.
 
     Parameters
@@ -91,7 +91,7 @@ def read_table(
 
     Returns
     -------
-    raw : RawJointStates
+    raw : JointStates
         The joint states.
     episodes : Episodes
         The episodes; none of a CSV file without them.
@@ -115,7 +115,7 @@ def _read_csv(
     rename: Rename,
     pause: float,
     chosen: Sequence[int | str] | None,
-) -> tuple[RawJointStates, Episodes]:
+) -> tuple[JointStates, Episodes]:
     with reading(f"the table '{path}'", RecordingError):
         head, _, rows = read_text(path, INPUT_LIMITS.unpacked_bytes).partition("\n")
         header = [name.strip() for name in next(csv.reader([head.lstrip("\ufeff")]), [])]
@@ -217,7 +217,7 @@ def _read_dataset(
     rename: Rename,
     pause: float,
     chosen: Sequence[int | str] | None,
-) -> tuple[RawJointStates, Episodes]:
+) -> tuple[JointStates, Episodes]:
     with reading(f"'{path / _INFO}'", RecordingError):
         info = json.loads(read_text(path / _INFO))
     try:
@@ -348,7 +348,7 @@ def _one_after_the_other(
     return result, tuple(episodes)
 
 
-def whole_episodes(clean: CleanRecording, episodes: Episodes) -> CleanRecording:
+def whole_episodes(recording: Recording, episodes: Episodes) -> Recording:
     """The episodes of a table as motions, without those that gaps or jumps cut.
 
     Raises
@@ -358,9 +358,9 @@ def whole_episodes(clean: CleanRecording, episodes: Episodes) -> CleanRecording:
     """
     # Times are rounded to nanoseconds.
     starts = np.array([start for start, _ in episodes]) - 1e-6
-    owners = [int(np.searchsorted(starts, piece.times[0])) - 1 for piece in clean.pieces]
+    owners = [int(np.searchsorted(starts, piece.times[0])) - 1 for piece in recording.pieces]
     n_pieces = Counter(owners)
-    pairs = zip(clean.pieces, owners, strict=True)
+    pairs = zip(recording.pieces, owners, strict=True)
     whole = tuple(piece for piece, owner in pairs if n_pieces[owner] == 1)
     if not whole:
         raise RecordingError(
@@ -368,19 +368,13 @@ def whole_episodes(clean: CleanRecording, episodes: Episodes) -> CleanRecording:
         )
     torn = [str(episodes[owner][1]) for owner, n in n_pieces.items() if n > 1]
     empty = [str(name) for i, (_, name) in enumerate(episodes) if i not in n_pieces]
-    counts = {**clean.repairs, "gaps": len(owners) - len(n_pieces), "cut_off": len(torn)}
     reasons = {"gaps or jumps cut them": torn, "they hold too few usable samples": empty}
-    notes = tuple(
+    notes = [
         f"episodes dropped, as {why}: {listed(names)}" for why, names in reasons.items() if names
-    )
-    return replace(
-        clean,
-        pieces=whole,
-        repairs={kind: n for kind, n in counts.items() if n},
-        notes=(*clean.notes, *notes),
-        pieces_are_motions=True,
-        episodes=episodes,
-    )
+    ]
+    counts = {**recording.repairs, "gaps": len(owners) - len(n_pieces), "cut_off": len(torn)}
+    repairs = {kind: n for kind, n in counts.items() if n}
+    return replace(recording.noted(*notes), pieces=whole, repairs=repairs, episodes=episodes)
 
 
 def _size(feature: Any) -> int:
@@ -508,7 +502,7 @@ def _joint_states(
     times: FloatArray,
     positions: FloatArray,
     notes: tuple[str, ...] = (),
-) -> RawJointStates:
+) -> JointStates:
     what = "columns of the table"
     names = unique_names(names_of_positions(columns), what, RecordingError)
     if not times.size:
@@ -523,5 +517,4 @@ def _joint_states(
         )
     # A stamp of 0 would mean that it is not set.
     stamps = np.rint((times - times.min()) * NS_PER_S).astype(np.int64) + NS_PER_S
-    layout = JointLayout(names, np.arange(len(times), dtype=np.int64), positions)
-    return RawJointStates(topic, stamps, stamps, (layout,), 0, notes, computed=True)
+    return JointStates.of_arrays(topic, names, stamps, stamps, positions, notes)

@@ -19,8 +19,8 @@ from ..recordings import cutting
 from ..recordings.bags import choose_topic, from_cdr, open_bag, to_cdr, write_stored_states
 from ..recordings.bags.bag import damage_reported
 from ..recordings.demonstration import Demonstration
-from ..recordings.joint_states import RawJointStates, collect_joint_states, joined
-from ..recordings.repair import CleanRecording
+from ..recordings.joint_states import JointStates, collect_joint_states, joined
+from ..recordings.recording import Recording
 from ..recordings.segmentation import SegmentationOptions
 
 StoredStates = list[tuple[int, bytes]]
@@ -203,7 +203,7 @@ class TeachingSession:
         self._messages += new
         return new
 
-    def _decoded(self, new: StoredStates) -> RawJointStates:
+    def _decoded(self, new: StoredStates) -> JointStates:
         with reading("the joint states", RecordingError):
             states = ((stamp, from_cdr(data)) for stamp, data in new)
             return joined(self._raw, collect_joint_states(self._topic, states))
@@ -236,7 +236,7 @@ _Span = tuple[float, float]
 """Start and end of a motion in the recording [s]."""
 
 
-def _is_at_rest(cuts: Sequence[cutting.Cut], clean: CleanRecording) -> bool:
+def _is_at_rest(cuts: Sequence[cutting.Cut], clean: Recording) -> bool:
     """Whether the recording ends with a rest that cuts."""
     if not cuts:
         return True
@@ -245,7 +245,7 @@ def _is_at_rest(cuts: Sequence[cutting.Cut], clean: CleanRecording) -> bool:
     return rested > SegmentationOptions.min_rest
 
 
-def _left_out(clean: CleanRecording, cuts: Sequence[cutting.Cut]) -> list[str]:
+def _left_out(clean: Recording, cuts: Sequence[cutting.Cut]) -> list[str]:
     """What was cut, and is no motion."""
     n_rest, n_cut_off = clean.repairs.get("rest", 0), sum(cut.is_cut_off for cut in cuts)
     notes = [note for note in clean.notes if "left out" in note]

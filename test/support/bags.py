@@ -17,7 +17,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from mp_pca_planner.recordings.bags import Topic, open_bag
-from mp_pca_planner.recordings.joint_states import RawJointStates
+from mp_pca_planner.recordings.joint_states import JointStates
 
 FORMATS = ("rosbag1", "sqlite3", "mcap")
 S = 1_000_000_000
@@ -44,7 +44,7 @@ def list_topics(path: Path, *, salvage: bool = False) -> tuple[Topic, ...]:
 
 def read_joint_states(
     path: Path, topic: str, *, field: str | None = None, salvage: bool = False
-) -> RawJointStates:
+) -> JointStates:
     with open_bag(path, salvage=salvage) as bag:
         return bag.joint_states(topic, field=field)
 

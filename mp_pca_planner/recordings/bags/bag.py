@@ -17,7 +17,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 
 from ...exceptions import RecordingError, quote_names
 from ...files import load_yaml, read_bytes
-from ..joint_states import RawJointStates, collect_joint_states
+from ..joint_states import JointStates, collect_joint_states
 from .discovery import (
     METADATA,
     PACKED_SUFFIXES,
@@ -165,7 +165,7 @@ class Bag:
             known = types if topic.type in types.types else self._own_types(topic)
             return decoder(known, self.format)(data, topic.type)
 
-    def joint_states(self, topic: str, *, field: str | None = None) -> RawJointStates:
+    def joint_states(self, topic: str, *, field: str | None = None) -> JointStates:
         """Read all joint states of a topic.
 
         Types of other topics don't matter, known or not: the definition of JointState has never

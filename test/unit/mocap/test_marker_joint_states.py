@@ -20,7 +20,7 @@ from mp_pca_planner.mocap.marker_joint_states import (
     MarkerSource,
     marker_source,
 )
-from mp_pca_planner.recordings.joint_states import RawJointStates
+from mp_pca_planner.recordings.joint_states import JointStates
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.recording_set import MarkerResidual
 from mp_pca_planner.robot.model import Robot
@@ -58,15 +58,14 @@ def markers(*, small: bool = False, base: str = "moving") -> dict[str, np.ndarra
 
 
 class Solved(NamedTuple):
-    joint_states: RawJointStates
+    joint_states: JointStates
     residuals: dict[str, MarkerResidual]
 
 
 def solved(path: Path, source: MarkerSource) -> tuple[np.ndarray, Solved]:
     found = Solved(*source.joint_states(path))
-    (layout,) = found.joint_states.layouts
-    assert layout.joint_names == source.joint_names
-    return layout.positions, found
+    assert found.joint_states.joint_names == source.joint_names
+    return found.joint_states.positions, found
 
 
 def changed_map(tmp_path: Path, *changes: tuple[str, str]) -> Path:
@@ -209,10 +208,9 @@ def test_people_are_measured_as_another_method_did(shared_data: Path, recording:
     folder = shared_data / "human_arm"
     q, found = solved(folder / "markers" / recording, marker_source("/markers", URDF, MAP))
     theirs = read_joint_states(folder / "joint_states" / recording, "/joint_states")
-    (layout,) = theirs.layouts
-    assert layout.joint_names == JOINTS
+    assert theirs.joint_names == JOINTS
     np.testing.assert_array_equal(found.joint_states.header_stamps, theirs.header_stamps)
-    rms = np.rad2deg(np.sqrt(np.mean((q - layout.positions) ** 2, axis=0)))
+    rms = np.rad2deg(np.sqrt(np.mean((q - theirs.positions) ** 2, axis=0)))
     assert np.all(rms < 0.1)
     assert max(r.median for r in found.residuals.values()) < 2e-5
 

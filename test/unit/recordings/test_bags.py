@@ -62,10 +62,8 @@ def test_joint_states_come_back_exactly(tmp_path: Path, bag_format: str) -> None
     ]
     path = write_bag(tmp_path / "x", bag_format, messages)
     raw = read_joint_states(path, "/joint_states")
-    (layout,) = raw.layouts
-    assert layout.joint_names == ("a", "b", "c")
-    np.testing.assert_array_equal(layout.positions, positions)
-    np.testing.assert_array_equal(layout.messages, np.arange(30))
+    assert raw.layouts == (raw.joint_names,) == (("a", "b", "c"),)
+    np.testing.assert_array_equal(raw.positions, positions)
     np.testing.assert_array_equal(raw.header_stamps, stamps)
     np.testing.assert_array_equal(raw.receive_stamps, stamps + 123)
 
@@ -147,9 +145,8 @@ def multi(tmp_path: Path, bag_format: str) -> Path:
 
 def test_joint_states_inside_of_other_messages_are_read(multi: Path) -> None:
     raw = read_joint_states(multi, "/multi", field="arm.jointStates")
-    (layout,) = raw.layouts
-    assert layout.joint_names == ("a", "b")
-    np.testing.assert_array_equal(layout.positions, np.outer(np.arange(400), [1, -1]))
+    assert raw.joint_names == ("a", "b")
+    np.testing.assert_array_equal(raw.positions, np.outer(np.arange(400), [1, -1]))
     np.testing.assert_array_equal(raw.header_stamps, 5 * S + np.arange(400))
     np.testing.assert_array_equal(raw.receive_stamps, EPOCH + np.arange(400))
 
@@ -180,7 +177,7 @@ def test_joint_states_inside_of_messages_are_salvaged(multi: Path) -> None:
     raw = read_joint_states(file, "/multi", field="arm.jointStates", salvage=True)
     assert 100 < raw.n_messages <= 400
     expected = np.outer(np.arange(raw.n_messages), [1, -1])
-    np.testing.assert_array_equal(raw.layouts[0].positions, expected)
+    np.testing.assert_array_equal(raw.positions, expected)
     assert "damaged" in raw.notes[0]
 
 
@@ -208,8 +205,7 @@ def test_split_bags_are_one_recording_with_or_without_metadata(
         shutil.rmtree(part)
     assert find_recordings([tmp_path]) == (folder,)
     raw = read_joint_states(folder, "/joint_states")
-    (layout,) = raw.layouts
-    np.testing.assert_array_equal(layout.positions[:, 0], np.repeat(np.arange(11.0), 50))
+    np.testing.assert_array_equal(raw.positions[:, 0], np.repeat(np.arange(11.0), 50))
     assert raw.notes == (
         ()
         if told

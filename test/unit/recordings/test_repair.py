@@ -15,16 +15,9 @@ from hypothesis.extra import numpy as hnp
 from support.bags import EPOCH, Message, S, reaching, read_joint_states, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError, UnusableRecordingError
-from mp_pca_planner.recordings.joint_states import JointLayout, RawJointStates
-from mp_pca_planner.recordings.repair import (
-    OF_PIECES,
-    OF_SAMPLES,
-    REPAIRS,
-    CleanRecording,
-    repair,
-)
-from mp_pca_planner.recordings.repair.messages import COUNTS
-from mp_pca_planner.recordings.repair.motion import GAPS
+from mp_pca_planner.recordings.joint_states import JointStates
+from mp_pca_planner.recordings.recording import REPAIRS, Recording
+from mp_pca_planner.recordings.repair import repair
 
 MOTION = reaching([0.1, 1.1])
 """Two joints for 3 s at 100 Hz, never both zero."""
@@ -40,16 +33,15 @@ class Bag:
     def __init__(self, folder: Path, bag_format: str) -> None:
         self.folder, self.bag_format = folder, bag_format
 
-    def repaired(self, messages: list[Message], joints: list[str] | None = None) -> CleanRecording:
+    def repaired(self, messages: list[Message], joints: list[str] | None = None) -> Recording:
         path = write_bag(self.folder / "x", self.bag_format, messages)
         return repair(read_joint_states(path, "/joint_states"), joints)
 
 
-def cleaned(positions: np.ndarray) -> CleanRecording:
+def cleaned(positions: np.ndarray) -> Recording:
     """Repair positions at 100 Hz that need no bag."""
     stamps = EPOCH + np.arange(len(positions)) * (S // 100)
-    layout = JointLayout(("a", "b"), np.arange(len(positions)), positions)
-    return repair(RawJointStates("/joint_states", stamps, stamps, (layout,), 0))
+    return repair(JointStates.of_arrays("/joint_states", ("a", "b"), stamps, stamps, positions))
 
 
 @pytest.fixture
@@ -534,7 +526,7 @@ def test_right_velocities_need_no_note_and_missing_ones_are_counted(bag: Bag) ->
 def test_joint_that_never_moves_is_named(bag: Bag) -> None:
     half = MOTION.copy()
     half[:, 1] = 0.25
-    assert "joints that never move: 'b'" in bag.repaired(stamped(half)).notes
+    assert "joints that never move: 'b'" in bag.repaired(stamped(half)).all_notes
 
 
 @pytest.mark.parametrize(
@@ -654,10 +646,9 @@ def test_whatever_comes_in_pieces_are_usable_or_refused(
     stamps: np.ndarray, positions: np.ndarray
 ) -> None:
     n = stamps.size
-    layout = JointLayout(("a", "b"), np.arange(n), positions[:n])
-    raw = RawJointStates("/joint_states", stamps, EPOCH + stamps, (layout,), 0)
+    times = stamps, EPOCH + stamps
     try:
-        clean = repair(raw)
+        clean = repair(JointStates.of_arrays("/joint_states", ("a", "b"), *times, positions[:n]))
     except RecordingError:
         return
     assert set(clean.repairs) <= set(REPAIRS)
@@ -668,7 +659,7 @@ def test_whatever_comes_in_pieces_are_usable_or_refused(
     assert all(np.isfinite(piece.positions).all() for piece in clean.pieces)
 
 
-def long_recording(rate: int, seed: int) -> RawJointStates:
+def long_recording(rate: int, seed: int) -> JointStates:
     """Some 40 s in which a joint turns on and on and wraps, with defects at random places."""
     generator = np.random.default_rng(seed)
     n = 40 * rate
@@ -693,14 +684,17 @@ def long_recording(rate: int, seed: int) -> RawJointStates:
     stamps = (EPOCH + np.cumsum(steps))[order]
     swapped = np.zeros(order.size, dtype=bool)
     swapped[places[:5] + 7] = True
-    layouts = tuple(
-        JointLayout(names, rows, positions[rows][:, columns], velocities[rows][:, columns])
-        for names, rows, columns in (
-            (("a", "b"), np.flatnonzero(~swapped), [0, 1]),
-            (("b", "a"), np.flatnonzero(swapped), [1, 0]),
-        )
+    return JointStates(
+        "/j",
+        ("a", "b"),
+        stamps,
+        EPOCH + np.arange(order.size),
+        positions,
+        (("a", "b"), ("b", "a")),
+        swapped.astype(np.int64),
+        velocities=velocities,
+        n_malformed=3,
     )
-    return RawJointStates("/j", stamps, EPOCH + np.arange(order.size), layouts, 3)
 
 
 @pytest.mark.parametrize("rate", [100, 250])
@@ -722,19 +716,10 @@ def test_defects_of_all_kinds_in_one_recording_are_counted(rate: int, seed: int)
 def test_samples_of_a_fast_recording_are_averaged() -> None:
     seconds = np.arange(3000) / 1000
     positions = np.column_stack([np.sin(seconds), seconds])
-    layout = JointLayout(("a", "b"), np.arange(3000), positions)
     stamps = EPOCH + np.arange(3000) * (S // 1000)
-    clean = repair(RawJointStates("/j", stamps, stamps, (layout,), 0))
+    clean = repair(JointStates.of_arrays("/j", ("a", "b"), stamps, stamps, positions))
     (piece,) = clean.pieces
     assert (clean.rate, clean.sample_rate) == pytest.approx((1000.0, 100.0))
     assert piece.times.size == 300
     np.testing.assert_allclose(piece.positions[:, 0], np.sin(piece.times), atol=1e-5)
     np.testing.assert_allclose(piece.positions[:, 1], piece.times, atol=1e-9)
-
-
-def test_each_defect_has_names_of_its_own() -> None:
-    names = [name for defect in (*OF_SAMPLES, GAPS, *OF_PIECES) for name in defect.counts]
-    names += COUNTS
-    assert len(names) == len(set(names))
-    # The others are counted where motions are cut and compared.
-    assert len(REPAIRS) == len(names) + 4

@@ -15,7 +15,7 @@ from support.compressed_bags import compressed_bag, storage_file
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import find_recordings
-from mp_pca_planner.recordings.joint_states import RawJointStates
+from mp_pca_planner.recordings.joint_states import JointStates
 from mp_pca_planner.recordings.reading import inspect_recording
 
 N = 1000
@@ -50,7 +50,7 @@ def test_bag_of_ros_1_that_its_recorder_did_not_finish_is_read(tmp_path: Path) -
     # The recorder writes the index, and its place, last.
     active.write_bytes(content.replace(b"index_pos=", b"index_xxx=")[:-20])
     raw = read_joint_states(active, "/joint_states")
-    np.testing.assert_array_equal(raw.layouts[0].positions, POSITIONS)
+    np.testing.assert_array_equal(raw.positions, POSITIONS)
     assert f"only the {N} messages before the damage" in raw.notes[0]
     path.unlink()
     assert find_recordings([tmp_path]) == (active,)
@@ -67,7 +67,7 @@ def test_messages_before_the_cut_are_salvaged(file: Path, share: float) -> None:
     raw = read_joint_states(file, "/joint_states", salvage=True)
     assert 0.5 * share * N < raw.n_messages <= N
     assert topic.count == raw.n_messages
-    np.testing.assert_array_equal(raw.layouts[0].positions, POSITIONS[: raw.n_messages])
+    np.testing.assert_array_equal(raw.positions, POSITIONS[: raw.n_messages])
     np.testing.assert_array_equal(raw.header_stamps, EPOCH + np.arange(raw.n_messages) * (S // 100))
     (note,) = raw.notes
     assert "damaged" in note
@@ -94,18 +94,18 @@ def test_chunks_before_the_cut_are_salvaged_when_compressed(
     file.write_bytes(content[: int(0.8 * len(content))])
     raw = read_joint_states(path, "/joint_states", salvage=True)
     assert 1000 < raw.n_messages < 40_000
-    np.testing.assert_array_equal(raw.layouts[0].positions[:, 0], np.arange(raw.n_messages))
+    np.testing.assert_array_equal(raw.positions[:, 0], np.arange(raw.n_messages))
 
 
 @pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd", "zstd file", "zstd message"])
 def test_compressed_bags_are_read(tmp_path: Path, compression: str) -> None:
     path = compressed_bag(tmp_path, compression, 300)
     raw = read_joint_states(path, "/joint_states")
-    np.testing.assert_array_equal(raw.layouts[0].positions[:, 0], np.arange(300))
+    np.testing.assert_array_equal(raw.positions[:, 0], np.arange(300))
     if path.is_dir():
         (path / "metadata.yaml").unlink()
         raw = read_joint_states(path, "/joint_states")
-        np.testing.assert_array_equal(raw.layouts[0].positions[:, 0], np.arange(300))
+        np.testing.assert_array_equal(raw.positions[:, 0], np.arange(300))
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -126,13 +126,12 @@ def test_damaged_files_give_what_is_in_them_or_are_refused_by_name(
         raw = read_unless_refused_by_name(victim, salvage=salvage)
         if raw is None:
             continue
-        layouts = sum(layout.messages.size for layout in raw.layouts)
-        assert raw.n_messages == raw.receive_stamps.size == layouts + raw.n_malformed
+        assert raw.n_messages == raw.receive_stamps.size + raw.n_malformed
         if not salvage and raw.n_messages:
             assert raw.n_messages == N
 
 
-def read_unless_refused_by_name(file: Path, *, salvage: bool) -> RawJointStates | None:
+def read_unless_refused_by_name(file: Path, *, salvage: bool) -> JointStates | None:
     reason = file.name
     try:
         list_topics(file, salvage=salvage)

@@ -16,7 +16,7 @@ from support.bags import reaching
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.repair import Piece
+from mp_pca_planner.recordings.recording import Samples
 from mp_pca_planner.recordings.segmentation import (
     SegmentationOptions,
     SmoothPiece,
@@ -32,14 +32,14 @@ OPTIONS = SegmentationOptions()
 
 
 def smoothed(positions: FloatArray, rate: float = 100.0) -> SmoothPiece:
-    return smooth(Piece(np.arange(len(positions)) / rate, positions), rate)
+    return smooth(Samples(np.arange(len(positions)) / rate, positions), rate)
 
 
 @given(st.floats(0.02, 1.0), st.floats(20.0, 500.0))
 def test_motion_has_to_exceed_eight_deviations_of_the_noise(deviation, rate):
     noise = deviation * np.random.default_rng(0).normal(size=(5000, 2))
     motion = np.linspace(0.0, 1.0, 5000)[:, None] ** 3  # it hardly changes the estimate
-    piece = Piece(np.arange(5000) / rate, noise + motion)
+    piece = Samples(np.arange(5000) / rate, noise + motion)
     assert least_extent([piece]) == pytest.approx(8.0 * np.sqrt(2.0) * deviation, rel=0.03)
 
 

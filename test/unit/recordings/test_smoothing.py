@@ -7,7 +7,7 @@ import pytest
 from support.bags import minimum_jerk
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.recordings.repair import Piece
+from mp_pca_planner.recordings.recording import Samples
 from mp_pca_planner.recordings.segmentation import CUTOFF, MAX_RATE, MIN_RATE, smooth
 
 
@@ -20,7 +20,7 @@ def sine(times: FloatArray, frequency: float, order: int = 0) -> FloatArray:
 @pytest.mark.parametrize("rate", [100.0, 500.0, 1000.0])
 def test_slow_motion_keeps_its_course_and_derivatives(rate: float) -> None:
     times = np.arange(0.0, 4.0, 1 / rate)
-    result = smooth(Piece(times, sine(times, 0.5)), rate)
+    result = smooth(Samples(times, sine(times, 0.5)), rate)
     inner = slice(len(result.times) // 8, -len(result.times) // 8)
     for order, values in enumerate((result.positions, result.velocities, result.accelerations)):
         exact = sine(result.times, 0.5, order)
@@ -30,7 +30,7 @@ def test_slow_motion_keeps_its_course_and_derivatives(rate: float) -> None:
 def test_there_is_no_delay() -> None:
     times = np.arange(0.0, 3.0, 0.01)
     positions = np.concatenate([np.zeros(100), minimum_jerk(0, 1, 100), np.ones(100)])[:, None]
-    result = smooth(Piece(times, positions), 100.0)
+    result = smooth(Samples(times, positions), 100.0)
     assert result.times[np.argmax(result.velocities[:, 0])] == pytest.approx(1.495, abs=0.011)
     assert np.interp(1.495, result.times, result.positions[:, 0]) == pytest.approx(0.5, abs=1e-3)
 
@@ -38,7 +38,7 @@ def test_there_is_no_delay() -> None:
 def test_noise_over_the_cutoff_is_taken_out() -> None:
     times = np.arange(0.0, 4.0, 0.002)
     hum = 0.01 * sine(times, 6 * CUTOFF)
-    result = smooth(Piece(times, sine(times, 0.5) + hum), 500.0)
+    result = smooth(Samples(times, sine(times, 0.5) + hum), 500.0)
     inner = slice(100, -100)
     left = result.positions[inner] - sine(result.times[inner], 0.5)
     assert np.abs(left).max() < 0.1 * np.abs(hum).max()
@@ -51,7 +51,7 @@ def test_rate_of_the_result_is_that_of_the_recording_within_bounds(
     rate: float, expected: float
 ) -> None:
     times = np.arange(0.0, 3.0, 1 / rate)
-    result = smooth(Piece(times, sine(times, 0.5)), rate)
+    result = smooth(Samples(times, sine(times, 0.5)), rate)
     assert result.rate == pytest.approx(expected, rel=0.01)
     assert np.ptp(np.diff(result.times)) < 1e-9
     assert result.times[[0, -1]] == pytest.approx(times[[0, -1]])
@@ -60,7 +60,7 @@ def test_rate_of_the_result_is_that_of_the_recording_within_bounds(
 def test_few_samples_a_second_give_a_smooth_motion() -> None:
     times = np.arange(0.0, 4.01, 0.1)
     positions = np.interp(times, np.linspace(1, 3, 201), minimum_jerk(0, 1, 201))[:, None]
-    result = smooth(Piece(times, positions), 10.0)
+    result = smooth(Samples(times, positions), 10.0)
     # Peaks of a minimum-jerk reach of 1 rad in 2 s: 15/8/T and 10/√3/T².
     assert np.abs(result.velocities).max() == pytest.approx(15 / 8 / 2, rel=0.02)
     assert np.abs(result.accelerations).max() == pytest.approx(10 / np.sqrt(3) / 4, rel=0.15)
@@ -71,14 +71,14 @@ def test_samples_that_come_in_bursts_make_no_overshoot(rate: float) -> None:
     times = np.arange(0.0, 4.0, 1 / rate)
     times[1::2] = times[::2] + 1e-5
     noise = np.random.default_rng(0).normal(scale=1e-3, size=(times.size, 1))
-    result = smooth(Piece(times, sine(times, 0.25) + noise), rate)
+    result = smooth(Samples(times, sine(times, 0.25) + noise), rate)
     assert np.abs(result.positions - sine(result.times, 0.25)).max() < 0.05
     assert np.abs(result.velocities).max() < 5.0
 
 
 def test_derivatives_are_those_of_the_same_curve() -> None:
     times = np.sort(np.random.default_rng(1).uniform(0.0, 5.0, 500))
-    result = smooth(Piece(times, sine(times, 0.7)), 100.0)
+    result = smooth(Samples(times, sine(times, 0.7)), 100.0)
     for values, slope in (
         (result.positions, result.velocities),
         (result.velocities, result.accelerations),
@@ -90,5 +90,5 @@ def test_derivatives_are_those_of_the_same_curve() -> None:
 
 def test_shortest_piece_can_be_smoothed() -> None:
     times = np.linspace(0.0, 1e-3, 10)
-    result = smooth(Piece(times, sine(times, 1.0)), 100.0)
+    result = smooth(Samples(times, sine(times, 1.0)), 100.0)
     assert np.isfinite(result.accelerations).all()
