@@ -7,11 +7,11 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.interpolate import CubicHermiteSpline
 
 from ..arrays import (
     MAX_SIZE,
@@ -283,23 +283,6 @@ class Demonstration:
     def curve(self) -> CubicHermiteSpline:
         """Positions by time [s], a function: what :meth:`at` evaluates."""
         return CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
-
-    def thinned(self, most_samples: int) -> Demonstration:
-        """The same motion in fewer samples, for a figure.
-
-        Parameters
-        ----------
-        most_samples : int
-            Largest number of samples, at least 2. A motion that has no more is returned unchanged.
-        """
-        if self.times.size <= most_samples:
-            return self
-        times = np.linspace(0.0, self.times[-1], most_samples)
-        curves = {
-            name: make_interp_spline(self.times, getattr(self, name), k=3)(times)
-            for name in ("positions", "velocities", "accelerations")
-        }
-        return replace(self, times=times, **curves)
 
 
 def _shape_hint(shape: tuple[int, ...], n_times: int) -> str:
