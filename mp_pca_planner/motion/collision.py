@@ -261,7 +261,7 @@ class CollisionModel:
         """
         return self.body_pairs.check(distances, hulls=hulls)
 
-    def near(self, q: FloatArray, reach: float) -> NearPairs:
+    def near(self, q: FloatArray, reach: float, before: NearPairs | None = None) -> NearPairs:
         """The pairs nearer than some distance beside their margins.
 
         Parameters
@@ -270,8 +270,10 @@ class CollisionModel:
             Positions of the robot's joints in its order.
         reach : float
             The distance [m].
+        before : NearPairs, optional
+            The pairs in as many configurations nearby, which spare distances here.
         """
-        return self.body_pairs.near(q, reach)
+        return self.body_pairs.near(q, reach, before)
 
     def collisions(
         self, trajectory: Trajectory, *, precisely: bool = True

@@ -151,6 +151,8 @@ class NearPairs:
         hulls.
     rows : array, shape (n_near, n_joints)
         Their derivatives by the joints: rates at which the nearest points of two bodies separate.
+    q : array, shape (n_configurations, n_joints)
+        The configurations.
     """
 
     bounds: FloatArray
@@ -158,6 +160,7 @@ class NearPairs:
     pairs: Indices
     distances: FloatArray
     rows: FloatArray
+    q: FloatArray
 
 
 class BodyPairs:
@@ -189,6 +192,7 @@ class BodyPairs:
         self._of_shapes = _shape_distances(bodies.shapes, indices)
         first, second = indices.T
         self._are_convex = bodies.are_convex[first] & bodies.are_convex[second]
+        self._radii = bodies.radii[first] + bodies.radii[second] + margins
         # The first bodies are few: their distances from all others are a matrix.
         self._firsts, rows = np.unique(first, return_inverse=True)
         self._entries = rows.ravel() * len(bodies.names) + second
@@ -232,31 +236,35 @@ class BodyPairs:
         """
         return self._bounds(self._tree.poses(q), enough)
 
-    def _bounds(self, poses: JointPoses, enough: FloatArray | float) -> FloatArray:
-        bodies, (first, second) = self._bodies, self._indices.T
+    def _bounds(
+        self, poses: JointPoses, enough: FloatArray | float, known: FloatArray | None = None
+    ) -> FloatArray:
+        """See `bounds`; those that are known already are improved in place."""
+        bodies = self._bodies
         turned, centres = (values[:, bodies.joints] for values in poses)
         centres = centres + (turned @ bodies.centres[:, :, None])[..., 0]
-        apart = _distances(centres[:, self._firsts], centres).reshape(len(centres), -1)
-        bounds: FloatArray = np.take(apart, self._entries, axis=1)
-        bounds -= bodies.radii[first] + bodies.radii[second] + self.margins
-        k, pairs = np.divmod(np.flatnonzero(~(bounds > enough)), max(first.size, 1))
-        first, second, margins = first[pairs], second[pairs], self.margins[pairs]
-        away = centres[k, second] - centres[k, first]
+        if known is None:
+            apart = _distances(centres[:, self._firsts], centres).reshape(len(centres), -1)
+            known = np.take(apart, self._entries, axis=1)
+            known -= self._radii
+        k, pairs = np.divmod(np.flatnonzero(~(known > enough)), max(len(self.margins), 1))
+        first, second = self._indices[pairs].T
+        away, margins = centres[k, second] - centres[k, first], self.margins[pairs]
         axes = [turned[k, body] @ bodies.rotations[body] for body in (first, second)]
         overlaps = np.abs(axes[0].transpose(0, 2, 1) @ axes[1])
-        found = bounds[k, pairs]
+        found = known[k, pairs]
         for one, other, own, overlap in (
             (second, first, axes[0], overlaps),
             (first, second, axes[1], overlaps.transpose(0, 2, 1)),
         ):
             # The ball around one body and the box around the other, then both boxes along an axis.
-            beyond = np.abs(np.einsum("eij,ei->ej", own, away)) - bodies.halves[other]
+            beyond = np.abs((away[:, None] @ own)[:, 0]) - bodies.halves[other]
             outside = np.maximum(beyond, 0.0)
             gaps = np.sqrt(np.einsum("ei,ei->e", outside, outside)) - bodies.radii[one]
-            beyond -= np.einsum("eij,ej->ei", overlap, bodies.halves[one])
+            beyond -= (overlap @ bodies.halves[one][:, :, None])[..., 0]
             found = np.maximum(found, np.maximum(gaps, beyond.max(axis=1)) - margins)
-        bounds[k, pairs] = found
-        return bounds
+        known[k, pairs] = found
+        return known
 
     def distances(self, q: FloatArray, configurations: Indices, pairs: Indices) -> FloatArray:
         """Distances of pairs in configurations; of hulls, as long as these are not in contact.
@@ -283,7 +291,7 @@ class BodyPairs:
             found[e] = exact.min_distance - margins[e]
         return found
 
-    def near(self, q: FloatArray, reach: float) -> NearPairs:
+    def near(self, q: FloatArray, reach: float, before: NearPairs | None = None) -> NearPairs:
         """The pairs that are nearer than some distance in some configurations.
 
         Parameters
@@ -292,39 +300,51 @@ class BodyPairs:
             The configurations.
         reach : float
             The distance [m].
+        before : NearPairs, optional
+            The pairs in as many configurations nearby: those far apart there are not measured.
         """
-        poses = self._tree.poses(q)
-        bounds = self._bounds(poses, reach)
+        poses, known = self._tree.poses(q), None
+        if before is not None:
+            known = before.bounds - np.abs(q - before.q) @ self.levers.T
+        bounds = self._bounds(poses, reach, known)
         configurations, pairs = np.nonzero(~(bounds > reach))
-        distances, points = self._nearest_points(poses, configurations, pairs)
+        most = self.margins[pairs] + reach
+        distances, points = self._nearest_points(poses, configurations, pairs, most)
         bounds[configurations, pairs] = distances - self.margins[pairs]
-        is_near = ~(bounds[configurations, pairs] > reach)
+        is_near = ~(distances > most)
         configurations, pairs = configurations[is_near], pairs[is_near]
         rows = self._rows(poses, configurations, pairs, distances[is_near], points[is_near])
-        return NearPairs(bounds, configurations, pairs, bounds[configurations, pairs], rows)
+        return NearPairs(bounds, configurations, pairs, bounds[configurations, pairs], rows, q)
 
     def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
         """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""
-        one = np.zeros(1, dtype=np.intp)
-        _, points = self._nearest_points(self._tree.poses(q[None]), one, one + pair)
+        one, far = np.zeros(1, dtype=np.intp), np.array([np.inf])
+        _, points = self._nearest_points(self._tree.poses(q[None]), one, one + pair, far)
         return np.array(points[0, 1])
 
     def _nearest_points(
-        self, poses: JointPoses, configurations: Indices, pairs: Indices
+        self, poses: JointPoses, configurations: Indices, pairs: Indices, most: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Distances of entries, and the nearest points of both bodies, shape (n, 2, 3)."""
-        distances, points = np.empty(pairs.size), np.empty((pairs.size, 2, 3))
+        """Distances of entries, and the nearest points of both bodies, shape (n, 2, 3).
+
+        The points of entries that are farther apart than `most` are left out.
+        """
+        distances, points = [], np.zeros((pairs.size, 2, 3))
         reaches = np.where(self._are_convex[pairs], -np.inf, self.margins[pairs] + _NEAR).tolist()
         places = self._places(poses, configurations, pairs)
-        for e, (pair, *where) in enumerate(zip(pairs.tolist(), *places, strict=True)):
-            found = self._of_hulls(pair, *where)
-            if not found.min_distance > reaches[e]:
-                exact = self._of_shapes(pair, *where)
+        entries = zip(pairs.tolist(), *places, reaches, most.tolist(), strict=True)
+        for e, (pair, first, second, reach, far) in enumerate(entries):
+            found = self._of_hulls(pair, first, second)
+            distance = found.min_distance
+            if not distance > reach:
+                exact = self._of_shapes(pair, first, second)
                 # It is undefined for meshes in contact.
                 found = exact if exact.min_distance > CONTACT else found
-            distances[e] = found.min_distance
-            points[e, 0], points[e, 1] = found.getNearestPoint1(), found.getNearestPoint2()
-        return distances, points
+                distance = found.min_distance
+            distances.append(distance)
+            if not distance > far:
+                points[e] = found.getNearestPoint1(), found.getNearestPoint2()
+        return np.array(distances), points
 
     def _places(
         self, poses: JointPoses, configurations: Indices, pairs: Indices

@@ -22,6 +22,7 @@ from ...motion.collision import Collision, CollisionModel
 from ...motion.goal import JointState, Pose
 from ...motion.validation import Violation
 from ...primitives.basis import Basis
+from ...robot.distances import NearPairs
 from ...robot.model import Robot
 from ..motion import Tables
 from ..path_constraints import PathConstraint
@@ -288,6 +289,7 @@ class Clearance:
     ) -> None:
         self._for = model, unknowns, basis, ends
         self._phases, self._least = phases, least
+        self._before: NearPairs | None = None
         self.lower = self.upper = np.zeros(0)
         if phases is not None:
             self._states = state_map(unknowns, basis, phases, 0)
@@ -316,7 +318,7 @@ class Clearance:
         """The distances of a motion [m]; lower bounds beyond the reach of predictions."""
         q = self._states.values(course.x)
         jacobian = self._states.slopes(course.x, q).rows().reshape(*q.shape, course.x.size)
-        near = self._for[0].near(q.T, CLEARANCE_REACH)
+        near = self._before = self._for[0].near(q.T, CLEARANCE_REACH, self._before)
         values = near.bounds.T.ravel()
         places = near.pairs * q.shape[1] + near.configurations
         # Number of the near entry of each distance, −1 if it is far.

@@ -192,6 +192,25 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
     assert n_clear > 100
 
 
+@pytest.mark.parametrize("step", [0.02, 0.2, 2.0])
+def test_near_pairs_are_the_same_after_those_of_configurations_nearby(step):
+    rng, limits, reach, n_near, n_far = np.random.default_rng(3), arm_robot().limits(), 0.03, 0, 0
+    for _ in range(6):
+        found = CollisionModel(arm_robot(), world=random_world(rng), margin=0.01)
+        q = rng.uniform(limits.lower, limits.upper, (20, 4))
+        before = found.near(q, reach)
+        for _ in range(3):
+            q = q + rng.uniform(-step, step, q.shape)
+            plain, exact = found.near(q, reach), found.near(q, np.inf).bounds
+            before = found.near(q, reach, before)
+            for name in ("configurations", "pairs", "distances", "rows"):
+                np.testing.assert_array_equal(getattr(before, name), getattr(plain, name))
+            assert np.all(before.bounds <= np.maximum(exact, 0.0) + 1e-9)
+            n_near += before.pairs.size
+            n_far += int(np.sum(before.bounds != plain.bounds))
+    assert n_near > 50 and n_far > 50
+
+
 def test_derivatives_are_those_of_differences():
     rng, limits, step = np.random.default_rng(2), arm_robot().limits(), 1e-5
     n_checked = 0
