@@ -43,10 +43,10 @@ class InputLimits:
         Rows of a table of segments: learning takes minutes from so many motions.
     segment_time : float
         Time in a recording [s], 30 years.
-    links, movable_joints, description_depth : int
+    links, movable_joints : int
         Of a robot: far longer chains overflow the stack of Pinocchio's parser, which keeps the lock
         of the interpreter for a time that grows with the square of the links. Its memory grows with
-        the cube of the joints, and elements of XML are nested in so many others at most.
+        the cube of the joints.
     description_value : float
         Length, mass or inertia of a robot [SI units].
     shapes, triangles : int
@@ -88,7 +88,6 @@ class InputLimits:
     segment_time: float = 1e9
     links: int = 500
     movable_joints: int = 200
-    description_depth: int = 50
     description_value: float = 1e9
     shapes: int = 1000
     triangles: int = 50_000

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RobotError
-from .urdf import Description, stated_origin
+from .urdf import Description
 
 _NOT_A_LINK = " (joint)"
 # Share of the largest principal moment below which the smallest one counts as 0.
@@ -84,15 +83,13 @@ class LockedModel:
 
     Parameters
     ----------
-    full : pinocchio.Model
-        The model of all movable joints.
     joint_names : sequence of str
         Joints that move.
     locked : mapping of str to float
-        Positions [rad or m] of others; 0 (or the nearest limit) unless given.
+        Positions [rad or m] of others; 0 (or the nearest limit) unless given. Those of joints that
+        mimic one of these follow from it.
     description : Description
-        Names the joints that mimic others, whose positions follow from those, and the links with
-        collision shapes.
+        All joints.
 
     Attributes
     ----------
@@ -107,12 +104,11 @@ class LockedModel:
 
     def __init__(
         self,
-        full: Any,
         joint_names: Sequence[str],
         locked: Mapping[str, float],
         description: Description,
     ) -> None:
-        self._full = full
+        self._full = full = description.model
         self._colliding = {*description.shapes, *description.lost_shapes}
         low, high = full.lowerPositionLimit, full.upperPositionLimit
         self._reference = np.clip(pin.neutral(full), low, high)
@@ -213,7 +209,7 @@ def inertia_flaws(model: Any, description: Description) -> tuple[list[str], list
         Joints whose efforts can't be computed, because the inertia of their body is unknown.
     """
     links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint > 0]
-    lost = [link for link in links if link.name in description.lost_inertials]
+    lost = [link for link in links if link.name in description.lost_inertias]
     flaws, unknown = [link.name for link in lost], {link.parentJoint for link in lost}
     solid = {link.parentJoint for link in links if link.name in description.solid_links}
     masses = [inertia.mass for inertia in model.inertias]
@@ -261,18 +257,18 @@ class LinkInertias:
     parts: FloatArray
 
     @classmethod
-    def of(cls, inertials: Mapping[str, ET.Element], model: Any) -> LinkInertias:
-        """Place the <inertial> elements of links, given by link, in a model of the same robot."""
+    def of(cls, inertias: Mapping[str, Any], model: Any) -> LinkInertias:
+        """Place inertias of links, given by link, in a model of the same robot."""
         links, joints, parts = [], [], []
-        for name, inertial in inertials.items():
+        for name, inertia in inertias.items():
             if not model.existFrame(name, pin.FrameType.BODY):
                 continue
             frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
             if frame.parentJoint == 0:
                 continue
-            placed = [frame.placement.act(part) for part in _parts(inertial)]
             links.append(name)
             joints.append(frame.parentJoint)
+            placed = (frame.placement.act(part) for part in _parts(inertia))
             parts.append([part.toDynamicParameters() for part in placed])
         array = np.array(parts, dtype=np.float64).reshape(-1, 4, 10)
         return cls(tuple(links), tuple(joints), array)
@@ -300,16 +296,12 @@ def _inertia(parameters: FloatArray) -> Any:
     return pin.Inertia(0.0, np.zeros(3), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
-def _parts(inertial: ET.Element) -> Iterator[Any]:
-    """The mass, then each principal moment, in the frame of the link."""
-    mass, inertia = (next(inertial.iter(tag)) for tag in ("mass", "inertia"))
-    centre, turn = np.split(stated_origin(inertial), 2)
-    rotation = pin.rpy.rpyToMatrix(turn)
-    yield pin.Inertia(float(mass.attrib["value"]), centre, np.zeros((3, 3)))
-    keys = [["i" + "".join(sorted(a + b)) for b in "xyz"] for a in "xyz"]
-    moments, axes = np.linalg.eigh([[float(inertia.attrib[key]) for key in row] for row in keys])
-    for moment, axis in zip(moments, (rotation @ axes).T, strict=True):
-        yield pin.Inertia(0.0, centre, moment * np.outer(axis, axis))
+def _parts(inertia: Any) -> Iterator[Any]:
+    """The mass alone, then each principal moment."""
+    yield pin.Inertia(inertia.mass, inertia.lever, np.zeros((3, 3)))
+    moments, axes = np.linalg.eigh(inertia.inertia)
+    for moment, axis in zip(moments, axes.T, strict=True):
+        yield pin.Inertia(0.0, inertia.lever, moment * np.outer(axis, axis))
 
 
 def effort_slopes(model: Any) -> Callable[..., FloatArray]:

@@ -69,6 +69,8 @@ class Robot:
         The same of all movable joints, among their limits.
     frame_names, end_effector : tuple of str, str
         The links, and the last one of those that most joints move.
+    urdf : str
+        The robot description.
     path : Path or None
         The file that the description was read from.
 
@@ -95,25 +97,22 @@ class Robot:
         locked: Mapping[str, float] | None = None,
         source: str = "robot description",
     ) -> None:
-        self._source, self._given = source, (urdf, dict(locked or {}))
+        self._source, self.urdf, self._given_locks = source, urdf, dict(locked or {})
         self.path: Path | None = None
-        self._description = found = read_description(urdf, source)
-        self.name = found.name
-        try:
-            full = pin.buildModelFromXML(found.xml)
-        except (ValueError, RuntimeError) as error:
-            raise RobotError(f"{source} is rejected by Pinocchio: {error}") from None
-        self.movable_joints = tuple(name for name in full.names if name in found.types)
-        driven = [name for name in self.movable_joints if name not in found.mimics]
+        self._description = description = read_description(urdf, source)
+        self.name = description.name
+        movable = (name for name in description.model.names if name in description.types)
+        self.movable_joints = tuple(movable)
+        driven = [name for name in self.movable_joints if name not in description.mimics]
         names = driven if joint_names is None else joint_names
         names = _movable(names, self.movable_joints, source)
         if both := sorted(set(locked or ()) & set(names)):
             raise RobotError(f"{quote_names(both)} can't be locked and move at the same time")
         if locked:
             _movable(tuple(locked), self.movable_joints, source)
-        self._locked = LockedModel(full, names, locked or {}, found)
+        self._locked = LockedModel(names, locked or {}, description)
         model = self._locked.reduced()
-        self._inertia_flaws, unknown = inertia_flaws(model, found)
+        self._inertia_flaws, unknown = inertia_flaws(model, description)
         for joint in unknown:  # efforts that can't be computed become NaN, not 0
             model.inertias[joint] = pin.Inertia(np.nan, np.zeros(3), np.zeros((3, 3)))
         self.joint_names, self.n_joints = names, len(names)
@@ -121,10 +120,11 @@ class Robot:
         links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
         self.frame_names = tuple(link.name for link in links)
         self.end_effector = max(reversed(links), key=partial(_depth, model)).name
-        self.continuous = np.array([found.types[name] == "continuous" for name in names])
+        types = description.types
+        self.continuous = np.array([types[name] == "continuous" for name in names])
         self.continuous.setflags(write=False)
-        self.prismatic_joints = tuple(n for n in names if found.types[n] == "prismatic")
-        self.drives: Overrides = found.limits
+        self.prismatic_joints = tuple(name for name in names if types[name] == "prismatic")
+        self.drives: Overrides = description.limits
         self._use(model)
 
     def _use(self, model: Any) -> None:
@@ -165,7 +165,7 @@ class Robot:
         with reading(f"the URDF file {str(path)!r:.100}", RobotError):
             urdf = read_text(path)
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
-        robot.path = Path(path)
+        robot.path = path
         return robot
 
     @property
@@ -221,9 +221,7 @@ class Robot:
 
     def locked_at(self, positions: Mapping[str, float]) -> Robot:
         """The robot with other positions of the joints that do not move [rad or m]."""
-        robot = Robot(self._given[0], self.joint_names, locked=positions, source=self._source)
-        robot.path = self.path
-        return robot.with_drives(self.drives)
+        return self._read_again(self.joint_names, positions)
 
     def limits(
         self, *overrides: Overrides | str | Path, rename: Rename | None = None
@@ -242,7 +240,7 @@ class Robot:
         LimitsError
             If an override can't be used, or a limit is invalid, such as a velocity limit of 0.
         """
-        layers = (given_limits(one, self.movable_joints, rename) for one in overrides)
+        layers = (given_limits(layer, self.movable_joints, rename) for layer in overrides)
         return JointLimits(
             self.joint_names,
             merge_limits(self._description.limits, *layers),
@@ -253,8 +251,8 @@ class Robot:
         """Least and largest position of each joint that the URDF states [rad or m], by name."""
         stated = {name: self._description.limits[name] for name in self.joint_names}
         ranges = {
-            name: (one.get("min_position", -np.inf), one.get("max_position", np.inf))
-            for name, one in stated.items()
+            name: (limits.get("min_position", -np.inf), limits.get("max_position", np.inf))
+            for name, limits in stated.items()
         }
         return {name: (low, high) for name, (low, high) in ranges.items() if low < high}
 
@@ -269,9 +267,12 @@ class Robot:
         joint_names = unique_names(joint_names, "joints of the robot", RobotError)
         if joint_names == self.joint_names:
             return self
-        urdf, given = self._given
-        locked = {name: value for name, value in given.items() if name not in joint_names}
-        robot = Robot(urdf, joint_names, locked=locked, source=self._source)
+        locks = {name: x for name, x in self._given_locks.items() if name not in joint_names}
+        return self._read_again(joint_names, locks)
+
+    def _read_again(self, joint_names: Sequence[str], locked: Mapping[str, float]) -> Robot:
+        """The robot with other joints moving, or others locked."""
+        robot = Robot(self.urdf, joint_names, locked=locked, source=self._source)
         robot.path = self.path
         return robot.with_drives(self.drives)
 
@@ -325,7 +326,7 @@ class Robot:
     @cached_property
     def link_inertias(self) -> LinkInertias:
         """Masses and principal moments of inertia of the links that the joints move."""
-        return LinkInertias.of(self._description.inertials, self._model)
+        return LinkInertias.of(self._description.inertias, self._model)
 
     def with_drives(self, *overrides: Overrides | str | Path) -> Robot:
         """The same robot with other drives, which its efforts include.
@@ -350,7 +351,7 @@ class Robot:
         >>> robot.with_drives({"elbow": {"armature": 0.01, "friction": 0.2}}).effort_parts
         'rigid bodies, rotor inertia, Coulomb friction (smoothed by tanh(v / 0.02 per s))'
         """
-        layers = (given_limits(one, self.movable_joints) for one in overrides)
+        layers = (given_limits(layer, self.movable_joints) for layer in overrides)
         other = copy.copy(self)
         other.drives = merge_limits(self.drives, *layers)
         other._use(self._model.copy())

@@ -1,48 +1,46 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Robot descriptions (URDF), read once and checked before Pinocchio parses them.
+"""Robot descriptions (URDF), read by Pinocchio, with what it leaves out.
 
-urdfdom, the parser behind Pinocchio, reports errors on stderr and skips the malformed part.
-Therefore Pinocchio gets a copy that holds only joints and links with their inertials, all numbers
-of which have been checked here. Collision shapes are made of their numbers, without Pinocchio.
+Pinocchio gets joints, links and their usable inertials alone: visual shapes and materials may be
+wrong. Collision shapes are made of their numbers, without Pinocchio. An inertial that Pinocchio
+would skip is known here, and so is what it does not read: mimicking joints and drives.
 """
 
 from __future__ import annotations
 
-import math
+import os
 import re
+import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from threading import Lock
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from ..arrays import FloatArray, repeated_names
-from ..exceptions import RobotError, quote_names, unknown_name
+from ..arrays import FloatArray
+from ..exceptions import RobotError, printable, quote_names
+from ..files import reading
 from ..input_limits import INPUT_LIMITS
 
-_PART = 1 << 16  # characters of XML that are parsed at once
-_SHAPES = ("box", "sphere", "cylinder", "mesh", "capsule")
-# Numbers in attributes: how many, and which attributes may be left out.
-_NUMBERS = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
-    "mass": {"value": 1},
-    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
+# Numbers of shapes in attributes: how many.
+_SHAPES = {
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
     "mesh": {"scale": 3},
+    "capsule": {"radius": 1, "length": 1},
 }
-_OPTIONAL = ("xyz", "rpy", "lower", "upper", "scale")
 _ONE_DOF_TYPES = ("revolute", "continuous", "prismatic")
-# Means "no limit" where a URDF needs a number. Continuous joints are revolute ones for Pinocchio:
-# a configuration then has one angle per joint.
+# Means "no limit" where a URDF needs a number. Continuous joints are revolute ones for Pinocchio: a
+# configuration then has one angle per joint.
 _UNBOUNDED = "1e30"
-_PARTS_OF_JOINTS = ("origin", "parent", "child", "axis", "limit")
+_PARTS_OF_JOINTS = ("origin", "parent", "child", "axis")
+# Standard error is that of the whole process.
+_STANDARD_ERROR = Lock()
 
 
 class StatedShape(NamedTuple):
@@ -77,25 +75,19 @@ def stated_shape(part: ET.Element) -> StatedShape:
     """
     shapes = list(next(part.iter("geometry"), ()))
     if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
-        found = quote_names(shape.tag for shape in shapes)
-        raise RobotError(f"its geometry is {found}, expected one of {', '.join(_SHAPES)}")
+        kinds = quote_names(shape.tag for shape in shapes)
+        raise RobotError(f"its geometry is {kinds}, expected one of {', '.join(_SHAPES)}")
     (shape,) = shapes
     is_mesh, file = shape.tag == "mesh", shape.get("filename", "")
     if is_mesh and not file:
         raise RobotError("its mesh lacks 'filename'")
     usual = "1 1 1" if is_mesh else None
-    sizes = [numbers_of(shape, name, n, usual) for name, n in _NUMBERS[shape.tag].items()]
-    return StatedShape(shape.tag, np.concatenate(sizes), file, stated_origin(part))
+    sizes = [numbers_of(shape, name, n, usual) for name, n in _SHAPES[shape.tag].items()]
+    return StatedShape(shape.tag, np.concatenate(sizes), file, _origin_of(part))
 
 
-def stated_origin(part: ET.Element) -> FloatArray:
-    """The x, y, z [m], roll, pitch and yaw [rad] of the <origin> in an element; 0 without one.
-
-    Raises
-    ------
-    RobotError
-        If the numbers are malformed.
-    """
+def _origin_of(part: ET.Element) -> FloatArray:
+    """The x, y, z [m], roll, pitch and yaw [rad] of the <origin> in an element; 0 without one."""
     origin = part.find("origin")
     if origin is None:
         return np.zeros(6)
@@ -110,21 +102,21 @@ def numbers_of(
     Raises
     ------
     RobotError
-        If they are missing, there are not so many, or one is not finite or huge.
+        If they are missing, there are not so many, or one is not finite or absurd.
     """
     text = element.get(attribute, usual)
     if text is None:
         raise RobotError(f"<{element.tag}> lacks '{attribute}'")
-    # Limits may be huge; masses and lengths that are would overflow in the dynamics.
-    most = math.inf if element.tag == "limit" else INPUT_LIMITS.description_value
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.zeros(0)
-    if values.size != count or not (np.isfinite(values) & (np.abs(values) <= most)).all():
-        expected = "a finite number" if count == 1 else f"{count} finite numbers"
-        expected += "" if most == math.inf else f" of at most {most:g}"
-        raise RobotError(f"'{attribute}' of <{element.tag}> is '{text}', expected {expected}")
+    most = INPUT_LIMITS.description_value
+    if values.size != count or not (np.abs(values) <= most).all():
+        expected = "a number" if count == 1 else f"{count} numbers"
+        raise RobotError(
+            f"'{attribute}' of <{element.tag}> is '{text}', expected {expected} of at most {most:g}"
+        )
     return values
 
 
@@ -143,19 +135,20 @@ class Description:
     ----------
     name : str
         Name of the robot; empty if it has none.
-    xml : str
-        The part for Pinocchio; continuous joints are revolute ones without bounds in it.
+    model : pinocchio.Model
+        All of its joints; continuous joints are revolute ones without bounds in it, so that a
+        configuration has one angle per joint.
     types : mapping of str to str
         'revolute', 'continuous' or 'prismatic' for each movable joint.
     limits : mapping of str to mapping
-        Their limits, damping and friction by the keys of limits files.
+        Their limits and drives by the keys of limits files.
     mimics : mapping of str to Mimic
         Those of them that mimic others, and how.
     child_links : mapping of str to str
         The link that each of them moves.
-    inertials : mapping of str to Element
-        The usable <inertial> elements by link.
-    lost_inertials : frozenset of str
+    inertias : mapping of str to pinocchio.Inertia
+        Inertias by link, in the frame of the link.
+    lost_inertias : frozenset of str
         Links whose inertial can't be used.
     shapes : mapping of str to sequence of StatedShape
         The usable collision shapes by link.
@@ -166,20 +159,20 @@ class Description:
     """
 
     name: str
-    xml: str
+    model: Any
     types: Mapping[str, str]
     limits: Mapping[str, Mapping[str, float]]
     mimics: Mapping[str, Mimic]
     child_links: Mapping[str, str]
-    inertials: Mapping[str, ET.Element]
-    lost_inertials: frozenset[str]
+    inertias: Mapping[str, Any]
+    lost_inertias: frozenset[str]
     shapes: Mapping[str, Sequence[StatedShape]]
     lost_shapes: Mapping[str, str]
     solid_links: frozenset[str]
 
 
 def read_description(urdf: str, source: str) -> Description:
-    """Read and check a URDF.
+    """Read a URDF.
 
     Parameters
     ----------
@@ -198,83 +191,75 @@ def read_description(urdf: str, source: str) -> Description:
     joints = {name: j for name, j in every.items() if j.get("type") in _ONE_DOF_TYPES}
     if not joints:
         raise RobotError(f"{source} has no revolute, continuous or prismatic joint")
-    _check_tree(root, source)
-    clean = ET.Element("robot", name=root.get("name") or "robot")
-    inertials = _copy_links(root, clean)
-    shapes, lost_shapes = _collision_shapes(root)
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    inertials = {name: link.find("inertial") for name, link in links.items()}
+    stated = {name: inertial for name, inertial in inertials.items() if inertial is not None}
+    inertias = {name: found for name, x in stated.items() if (found := _inertia_of(x)) is not None}
+    with reading(source, RobotError):  # of elements in elements without end
+        text = _part_for_pinocchio(root, {name: stated[name] for name in inertias})
+    model = _model_of(text, source)
     mimics: dict[str, Mimic] = {}
     limits: dict[str, dict[str, float]] = {}
-    for name, joint in every.items():
+    for name, joint in joints.items():
         try:
-            _copy_joint(joint, clean)
-            if name in joints:
-                limits[name] = _limits_of(joint) | _drive_of(joint)
+            limits[name] = _limits_of(joint) | _drive_of(joint)
             mimic = joint.find("mimic")
-            # Real descriptions also name joints that don't exist: these mimic nothing, as in
-            # Pinocchio.
-            if mimic is not None and name in joints and mimic.get("joint") in every:
-                pairs = (("multiplier", "1"), ("offset", "0"))
-                multiplier, offset = (
-                    float(numbers_of(mimic, key, 1, usual)[0]) for key, usual in pairs
+            # Real descriptions also name joints that don't exist: these mimic nothing.
+            if mimic is not None and mimic.get("joint") in every:
+                (factor,), (offset,) = (
+                    numbers_of(mimic, key, 1, usual).tolist()
+                    for key, usual in (("multiplier", "1"), ("offset", "0"))
                 )
-                mimics[name] = mimic.get("joint", ""), multiplier, offset
+                mimics[name] = mimic.get("joint", ""), factor, offset
+            axis = joint.find("axis")
+            if axis is not None and not numbers_of(axis, "xyz", 3, "1 0 0").any():
+                raise RobotError("its <axis> has no direction, expected numbers that are not all 0")
         except RobotError as error:
             raise RobotError(f"{source}: joint '{name}': {error}") from None
+    shapes, lost_shapes = _collision_shapes(links)
     return Description(
         name=root.get("name", ""),
-        xml=ET.tostring(clean, encoding="unicode"),
+        model=model,
         types={name: joint.get("type", "") for name, joint in joints.items()},
         limits=limits,
         mimics=mimics,
-        child_links={name: _end(joint, "child") for name, joint in joints.items()},
-        inertials=inertials,
-        lost_inertials=frozenset(
-            link.get("name", "")
-            for link in root.findall("link")
-            if link.find("inertial") is not None and link.get("name") not in inertials
-        ),
+        child_links={
+            name: x.get("link", "") for name, j in joints.items() for x in j.iter("child")
+        },
+        inertias=inertias,
+        lost_inertias=frozenset(stated.keys() - inertias.keys()),
         shapes=shapes,
         lost_shapes=lost_shapes,
         solid_links=frozenset(
-            link.get("name", "")
-            for link in root.findall("link")
+            name
+            for name, link in links.items()
             if link.find("visual") is not None or link.find("collision") is not None
         ),
     )
 
 
 def parse_xml(text: str, source: str) -> ET.Element:
-    """Parse XML of bounded size and depth; the parsers behind Pinocchio recurse without a bound.
+    """Parse XML.
 
     Raises
     ------
     RobotError
-        If the text is no XML, too long or nested too deeply.
+        If the text is no XML.
     """
-    if len(text) > INPUT_LIMITS.text_bytes:
-        raise RobotError(f"{source} has more than {INPUT_LIMITS.text_bytes:,} characters")
-    parser = ET.XMLParser()
     try:
-        # In parts, because each keeps the lock of the interpreter, and the robot may have to stop.
-        for begin in range(0, len(text), _PART):
-            parser.feed(text[begin : begin + _PART])
-        root = parser.close()
-    except ET.ParseError as error:
+        return ET.fromstring(text)
+    except (ET.ParseError, ValueError) as error:  # an encoding declaration that text can't have
         raise RobotError(f"{source} is not XML: {error}") from None
-    except ValueError as error:  # for example an encoding declaration that text can't have
-        raise RobotError(f"{source} can't be parsed: {error}") from None
-    level, depth = [root], 0
-    while level:
-        level, depth = [child for element in level for child in element], depth + 1
-        if depth > (most := INPUT_LIMITS.description_depth):
-            raise RobotError(f"{source} has elements within more than {most} others")
-    return root
 
 
 def _parse(urdf: str, source: str) -> ET.Element:
+    """The root element of a URDF that Pinocchio can hold."""
     root = parse_xml(urdf, source)
     if root.tag != "robot":
-        raise RobotError(f"{source} is not a URDF: its root element is <{root.tag}>, not <robot>")
+        mjcf = " (MuJoCo's MJCF): give the URDF of the same robot" if root.tag == "mujoco" else ""
+        raise RobotError(
+            f"{source} is not a URDF: its root element is <{root.tag}>, not <robot>{mjcf}"
+        )
     if _is_xacro(root):
         raise RobotError(
             f"{source} is a xacro file: expand it to a URDF first (`xacro file.xacro`)"
@@ -298,6 +283,48 @@ def _is_xacro(root: ET.Element) -> bool:
     )
 
 
+def _part_for_pinocchio(root: ET.Element, inertials: Mapping[str, ET.Element]) -> str:
+    """The joints, and the links with their usable inertials; continuous joints are revolute."""
+    part = ET.Element("robot", name=root.get("name") or "robot")
+    for link in root.findall("link"):
+        copy = ET.SubElement(part, "link", link.attrib)
+        if (name := link.get("name", "")) in inertials:
+            copy.append(inertials[name])
+    for joint in root.findall("joint"):
+        copy = ET.SubElement(part, "joint", joint.attrib)
+        copy.extend(child for child in joint if child.tag in _PARTS_OF_JOINTS)
+        limit = joint.find("limit")
+        bounds = {} if limit is None else dict(limit.attrib)
+        if joint.get("type") == "continuous":
+            copy.set("type", "revolute")
+            bounds = bounds or dict.fromkeys(("velocity", "effort"), _UNBOUNDED)
+            bounds |= {"lower": "-" + _UNBOUNDED, "upper": _UNBOUNDED}
+        # Pinocchio would reject the robot for a negative limit of any joint; `limits` has it.
+        negative = (x for x in ("velocity", "effort") if bounds.get(x, "").strip()[:1] == "-")
+        if bounds := bounds | dict.fromkeys(negative, _UNBOUNDED):
+            ET.SubElement(copy, "limit", bounds)
+    return ET.tostring(part, encoding="unicode")
+
+
+def _model_of(urdf: str, source: str) -> Any:
+    """Pinocchio's model of a URDF; urdfdom, its parser, writes to stderr why it rejects one."""
+    with _STANDARD_ERROR, tempfile.TemporaryFile() as said:
+        kept = os.dup(2)
+        os.dup2(said.fileno(), 2)
+        try:
+            return pin.buildModelFromXML(urdf)
+        except (ValueError, RuntimeError) as error:
+            problem = str(error)
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+        said.seek(0)
+        reasons = re.findall(r"^Error: *(.*)", said.read().decode(errors="replace"), re.MULTILINE)
+    words = [re.sub(r"\[(.*?)\]", r"'\1'", x) for x in reasons if not x.startswith("joint xml")]
+    reason = printable("; ".join(words).partition(". ")[0] or problem).removesuffix(".")
+    raise RobotError(f"{source} is no valid URDF: {reason:.400}")
+
+
 def _limits_of(joint: ET.Element) -> dict[str, float]:
     """Limits that the URDF states for a joint, by the keys of limits files."""
     limit = joint.find("limit")
@@ -306,119 +333,50 @@ def _limits_of(joint: ET.Element) -> dict[str, float]:
     keys = {"velocity": "max_velocity", "effort": "max_effort"}
     if joint.get("type") != "continuous":
         keys |= {"lower": "min_position", "upper": "max_position"}
-    found = {key: limit.get(attribute, "0") for attribute, key in keys.items()}
-    return {key: float(text) for key, text in found.items()}
+    return {key: float(limit.get(attribute, "0")) for attribute, key in keys.items()}
 
 
 def _drive_of(joint: ET.Element) -> dict[str, float]:
-    """Damping and friction that the URDF states for a joint, by the keys of limits files."""
+    """Damping and friction that the URDF states for a joint, by the same keys."""
     dynamics = joint.find("dynamics")
     if dynamics is None:
         return {}
-    found = {key: float(numbers_of(dynamics, key, 1, "0")[0]) for key in ("damping", "friction")}
-    for key, value in found.items():
+    drive = {key: float(numbers_of(dynamics, key, 1, "0")[0]) for key in ("damping", "friction")}
+    for key, value in drive.items():
         if value < 0.0:
             raise RobotError(f"'{key}' of <dynamics> is {value:g}, expected at least 0")
-    return found
+    return drive
 
 
-def _end(joint: ET.Element, which: str) -> str:
-    element = joint.find(which)
-    return "" if element is None else element.get("link", "")
-
-
-def _check_tree(root: ET.Element, source: str) -> None:
-    """Reject joints between missing links, and links that form no tree."""
-    joints = root.findall("joint")
-    links = [link.get("name", "") for link in root.findall("link")]
-    for kind, names in (("link", links), ("joint", [joint.get("name", "") for joint in joints])):
-        if "" in names or repeated_names(names):
-            raise RobotError(
-                f"{source}: every {kind} needs a name of its own, but one has none, or several "
-                f"have the same: {quote_names(repeated_names(names))}"
-            )
-    for joint in joints:
-        for which in ("parent", "child"):
-            if _end(joint, which) not in links:
-                unknown = unknown_name("link", _end(joint, which), links)
-                raise RobotError(f"{source}: {which} of joint '{joint.get('name')}': {unknown}")
-    children = [_end(joint, "child") for joint in joints]
-    roots = [name for name in links if name not in children]
-    if len(roots) != 1 or repeated_names(children):
-        raise RobotError(
-            f"{source}: the links must form one tree, each but one the child of one joint; "
-            f"{quote_names(roots)} are children of none, "
-            f"{quote_names(repeated_names(children))} of several"
-        )
-
-
-def _copy_links(root: ET.Element, clean: ET.Element) -> dict[str, ET.Element]:
-    """Copy the links; return the usable inertials by link."""
-    found: dict[str, ET.Element] = {}
-    for link in root.findall("link"):
-        name = link.get("name", "")
-        copy, inertial = ET.SubElement(clean, "link", name=name), link.find("inertial")
-        if inertial is not None and _is_usable(inertial):
-            copy.append(inertial)
-            found[name] = inertial
-    return found
-
-
-def _is_usable(inertial: ET.Element) -> bool:
-    mass = inertial.find("mass")
-    if mass is None or inertial.find("inertia") is None:
-        return False
+def _inertia_of(inertial: ET.Element) -> Any | None:
+    """The inertia of an <inertial> element; None if its numbers are missing, wrong or absurd."""
+    mass, moments = inertial.find("mass"), inertial.find("inertia")
+    if mass is None or moments is None:
+        return None
     try:
-        _check_numbers(inertial)
+        (m,) = numbers_of(mass, "value", 1)
+        keys = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
+        xx, xy, yy, xz, yz, zz = (float(numbers_of(moments, key, 1)[0]) for key in keys)
+        place = _origin_of(inertial)
     except RobotError:
-        return False
-    return float(mass.attrib["value"]) >= 0.0
+        return None
+    turn = pin.rpy.rpyToMatrix(place[3:])
+    tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    inertia = pin.Inertia.Zero()  # whose constructor refuses what `inertia_flaws` has to name
+    inertia.mass, inertia.lever, inertia.inertia = m, place[:3], tensor
+    return inertia if m >= 0.0 else None
 
 
-def _collision_shapes(root: ET.Element) -> tuple[dict[str, list[StatedShape]], dict[str, str]]:
+def _collision_shapes(
+    links: Mapping[str, ET.Element],
+) -> tuple[dict[str, list[StatedShape]], dict[str, str]]:
     """The collision shapes, and what is wrong with those left out, by link."""
     shapes: dict[str, list[StatedShape]] = {}
     lost: dict[str, str] = {}
-    for link in root.findall("link"):
-        name = link.get("name", "")
+    for name, link in links.items():
         for part in link.findall("collision"):
             try:
                 shapes.setdefault(name, []).append(stated_shape(part))
             except RobotError as error:
                 lost[name] = str(error)
     return shapes, lost
-
-
-def _copy_joint(joint: ET.Element, clean: ET.Element) -> None:
-    """Add a joint to a description, a continuous one as revolute without bounds."""
-    kind = joint.get("type", "")
-    copy = ET.SubElement(clean, "joint", name=joint.get("name", ""), type=kind)
-    copy.extend(part for part in joint if part.tag in _PARTS_OF_JOINTS)
-    limit = copy.find("limit")
-    if kind == "continuous":
-        if limit is None:
-            limit = ET.SubElement(copy, "limit", velocity=_UNBOUNDED, effort=_UNBOUNDED)
-        limit.attrib.update(lower="-" + _UNBOUNDED, upper=_UNBOUNDED)
-        copy.set("type", "revolute")
-    _check_numbers(copy)
-    if kind not in _ONE_DOF_TYPES:
-        return
-    axis = copy.find("axis")
-    if axis is not None and not any(map(float, axis.get("xyz", "1").split())):
-        raise RobotError("its <axis> has no direction, expected three numbers that are not all 0")
-    if limit is None:
-        raise RobotError("it has no <limit>, which must state 'effort' and 'velocity'")
-    # `Description` has these limits; Pinocchio would reject a negative one, of any joint.
-    negative = {x: _UNBOUNDED for x in ("velocity", "effort") if float(limit.attrib[x]) < 0.0}
-    if negative:
-        copy.remove(limit)
-        ET.SubElement(copy, "limit", limit.attrib | negative)
-
-
-def _check_numbers(element: ET.Element) -> None:
-    """Reject wrong numbers in an element; valid ones are rewritten for urdfdom."""
-    for part in element.iter():
-        for attribute, count in _NUMBERS.get(part.tag, {}).items():
-            if attribute in part.attrib or attribute not in _OPTIONAL:
-                numbers = numbers_of(part, attribute, count)
-                part.set(attribute, " ".join(map(repr, numbers.tolist())))

@@ -70,7 +70,7 @@ def test_body_without_mass_keeps_its_moments_of_inertia() -> None:
     urdf = two_links(0.0, 0.0, 0.0, 0.4).replace('<mass value="0.3"/>', '<mass value="0.0"/>')
     model = pin.buildModelFromXML(urdf)
     before = model.inertias[1].inertia.copy()
-    parts = LinkInertias.of(read_description(urdf, "rod").inertials, model)
+    parts = LinkInertias.of(read_description(urdf, "rod").inertias, model)
     parts.change(model, np.where(np.arange(4) == 3, 1.5, np.ones((3, 1))))
     # The rod's largest principal moment; the jaw is on a joint of its own.
     assert np.allclose(model.inertias[1].inertia - before, np.diag([0.0, 0.0, 0.2]))

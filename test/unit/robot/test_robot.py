@@ -196,11 +196,11 @@ def test_wrong_locks_are_refused(locked, message):
         ('<robot name="r"><link name="l"/></robot>', "no revolute, continuous or prismatic"),
         (
             CART.replace('child link="bob"', 'child link="nothing"'),
-            "child of joint 'swing': no link is called 'nothing'",
+            "child link 'nothing' of joint 'swing' not found",
         ),
         (
             CART.replace('velocity="2"', 'velocity="fast"'),
-            "'velocity' of <limit> is 'fast'",
+            r"joint 'slide': velocity value \(fast\) is not a valid float",
         ),
         (CART.replace('value="3"', 'value="${mass}"'), "xacro"),
         (

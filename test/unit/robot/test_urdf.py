@@ -30,20 +30,25 @@ def changed(old: str, new: str) -> str:
 @pytest.mark.parametrize(
     ("urdf", "message"),
     [
-        (changed('parent link="base"', 'parent link="bas"'), "parent of joint 'one': no link is "),
-        (changed('<child link="rod"/>', ""), "child of joint 'one': no link is called ''"),
-        (changed('<link name="base"/>', '<link name="base"/><link name="x"/>'), "'base', 'x' are"),
-        (changed('<link name="base"/>', '<link name="base"/>' * 2), "have the same: 'base'"),
-        (changed('<link name="base"/>', '<link name="base"/><link/>'), "one has none"),
         (
-            changed('xyz="0 0 1"', 'xyz="0 1"'),
-            "'one': 'xyz' of <origin> is '0 1', expected 3",
+            changed('parent link="base"', 'parent link="bas"'),
+            "link 'bas' of joint 'one' not",
         ),
-        (changed('xyz="0 1 0"', 'xyz="0 y 0"'), "'xyz' of <axis> is '0 y 0', expected 3 finite"),
-        (changed('xyz="0 1 0"', 'xyz="0 -0.0 0"'), "'one': its <axis> has no direction"),
-        (changed('upper="1"', 'upper="inf"'), "'upper' of <limit> is 'inf', expected a finite"),
-        (changed('effort="30"', ""), "joint 'one': <limit> lacks 'effort'"),
-        (changed("<limit ", "<bounds "), "joint 'one': it has no <limit>, which must state"),
+        (changed('<child link="rod"/>', ""), "Joint 'one' is missing a parent and/or child link"),
+        (changed('<link name="base"/>', '<link name="base"/><link name="x"/>'), "'base' and 'x'"),
+        (changed('<link name="base"/>', '<link name="base"/>' * 2), "link 'base' is not unique"),
+        (
+            changed('<link name="base"/>', '<link name="base"/><link/>'),
+            "No name given for the",
+        ),
+        (changed('xyz="0 0 1"', 'xyz="0 1"'), "'0 1'; Malformed .* origin element for joint 'one'"),
+        (changed('xyz="0 1 0"', 'xyz="0 y 0"'), "axis element for joint 'one': Unable.*'y'"),
+        (changed('xyz="0 1 0"', 'xyz="0 -0.0 0"'), "joint 'one': its <axis> has no direction"),
+        (changed('upper="1"', 'upper="inf"'), r"joint 'one': upper value \(inf\) is not a valid"),
+        (changed('effort="30"', ""), "joint 'one': limit has no effort"),
+        (changed("<limit ", "<bounds "), "Joint 'one' is of type REVOLUTE but it does not specify"),
+        (changed('type="revolute"', 'type="hinge"'), "no revolute, continuous or prismatic joint"),
+        ("<mujoco/>", r"<mujoco>, not <robot> \(MuJoCo's MJCF\): give the URDF of the same robot"),
     ],
 )
 def test_joints_that_can_not_be_used_are_refused_by_name_and_in_silence(urdf, message, capfd):
@@ -55,7 +60,7 @@ def test_joints_that_can_not_be_used_are_refused_by_name_and_in_silence(urdf, me
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
-        ('<box size="1 1"/>', "'size' of <box> is '1 1', expected 3 finite numbers"),
+        ('<box size="1 1"/>', "'size' of <box> is '1 1', expected 3 numbers of at most 1e"),
         ("<sphere/>", "<sphere> lacks 'radius'"),
         ('<cylinder radius="1" length="nan"/>', "'length' of <cylinder> is 'nan'"),
         ("<mesh/>", "its mesh lacks 'filename'"),
@@ -87,7 +92,7 @@ def test_what_is_not_needed_may_be_wrong(extra, capfd):
 
 
 def test_numbers_are_read_as_written():
-    limit = changed('lower="-1"', 'lower=" -1.25e0 "').replace('xyz="0 0 1"', 'xyz=" 1e-9  +2 3."')
+    limit = changed('lower="-1"', 'lower="-1.25e0"').replace('xyz="0 0 1"', 'xyz=" 1e-9  +2 3."')
     robot = Robot(limit)
     assert robot.limits().lower.tolist() == [-1.25]
     place = robot.frame_positions(np.zeros((1, 1)), ["rod"])[0, 0]
@@ -112,7 +117,7 @@ def test_the_part_that_is_read_of_real_descriptions_makes_the_model_of_the_whole
         found = read_description(text, path.name)
         if "continuous" in found.types.values():
             continue  # one angle here, a cosine and a sine in Pinocchio
-        part, whole = pin.buildModelFromXML(found.xml), pin.buildModelFromXML(text)
+        part, whole = found.model, pin.buildModelFromXML(text)
         assert list(part.names) == list(whole.names)
         assert [f.name for f in part.frames] == [f.name for f in whole.frames]
         for kind in ("inertias", "jointPlacements"):
@@ -120,7 +125,7 @@ def test_the_part_that_is_read_of_real_descriptions_makes_the_model_of_the_whole
             assert all(one.isApprox(other, 1e-12) for one, other in pairs), path.name
         np.testing.assert_array_equal(part.effortLimit, whole.effortLimit)
         np.testing.assert_array_equal(part.lowerPositionLimit, whole.lowerPositionLimit)
-        assert not found.lost_inertials and not found.lost_shapes
+        assert not found.lost_inertias and not found.lost_shapes
         n_models += 1
     assert n_models > 30
     assert capfd.readouterr() == ("", "")
@@ -163,6 +168,9 @@ def many(kind: str, n: int, parent: str = "l{i}") -> str:
     return f'<robot name="many">{links}{joints}</robot>'
 
 
+MOMENTS = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+
+
 @pytest.mark.parametrize(
     ("urdf", "message"),
     [
@@ -173,10 +181,14 @@ def many(kind: str, n: int, parent: str = "l{i}") -> str:
         (many("fixed", 20_000), "20001 links and 1 movable"),
         (many("fixed", 20_000, "l0"), "20001 links and 1 movable"),
         (many("revolute", 201), "201 movable joints"),
-        ("<robot>" * 100_000 + "</robot>" * 100_000, "within more than 50 others"),
-        ("<robot>" + " " * (16 << 20) + "</robot>", "more than 16,777,216 characters"),
+        (
+            changed('<link name="rod">', '<link name="rod"><inertial>' + "<a>" * 10_000).replace(
+                "</link>", "</a>" * 10_000 + '<mass value="1"/>' + MOMENTS + "</inertial></link>"
+            ),
+            "nested too deeply",
+        ),
     ],
-    ids=["chain", "fixed chain", "fixed", "movable", "deep", "long"],
+    ids=["chain", "fixed chain", "fixed", "movable", "deep"],
 )
 def test_description_of_unbounded_size_is_refused(urdf: str, message: str) -> None:
     with pytest.raises(RobotError, match=message):
