@@ -574,15 +574,16 @@ def continued(
     is_timed = stamp and rate > 0.5
     # Until the message arrives, the robot advances at its rate. A stamped motion advances
     # meanwhile at the rate of the clock, another one not at all.
-    here += USUAL_TRANSPORT * (rate - is_timed) * (following.how is How.SCALED)
+    here += USUAL_TRANSPORT * (rate - is_timed)
     if is_timed:
         cut = following.motion.near_point(here)
         now += cut - here
         here = cut
+    began = now if is_timed else now + USUAL_TRANSPORT
     lead = min(_LEAD, here)
     motion = following.motion.followed_by(rest, place, here - lead)
     sent = following.motion.followed_by(rest, place, here)
-    return PublishedMotion(motion, now - lead, sent, now, is_timed)
+    return PublishedMotion(motion, began - lead, sent, now, is_timed)
 
 
 def check_joinable(where: Where) -> None:

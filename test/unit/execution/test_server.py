@@ -130,6 +130,19 @@ def test_motion_that_continues_another_one_is_stamped_with_the_moment_it_was_joi
     either.assert_smooth()
 
 
+def test_motions_without_stamps_replace_each_other_where_messages_arrive_as_usual(either):
+    either.model = model(stamp_trajectories=False)
+    facts, settings = either.model.facts, either.model.settings
+    either.server.use(NodeModel(either.model.robot, facts, settings), JOINTS)
+    for positions in (GOAL, START, GOAL):
+        either.ask(positions)
+        either.run(0.4)
+    either.run(5.0)
+    assert [stamp for _, _, stamp, _ in either.sent] == [None] * 3
+    either.assert_smooth()
+    either.assert_rests_at(GOAL)
+
+
 def test_goal_that_repeats_is_under_way_and_then_there_and_publishes_nothing(either):
     either.ask(GOAL)
     either.run(0.3)
