@@ -16,13 +16,14 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from builtin_interfaces.msg import Duration
 from campaigns.stop_latency import soup, write_stl
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, Quaternion, Vector3
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from std_msgs.msg import ColorRGBA
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import ColorRGBA, Header
 from support.arm import arm_primitive
 from support.domains import set_domain
 from support.nodes import URDF, ros_node
@@ -33,7 +34,7 @@ from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.planning import assemble_model
 from mp_pca_planner.ros import markers
-from mp_pca_planner.ros.markers import MarkerData, Markers, Obstacles, read_markers
+from mp_pca_planner.ros.markers import Frames, MarkerData, Markers, Obstacles, read_markers
 from mp_pca_planner.ros.obstacles import MarkerMessage, MarkerSubscription
 
 MODEL = assemble_model(URDF, [arm_primitive()], Settings())
@@ -154,6 +155,27 @@ def test_meshes_are_obstacles_and_one_that_is_missing_is_named(kept: Kept, tmp_p
     kept.send(box(3))
     assert kept.names == ["test/1", "test/2", "test/3"]
     assert not kept.obstacles.facts.missing
+
+
+def test_obstacle_in_a_frame_that_is_turned_is_where_that_frame_says(kept: Kept) -> None:
+    rng = np.random.default_rng(3)
+    turned, camera = Rotation.random(2, rng=rng)
+    p, at = rng.normal(size=(2, 3))
+    one = box(1, scale=Vector3(x=0.1, y=0.2, z=0.3), header=Header(frame_id="/camera"))
+    one.pose.position = Point(**dict(zip("xyz", p.tolist(), strict=True)))
+    one.pose.orientation = Quaternion(**dict(zip("xyzw", turned.as_quat().tolist(), strict=True)))
+    kept.send(one)
+    assert kept.obstacles.facts.frames == ("camera",)
+    assert "in the frame 'camera', which is not a link" in kept.obstacles.unplaced
+    kept.obstacles.use_frames(Frames({"camera": np.array([*at, *camera.as_quat()])}))
+    assert not kept.obstacles.unplaced
+    ((shape,),) = (obstacle.shapes for obstacle in kept.obstacles.world)
+    np.testing.assert_allclose(shape.position, at + camera.apply(p), atol=1e-12)
+    found = Rotation.from_quat(shape.orientation)
+    assert (found.inv() * camera * turned).magnitude() < 1e-9
+    # A frame that goes makes it unknown again.
+    kept.obstacles.use_frames(Frames({"camera": None}))
+    assert "in the frame 'camera'" in kept.obstacles.unplaced
 
 
 def test_obstacles_survive_the_way_to_another_worker(kept: Kept, tmp_path: Path) -> None:

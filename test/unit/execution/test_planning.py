@@ -398,6 +398,25 @@ def test_motion_that_leads_elsewhere_is_planned_and_takes_no_longer_than_a_displ
     assert isinstance(hasty, Planned) and "continued" in hasty.message
 
 
+@pytest.mark.parametrize(("change", "is_continued"), [(None, False), (0.3, True)])
+def test_cheaper_one_of_the_planned_and_the_displaced_motion_is_sent(
+    planner: GoalPlanner, change: float | None, is_continued: bool
+) -> None:
+    first = planner.plan(request(measured={"grip": 0.02}))
+    assert isinstance(first, Planned) and planner.model is not None
+    running = under_way(first)
+    end = START if change is None else GOAL.state.positions + [0.0, change, 0.0, 0.0]
+    goal = JointGoal(JointState(JOINTS, end))
+    adapted = displaced(running, goal.state, planner.model.robot, planner.model.limits, 0.01)
+    assert adapted is not None
+    timed = replace(goal, duration=adapted[0].duration)
+    planned = planner.model.planner.plan(timed, on(running)).trajectory
+    assert (adapted[0].effort_cost < planned.effort_cost) == is_continued
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 10.0))
+    assert isinstance(found, Planned)
+    assert ("continued" in found.message) == is_continued
+
+
 def test_goal_unlike_the_demonstrations_is_rejected_in_motion_as_at_rest(library: str) -> None:
     planner = GoalPlanner()
     planner.set_up(SetUp(1, URDF, Settings(primitives=(library,))))

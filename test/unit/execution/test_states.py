@@ -282,6 +282,11 @@ def test_each_joint_has_its_own_age(world: World) -> None:
     assert world.newest.positions.tolist() == [0.0, 0.0]
 
 
+def test_state_in_several_messages_is_as_old_as_the_oldest_of_them(world: World) -> None:
+    send_in_turn(world)
+    assert world.newest.time == pytest.approx(world.now - 2e-4 - 1e-3)
+
+
 def test_message_of_a_whole_robot_and_one_of_its_part_may_both_come(world: World) -> None:
     for k in range(200):
         world.pass_time(0.002)
