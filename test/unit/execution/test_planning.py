@@ -405,7 +405,7 @@ def test_cheaper_one_of_the_planned_and_the_displaced_motion_is_sent(
     first = planner.plan(request(measured={"grip": 0.02}))
     assert isinstance(first, Planned) and planner.model is not None
     running = under_way(first)
-    end = START if change is None else GOAL.state.positions + [0.0, change, 0.0, 0.0]
+    end = START if change is None else GOAL.state.positions + np.array([0.0, change, 0.0, 0.0])
     goal = JointGoal(JointState(JOINTS, end))
     adapted = displaced(running, goal.state, planner.model.robot, planner.model.limits, 0.01)
     assert adapted is not None
