@@ -247,23 +247,15 @@ class BodyPairs:
             apart = _distances(centres[:, self._firsts], centres).reshape(len(centres), -1)
             known = np.take(apart, self._entries, axis=1)
             known -= self._radii
-        k, pairs = np.divmod(np.flatnonzero(~(known > enough)), max(len(self.margins), 1))
-        first, second = self._indices[pairs].T
-        away, margins = centres[k, second] - centres[k, first], self.margins[pairs]
-        axes = [turned[k, body] @ bodies.rotations[body] for body in (first, second)]
-        overlaps = np.abs(axes[0].transpose(0, 2, 1) @ axes[1])
-        found = known[k, pairs]
-        for one, other, own, overlap in (
-            (second, first, axes[0], overlaps),
-            (first, second, axes[1], overlaps.transpose(0, 2, 1)),
-        ):
-            # The ball around one body and the box around the other, then both boxes along an axis.
-            beyond = np.abs((away[:, None] @ own)[:, 0]) - bodies.halves[other]
-            outside = np.maximum(beyond, 0.0)
-            gaps = np.sqrt(np.einsum("ei,ei->e", outside, outside)) - bodies.radii[one]
-            beyond -= (overlap @ bodies.halves[one][:, :, None])[..., 0]
-            found = np.maximum(found, np.maximum(gaps, beyond.max(axis=1)) - margins)
-        known[k, pairs] = found
+        axes, every = turned @ bodies.rotations, known.reshape(-1)
+        enough = np.broadcast_to(enough, known.shape).reshape(-1)
+        for bound, *order in ((_ball_and_box, 0, 1), (_ball_and_box, 1, 0), (_boxes, 0, 1)):
+            places = np.flatnonzero(~(every > enough))
+            k, pairs = np.divmod(places, max(len(self.margins), 1))
+            one, other = self._indices[pairs][:, order].T
+            away = (centres[k, other] - centres[k, one])[:, None]
+            gaps = bound(bodies, axes, away, k, one, other) - self.margins[pairs]
+            every[places] = np.maximum(every[places], gaps)
         return known
 
     def distances(self, q: FloatArray, configurations: Indices, pairs: Indices) -> FloatArray:
@@ -450,6 +442,27 @@ def _levers(tree: JointTree, bodies: Bodies) -> FloatArray:
     for body in np.flatnonzero(bodies.joints).tolist():
         levers[body] = tree.levers(int(bodies.joints[body]), float(reaches[body]))
     return levers
+
+
+def _ball_and_box(
+    bodies: Bodies, axes: FloatArray, away: FloatArray, k: Indices, ball: Indices, box: Indices
+) -> FloatArray:
+    """Gaps between balls around bodies and boxes around others, with axes in configurations k."""
+    outside = np.abs((away @ axes[k, box])[:, 0]) - bodies.halves[box]
+    np.maximum(outside, 0.0, out=outside)
+    return np.asarray(np.sqrt(np.einsum("ei,ei->e", outside, outside)) - bodies.radii[ball])
+
+
+def _boxes(
+    bodies: Bodies, axes: FloatArray, away: FloatArray, k: Indices, one: Indices, other: Indices
+) -> FloatArray:
+    """Largest gaps along their axes between boxes around bodies."""
+    own, others = axes[k, one], axes[k, other]
+    halves, other_halves = bodies.halves[one], bodies.halves[other]
+    overlaps = np.abs(own.transpose(0, 2, 1) @ others)
+    along = np.abs(away @ own)[:, 0] - halves - (overlaps @ other_halves[..., None])[..., 0]
+    across = np.abs(away @ others)[:, 0] - other_halves - (halves[:, None] @ overlaps)[:, 0]
+    return np.asarray(np.maximum(along.max(axis=1), across.max(axis=1)))
 
 
 def _distances(one: FloatArray, other: FloatArray) -> FloatArray:
