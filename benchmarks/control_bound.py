@@ -74,7 +74,7 @@ def planned(
 ) -> list[Trajectory]:
     """Motions between the ends of the wanted ones."""
     primitive = build_primitive(demonstrations, "bound", PrimitiveOptions(n_components=6))
-    planner, names = Planner(robot, [primitive], robot.limits()), robot.joint_names
+    planner, names = Planner(robot, [primitive], robot.limits(), collision=False), robot.joint_names
     ends = [[JointState(names, motion.positions[k]) for k in (0, -1)] for motion in wanted]
     return [planner.plan(JointGoal(goal), start).trajectory for start, goal in ends]
 

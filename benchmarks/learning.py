@@ -50,7 +50,7 @@ def main() -> None:
     robot = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
     motions = generate_motions(40, 1)
     primitive = build_primitive(motions, "one_shot", PrimitiveOptions(n_components=6))
-    planner = Planner(robot, [primitive], robot.limits())
+    planner = Planner(robot, [primitive], robot.limits(), collision=False)
     plans = [
         plan
         for m in generate_motions(arguments.problems, 2)
@@ -138,7 +138,7 @@ def plan_around(planner: Planner, plans: list[Plan]) -> list[float]:
     for plan in plans:
         refined = refine([plan.motion], planner.robot, planner.limits).motion
         family = primitive_around(planner.primitives[0], refined, "refined", {})
-        new = Planner(planner.robot, [family], planner.limits)
+        new = Planner(planner.robot, [family], planner.limits, collision=False)
         for _ in range(N_NEIGHBOURS):
             ends = [
                 state.positions + NEIGHBOURHOOD * rng.uniform(-1.0, 1.0, state.positions.size)

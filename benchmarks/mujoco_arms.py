@@ -155,7 +155,13 @@ def planned_motions(
     )
     primitive = build_primitive(random_reaches(robot, limits, 30, 1), "reach")
     natural, least = (
-        Planner(robot, [primitive], limits, PlannerOptions(naturalness=rho, max_solve_time=60.0))
+        Planner(
+            robot,
+            [primitive],
+            limits,
+            PlannerOptions(naturalness=rho, max_solve_time=60.0),
+            collision=False,
+        )
         for rho in (1.0, 0.0)
     )
     found = []

@@ -81,7 +81,7 @@ def planner_of(
     """A planner with one primitive; by default of 8 components, within the limits of the URDF."""
     components = components or PrimitiveOptions("arm", 8)
     primitive = build_primitive(scene.demonstrations, "reach", components)
-    return Planner(scene.robot, [primitive], limits or scene.limits, options)
+    return Planner(scene.robot, [primitive], limits or scene.limits, options, collision=False)
 
 
 def limits_of(scene: Scene, *, jerk: bool) -> JointLimits:
@@ -310,7 +310,9 @@ def sequences(arguments: argparse.Namespace) -> dict[str, Table]:
     (scene,) = scenes("human_arm")
     robot, names = scene.robot, scene.joint_names
     primitive = build_primitive(scene.demonstrations, "reach", PrimitiveOptions(n_components=6))
-    planner = Planner(robot, [primitive], options=PlannerOptions(max_solve_time=float("inf")))
+    planner = Planner(
+        robot, [primitive], options=PlannerOptions(max_solve_time=float("inf")), collision=False
+    )
     held_out = held_out_problems(scene, 60, 2)
     ends = np.array([q for problem in held_out for q in (problem.start, problem.goal)])
     rng = np.random.default_rng(0)

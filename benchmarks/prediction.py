@@ -254,7 +254,7 @@ def plan_like(
     """Plan between the ends of a motion with its duration."""
     options = PlannerOptions(basis=basis, naturalness=rho, max_solve_time=10.0)
     unlimited = JointLimits(robot.joint_names, {})
-    planner = Planner(robot, [primitive], unlimited, options)
+    planner = Planner(robot, [primitive], unlimited, options, collision=False)
     start, goal = (JointState(robot.joint_names, motion.positions[end]) for end in (0, -1))
     plan = planner.plan(JointGoal(goal, motion.duration), start)
     positions, _, _ = plan.motion.evaluate(plan.motion.duration * FINE_PHASES)

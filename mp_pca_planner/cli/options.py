@@ -250,7 +250,12 @@ def add_request(parser: argparse.ArgumentParser) -> None:
         "better motion among obstacles",
     )
     world = parser.add_argument_group("collisions")
-    world.add_argument("--collision", action="store_true", help="avoid self-collisions")
+    world.add_argument(
+        "--collision",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="avoid self-collisions, where the URDF has collision shapes (default: yes)",
+    )
     world.add_argument(
         "--obstacles",
         metavar="FILE",

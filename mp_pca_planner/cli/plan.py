@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from ..planning.path_constraints import path_constraints
 from ..planning.plan import ALREADY_THERE, Plan
 from ..planning.planner import Planner
 from ..planning.report import collision_words
+from ..planning.self_collision import robot_collision
 from ..plotting.motion import plan_figure
 from ..plotting.style import picture
 from ..primitives.library import load_primitives
@@ -91,14 +93,14 @@ class PlannedRequest:
         Its plan.
     frame : str
         The link whose positions are reported.
-    note : str
-        A remark on the limits file, if there is one.
+    notes : tuple of str
+        Remarks on collisions that are not checked, and on the limits file.
     """
 
     planner: Planner
     plan: Plan
     frame: str
-    note: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def primitives(self) -> list[MovementPrimitive]:
@@ -110,7 +112,7 @@ class PlannedRequest:
         """What is unusual about the motion, and joints whose position was not given."""
         robot, collision = self.planner.robot, self.planner.collision
         found = self.plan.remarks
-        found += [self.note] if self.note else []
+        found += self.notes
         if unlimited := self.planner.limits.unlimited:
             found.append(f"some joints have no limit of {', '.join(unlimited)}: use --limits")
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
@@ -164,12 +166,13 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         robot = Robot.from_file(arguments.robot, joint_names, locked=locked)
     given = limits_given(arguments, robot)
     robot = robot.with_drives(given)
-    limits, collision = robot.limits(given), _collision_model(arguments, robot)
+    limits, (collision, remarks) = robot.limits(given), _collision(arguments, robot, primitives)
     goal = planned_goal(arguments, robot)
-    planner = Planner(robot, primitives, limits, _options(arguments, robot), collision)
+    planner = Planner(robot, primitives, limits, _options(arguments, robot), collision or False)
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
     frame = arguments.frame or robot.end_effector
-    return PlannedRequest(planner, plan, frame, limits_file_note(arguments.limits))
+    notes = tuple(filter(None, (*remarks, limits_file_note(arguments.limits))))
+    return PlannedRequest(planner, plan, frame, notes)
 
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
@@ -189,22 +192,20 @@ def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
     )
 
 
-def _collision_model(arguments: argparse.Namespace, robot: Robot) -> CollisionModel | None:
+def _collision(
+    arguments: argparse.Namespace, robot: Robot, primitives: Sequence[MovementPrimitive]
+) -> tuple[CollisionModel | None, tuple[str, ...]]:
+    """The collision model, and what it does not check."""
     if arguments.obstacles is None and arguments.margin is not None:
         raise PlannerError("--margin is the clearance from --obstacles: also pass --obstacles")
     if not arguments.collision and arguments.srdf is not None:
-        raise PlannerError("--srdf is for --collision: also pass --collision")
-    if not arguments.collision and arguments.obstacles is None:
-        if arguments.package_dirs:
-            raise PlannerError(
-                "--package-dirs is for --collision or --obstacles: also pass one of them"
-            )
-        return None
-    return CollisionModel(
+        raise PlannerError("--srdf is for self-collision: remove --no-collision")
+    return robot_collision(
         robot,
+        primitives,
+        self_collision=arguments.collision,
         srdf=arguments.srdf,
         package_dirs=package_folders(arguments.package_dirs, arguments.robot),
         world=None if arguments.obstacles is None else World.from_file(arguments.obstacles),
         margin=arguments.margin or 0.0,
-        self_collision=arguments.collision,
     )

@@ -11,7 +11,6 @@ from typing import Any
 from ..exceptions import LearningError
 from ..learning.refined_motion import RefinedMotion, demonstrated_distance, primitive_around
 from ..learning.refinement import refine
-from ..motion.collision import NOT_CHECKED
 from ..primitives.file import save_primitive
 from .common import check_motion_file, check_output, show, write_motion
 from .options import add_report, add_request, number
@@ -59,8 +58,6 @@ def run(arguments: argparse.Namespace) -> int:
     plan, planner = request.plan, request.planner
     if not plan.is_executable:
         raise LearningError(f"there is no motion to refine: {plan.message}")
-    if planner.collision is not None and not planner.collision.has_geometry:
-        complain(f"{PROGRAM} refine: {NOT_CHECKED.removeprefix('; ')}")
     problem = plan.motions, planner.robot, planner.limits, planner.collision
     found = refine(*problem, time_price=arguments.time_price)
     before, after = (

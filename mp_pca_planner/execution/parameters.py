@@ -170,9 +170,9 @@ class Settings:
         they override those of the URDF. Empty: none.""",
     )
     collision: bool = _declared(
-        False,
-        """Enables self-collision avoidance; goals without a collision-free motion are rejected.
-        Needs collision geometry in the robot description.""",
+        True,
+        """Enables self-collision avoidance, where the robot description has collision shapes; goals
+        without a collision-free motion are rejected.""",
     )
     locked_joints: str = _declared(
         "",

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..control.law import control_statement
-from ..exceptions import GoalError, PlannerError, RobotError, quote_names, unknown_name
+from ..exceptions import GoalError, PlannerError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
 from ..motion.collision import CollisionModel
 from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
@@ -29,6 +29,7 @@ from ..planning.path_constraints import PathConstraint, path_constraints
 from ..planning.plan import SOLVED, Plan
 from ..planning.planner import Planner
 from ..planning.report import motion_remarks
+from ..planning.self_collision import robot_collision
 from ..primitives.library import PrimitiveLibrary, load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits, Overrides, limits_file_note
@@ -76,6 +77,8 @@ class Model:
         The collision model without obstacles. None if the robot's collision geometry can't be used.
     constraints : tuple of PathConstraint
         Constraints on every configuration.
+    remarks : tuple of str
+        What is not checked for collisions, against expectation.
     """
 
     planner: Planner
@@ -86,6 +89,7 @@ class Model:
     urdf: str
     collision: CollisionModel | None = None
     constraints: tuple[PathConstraint, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def facts(self) -> ModelFacts:
@@ -105,6 +109,7 @@ class Model:
             )
         if note := limits_file_note(self.settings.limits_file):
             notes.append(note)
+        notes += self.remarks
         if not self.settings.collision:
             notes.append("self-collision is not checked: set 'collision' to true to avoid it")
         return ModelFacts(
@@ -159,12 +164,7 @@ def assemble_model(
     given: tuple[Overrides | str, ...] = (settings.limits_file or {}, settings.limits)
     robot, limits = robot.with_drives(*given), robot.limits(*given)
     # Made now, so that no goal among the first obstacles waits for it.
-    collision = None
-    try:
-        collision = collision_model(robot, settings)
-    except RobotError:
-        if settings.collision:
-            raise
+    collision, remarks = _collision(robot, primitives, settings, World())
     frame = settings.end_effector_frame or robot.end_effector
     if frame not in robot.frame_names:
         reason = unknown_name("link of the robot description", frame, robot.frame_names)
@@ -176,10 +176,11 @@ def assemble_model(
         objectives=weighted_objectives(weights, robot, frame),
         constraints=path_constraints(settings.constraints, "parameter 'constraints'", robot),
     )
-    planner = Planner(robot, primitives, limits, options)
+    planner = Planner(robot, primitives, limits, options, collision=False)
     if collision is not None and settings.collision:
         planner.use_collision(collision.with_world(World()))
-    return Model(planner, robot, limits, settings, frame, urdf, collision, options.constraints)
+    constraints = options.constraints
+    return Model(planner, robot, limits, settings, frame, urdf, collision, constraints, remarks)
 
 
 def is_outdated(model: Model, measured: Mapping[str, float], world: World) -> bool:
@@ -222,7 +223,8 @@ def _relevant(model: Model, world: World) -> tuple[str, ...]:
     """The locked joints whose positions make a difference."""
     links = {model.settings.end_effector_frame, *(obstacle.frame for obstacle in world)}
     links |= {constraint.frame for constraint in model.constraints}
-    return model.robot.relevant_joints(pairs=model.settings.collision, links=links)
+    pairs = model.collision is not None and model.collision.checks_links
+    return model.robot.relevant_joints(pairs=pairs, links=links)
 
 
 def _locked(robot: Robot, settings: Settings, measured: Mapping[str, float]) -> dict[str, float]:
@@ -236,31 +238,18 @@ def _locked(robot: Robot, settings: Settings, measured: Mapping[str, float]) -> 
     }
 
 
-def collision_model(
-    robot: Robot, settings: Settings, *, self_collision: bool | None = None
-) -> CollisionModel:
-    """The collision model of a robot without obstacles.
-
-    Parameters
-    ----------
-    robot :
-        The robot.
-    settings :
-        With the files of the geometry and the margin.
-    self_collision :
-        Whether pairs of links are checked; as the settings say unless given.
-
-    Raises
-    ------
-    RobotError
-        If the geometry can't be read.
-    """
-    return CollisionModel(
+def _collision(
+    robot: Robot, primitives: Iterable[MovementPrimitive], settings: Settings, world: World
+) -> tuple[CollisionModel | None, tuple[str, ...]]:
+    """The collision model of a robot, and what it does not check."""
+    return robot_collision(
         robot,
+        primitives,
+        self_collision=settings.collision,
         srdf=settings.srdf or None,
         package_dirs=package_folders(settings.package_folders),
+        world=world,
         margin=settings.obstacle_margin,
-        self_collision=settings.collision if self_collision is None else self_collision,
     )
 
 
@@ -272,13 +261,11 @@ def in_world(model: Model, world: World) -> CollisionModel:
     RobotError
         If the robot's geometry can't be used.
     """
-    collision = model.collision or collision_model(model.robot, model.settings)
-    if len(world) and not collision.has_geometry:
-        raise RobotError(
-            "obstacles can't be avoided: the robot description has no collision geometry; add "
-            "<collision> to its links, or remove the obstacles"
-        )
-    return collision.with_world(world)
+    if model.collision is not None:
+        return model.collision.with_world(world)
+    made, _ = _collision(model.robot, model.planner.primitives, model.settings, world)
+    assert made is not None, "obstacles need a collision model"
+    return made
 
 
 class GoalPlanner:

@@ -10,7 +10,7 @@ are halved, down to a sixteenth of a millisecond. Bodies that may touch even the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -38,9 +38,6 @@ from .interpolation import (
     segment_ends,
 )
 from .trajectory import Trajectory
-
-NOT_CHECKED = "; self-collisions were not checked: the robot has no collision geometry"
-"""End of messages on robots without collision geometry."""
 
 # Moments between two samples of 1 ms. Over that time, positions are linear to some 1e-6 rad.
 _PARTS = 16
@@ -215,6 +212,14 @@ class CollisionModel:
         vars(other).update(vars(self))
         other.set_world(world)
         return other
+
+    def drop_pairs(self, pairs: Collection[tuple[str, str]]) -> None:
+        """Check some of the `pairs` of links no longer."""
+        names = self._links.names
+        self._pairs_of_links = [
+            (a, b) for a, b in self._pairs_of_links if (names[a], names[b]) not in pairs
+        ]
+        self.set_world(self.world)
 
     @property
     def has_geometry(self) -> bool:

@@ -21,15 +21,29 @@ _N_SAMPLES = 64
 _LEAST_SHARE = 0.25
 
 
-def demonstrated_peaks(primitive: MovementPrimitive) -> FloatArray:
-    """Largest velocities and accelerations of the demonstrations [/s, /s²], shape (2, n_joints)."""
-    shares, peaks = np.linspace(0.0, 1.0, _N_SAMPLES), []
-    phases = aligned_phases(primitive.warps, shares)
+def demonstrated_positions(primitive: MovementPrimitive, n_samples: int) -> FloatArray:
+    """Positions of the demonstrations at evenly spread times [rad or m].
+
+    Returns
+    -------
+    positions : array, shape (n_demonstrations, n_samples, n_joints)
+        As the components of the primitive have them.
+    """
+    phases = aligned_phases(primitive.warps, np.linspace(0.0, 1.0, n_samples))
+    found = []
     for duration, phase, state, weights in zip(
         primitive.durations, phases, primitive.boundary_states, primitive.weights, strict=True
     ):
         boundary = boundary_values(tuple(state[:3]), tuple(state[3:]), float(duration))
-        q = hermite_functions(phase) @ boundary + primitive.basis.shape(weights, phase)
+        found.append(hermite_functions(phase) @ boundary + primitive.basis.shape(weights, phase))
+    return np.array(found)
+
+
+def demonstrated_peaks(primitive: MovementPrimitive) -> FloatArray:
+    """Largest velocities and accelerations of the demonstrations [/s, /s²], shape (2, n_joints)."""
+    shares, peaks = np.linspace(0.0, 1.0, _N_SAMPLES), []
+    positions = demonstrated_positions(primitive, _N_SAMPLES)
+    for duration, q in zip(primitive.durations, positions, strict=True):
         v = np.gradient(q, shares * duration, axis=0)
         a = np.gradient(v, shares * duration, axis=0)
         peaks.append(np.abs([v, a]).max(axis=1))

@@ -51,6 +51,7 @@ from .report import already_there, report
 from .resolve import in_order, resolve, target
 from .search.search import search
 from .selection import Selector
+from .self_collision import NO_SHAPES, robot_collision
 
 # Time that is kept for the last checks and for a slow motion where no other was found, for each
 # segment; at most 0.4 of all [s].
@@ -70,12 +71,17 @@ class Planner:
         Limits of the joints; those of the robot description unless given.
     options : PlannerOptions, optional
         Options of planning.
-    collision : CollisionModel, optional
-        Collision model of the same robot, not shared between threads. Enables collision avoidance
-        if the robot has collision geometry.
+    collision : bool or CollisionModel
+        Whether self-collision is avoided, or the collision model of the same robot, not shared
+        between threads. By default, links are checked where the robot has collision shapes, except
+        pairs that are neighbours, or collide in the neutral configuration or in a demonstration.
     world : World, optional
-        Obstacles to avoid. They replace those of the collision model; without one, a model is made
-        that avoids self-collision, too.
+        Obstacles to avoid. They replace those of the collision model.
+
+    Attributes
+    ----------
+    remarks : tuple of str
+        What is not checked for collisions, against expectation.
 
     Raises
     ------
@@ -84,7 +90,8 @@ class Planner:
     PrimitiveError
         If there is no primitive, two have the same name, or one is of other joints.
     RobotError
-        If a moving link has no valid inertia, and efforts are limited or part of the objective.
+        If a moving link has no valid inertia, and efforts are limited or part of the objective; if
+        there are obstacles, and the robot's collision shapes can't be used.
     WorldError
         If an obstacle is attached to an unknown link or has the name of a link.
 
@@ -106,7 +113,7 @@ class Planner:
         primitives: MovementPrimitive | Sequence[MovementPrimitive],
         limits: JointLimits | None = None,
         options: PlannerOptions | None = None,
-        collision: CollisionModel | None = None,
+        collision: CollisionModel | bool | None = True,
         world: World | None = None,
     ) -> None:
         check_type(robot, "the robot", RobotError, Robot)
@@ -115,18 +122,26 @@ class Planner:
         self.options = PlannerOptions() if options is None else options
         check_type(self.limits, "limits", LimitsError, JointLimits)
         check_type(self.options, "options", GoalError, PlannerOptions)
-        check_type(collision, "collision", RobotError, CollisionModel, NoneType)
+        check_type(collision, "collision", RobotError, CollisionModel, bool, NoneType)
         check_type(world, "world", WorldError, World, NoneType)
-        if world is not None and collision is None:
-            folders = package_folders((), robot.path)
-            collision = CollisionModel(robot, package_dirs=folders, world=world)
-        elif world is not None and collision is not None:
-            collision.set_world(world)
         if self.primitives.joint_names != self.robot.joint_names:
             raise PrimitiveError(
                 f"primitive '{next(iter(self.primitives.names))}' moves "
                 f"{quote_names(self.primitives.joint_names)}, but the planner was set up for "
                 f"{quote_names(self.robot.joint_names)}"
+            )
+        self.remarks: tuple[str, ...] = ()
+        if isinstance(collision, CollisionModel):
+            if world is not None:
+                collision.set_world(world)
+            self.remarks = () if collision.has_geometry else (NO_SHAPES,)
+        else:
+            collision, self.remarks = robot_collision(
+                robot,
+                self.primitives,
+                self_collision=bool(collision),
+                package_dirs=package_folders((), robot.path),
+                world=world,
             )
         # Imported by then, so that the first plan does not wait for it.
         import_module("scipy.interpolate")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import text_table
-from ..motion.collision import NOT_CHECKED, CollisionModel
+from ..motion.collision import CollisionModel
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
@@ -233,7 +233,7 @@ def _end_in_collision(context: Context, request: Request) -> str:
 
 def _concessions(context: Context, best: Candidate, correction: float) -> list[str]:
     """What was done for the goal beyond a usual motion."""
-    request, collision, notes = best.request, context.collision, []
+    request, notes = best.request, []
     is_detour = best.bases[0].is_detour
     usual, asked = request.duration, request.naturalness
     if n_passed := request.n_passed:
@@ -247,8 +247,6 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
         notes.append("near a collision-free path, because the predicted motion collides")
     elif best.has_clearances:
         notes.append("bodies that would collide otherwise are kept apart")
-    if collision is not None and not collision.has_geometry:
-        notes.append(NOT_CHECKED.removeprefix("; "))
     if context.options.basis == "pca" and correction > 0.0:
         notes.append(f"B-splines were added to the components (RMS {correction:.2g} rad or m)")
     return notes
@@ -266,8 +264,6 @@ def collision_words(collision: CollisionModel | None, trajectory: Trajectory) ->
     """
     if collision is None:
         return "self-collision is not checked"
-    if not collision.has_geometry:
-        return "not checked: the robot description has no collision geometry"
     if found := collision.collisions(trajectory, precisely=False):
         return str(found[0])
     kind = "bodies" if len(collision.world) else "links"

@@ -114,7 +114,8 @@ class JointTree:
 def _axes(model: Any, columns: list[int]) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Axes of the joints, and whether they turn."""
     data, axes = model.createData(), np.zeros((model.njoints, 3))
-    jacobians = pin.computeJointJacobians(model, data, np.zeros(model.nq))
+    # Of a single joint, Pinocchio returns a vector.
+    jacobians = np.reshape(pin.computeJointJacobians(model, data, np.zeros(model.nq)), (6, -1))
     turns = np.zeros(model.njoints, dtype=bool)
     for j, column in enumerate(jacobians.T[columns], start=1):
         turns[j] = bool(np.any(column[3:]))

@@ -17,6 +17,7 @@ from ..files import read_text, reading
 from ..motion.collision import CollisionModel
 from ..planning.plan import Plan
 from ..planning.planner import Planner
+from ..planning.self_collision import robot_collision
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.meshes import package_folders
@@ -88,10 +89,8 @@ def read_content(
         text = read_text(urdf)
     robot = Robot(text, primitives[0].joint_names, source=f"URDF file '{urdf}'")
     folders = package_folders(package_dirs, urdf)
-    try:
-        collision = CollisionModel(robot, package_dirs=folders)
-    except RobotError:  # meshes are missing, which the page states for the visual ones
-        collision = None
+    # Where meshes are missing, the page states that for the visual ones.
+    collision, _ = robot_collision(robot, primitives, package_dirs=folders)
     return PageContent(robot, text, tuple(primitives), robot.limits(), folders, collision)
 
 

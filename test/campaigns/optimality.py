@@ -70,7 +70,7 @@ def solved_programs(
     components = PrimitiveOptions(coupling, n_components)
     primitive = build_primitive(scene.demonstrations, name, components)
     options = PlannerOptions(naturalness=0.0, max_solve_time=60.0)
-    planner = Planner(robot, [primitive], limits, options)
+    planner = Planner(robot, [primitive], limits, options, collision=False)
     last: list[tuple[Program, Solution]] = []
 
     def keeping(program, *rest):

@@ -16,7 +16,8 @@ REQUESTS = [(m.positions[0], m.positions[-1]) for m in generate_motions(200, 123
 def planner(coupling="arm", overrides=None, **options):
     robot = arm_robot()
     options = PlannerOptions(**{"max_solve_time": EVER, **options})
-    return Planner(robot, [arm_primitive(coupling)], robot.limits(overrides or {}), options)
+    limits = robot.limits(overrides or {})
+    return Planner(robot, [arm_primitive(coupling)], limits, options, collision=False)
 
 
 def request(i=0, **goal):

@@ -79,6 +79,6 @@ def fold() -> MovementPrimitive:
             recording=f"{k}", start_time=0.0, end_time=1.0,
         )
         for k in range(6)
-        for m in [motion([0.0, 0.5, 0.1 * k], [0.1 * k, 0.9, 1.0 + 0.1 * k**2])]
+        for m in [motion([0.0, 0.5, 0.1 * k], [0.1 * k, 0.9, 1.0 + 0.06 * k**2])]
     ]  # fmt: skip
     return build_primitive(demonstrations, "fold", PrimitiveOptions(n_components=1))

@@ -21,8 +21,8 @@ from mp_pca_planner.execution.planning import (
     GoalPlanner,
     Model,
     assemble_model,
-    collision_model,
     displaced,
+    in_world,
     is_outdated,
     unknown_positions,
 )
@@ -54,13 +54,19 @@ def test_limits_of_parameters_win_over_the_file_and_the_file_over_the_urdf(tmp_p
     assert (limits.velocity[elbow], limits.jerk[elbow], limits.effort[elbow]) == (2.0, 50.0, 70.0)
 
 
-def test_meshes_are_needed_only_where_collisions_are_looked_for(tmp_path: Path) -> None:
-    assert assemble_model(MESHED, PRIMITIVES, Settings()).planner.collision is None
+def test_missing_meshes_are_noted_once_and_needed_among_obstacles(tmp_path: Path) -> None:
+    model = assemble_model(MESHED, PRIMITIVES, Settings())
+    assert model.planner.collision is None
+    (note,) = (note for note in model.facts.notes if "tool.stl" in note)
+    assert "self-collision is not checked" in note and "--package-dirs" in note
+    assert assemble_model(MESHED, PRIMITIVES, Settings(collision=False)).remarks == ()
+    with pytest.raises(RobotError, match="--package-dirs"):
+        in_world(model, World([Obstacle("ball", [Sphere(0.1, [0.5, 0.5, 0.0])])]))
     (tmp_path / "tools").mkdir()
-    triangle = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    triangle = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0.05 0 0\nvertex 0 0.05 0\n"
     text = f"solid x\n{triangle}endloop\nendfacet\nendsolid x\n"
     (tmp_path / "tools" / "tool.stl").write_text(text, encoding="utf-8")
-    settings = Settings(collision=True, package_dirs=("", str(tmp_path)))
+    settings = Settings(package_dirs=("", str(tmp_path)))
     collision = assemble_model(MESHED, PRIMITIVES, settings).planner.collision
     assert collision is not None and ("chest", "tool") in collision.pairs
 
@@ -119,10 +125,9 @@ def test_a_frame_to_keep_upright_needs_the_positions_of_the_joints_that_turn_it(
         (re.sub("<inertial>.*?</inertial>", "", URDF, flags=re.DOTALL), Settings(), RobotError),
         (URDF, Settings(limits_file="/nowhere.yaml"), LimitsError),
         (URDF, Settings(limits={"elbow": {"max_velocity": -1.0}}), LimitsError),
-        (URDF, Settings(collision=True, srdf=__file__), RobotError),
+        (URDF, Settings(srdf=__file__), RobotError),
         (URDF, Settings(constraints="upright=palm,30"), RobotError),
         (URDF, Settings(constraints="upright=wrist,-1"), GoalError),
-        (MESHED, Settings(collision=True, package_dirs=("/",)), RobotError),
     ],
 )
 def test_what_does_not_fit_together_is_refused(
@@ -145,9 +150,9 @@ FINGERED = URDF.replace("</robot>", FINGER + "</robot>")
 def finger_clearance(model: Model, q: np.ndarray) -> float:
     """Distance of the finger from a ball beside the arm."""
     world = World([Obstacle("ball", [Sphere(0.1, [0.5, 0.5, 0.0])])])
-    pairs = collision_model(model.robot, model.settings).with_world(world)
+    pairs = in_world(model, world)
     found = pairs.near(q[None], np.inf)
-    return float(found.distances[[pairs.pairs[k][0] == "finger" for k in found.pairs]][0])
+    return float(found.distances[found.pairs == pairs.pairs.index(("finger", "ball"))][0])
 
 
 def test_a_joint_that_mimics_one_that_moves_is_rejected_even_if_it_is_measured() -> None:

@@ -181,7 +181,7 @@ def test_motion_of_least_effort_goes_around_the_body():
     for shown in arm_demonstrations(12, 7):
         start, goal = (JointState(JOINTS, shown.positions[end]) for end in (0, -1))
         request = JointGoal(goal, shown.duration), start
-        bare = Planner(robot, [primitive], limits, options).plan(*request)
+        bare = Planner(robot, [primitive], limits, options, collision=False).plan(*request)
         plan = Planner(robot, [primitive], limits, options, model).plan(*request)
         assert plan.status == SOLVED
         assert plan.start_error == 0.0 and plan.goal_error == 0.0 and not plan.limit_check.touched
@@ -253,9 +253,9 @@ def test_robot_without_collision_geometry_is_said_so():
     model = CollisionModel(robot)
     assert not model.has_geometry and model.pairs == ()
     start, goal = ACROSS_BASE
-    plan = chain_planner(model).plan(JointGoal(goal, 1.5), start)
-    assert plan.status == SOLVED
-    assert "self-collisions were not checked" in plan.message
+    planner = chain_planner(model)
+    assert planner.plan(JointGoal(goal, 1.5), start).status == SOLVED
+    assert "no collision geometry" in planner.remarks[0]
 
 
 # Learning
@@ -273,9 +273,9 @@ def files(tmp_path) -> list[str]:
 
 def test_plan_refuses_a_motion_that_ends_in_itself(files, capsys):
     ends = ["--start", "0,0.9,0", "--goal", "0,0.9,3.0", "--duration", "1", "--json"]
-    assert main(["plan", *files, *ends]) == 0
+    assert main(["plan", *files, *ends, "--no-collision"]) == 0
     capsys.readouterr()
-    assert main(["plan", *files, *ends, "--collision"]) == 1
+    assert main(["plan", *files, *ends]) == 1
     facts = json.loads(capsys.readouterr().out)
     assert facts["status"] == "infeasible"
     assert "'a' and 'c' collide" in facts["message"]
