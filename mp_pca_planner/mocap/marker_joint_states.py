@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names
-from ..files import read_text
 from ..input_limits import INPUT_LIMITS
 from ..recordings.joint_states import NS_PER_S, JointStates
 from ..recordings.recording import MarkerResidual
 from ..robot.model import Robot
-from .inverse_kinematics import MarkerProblem, check_fits, fit_origins, solve
+from .inverse_kinematics import MarkerProblem, fit_origins, fitted_origins, solve
 from .markers import MarkerMap, MarkerPlacement, MarkerTrajectories, read_marker_map, read_markers
 
 
@@ -51,15 +50,84 @@ class MarkerSource:
     def joint_states(
         self, path: Path, *, salvage: bool = False
     ) -> tuple[JointStates, dict[str, MarkerResidual]]:
-        """Joint states of a recording of markers, see :func:`solve_trajectories`.
+        """Find the joint states whose markers on the model fit recorded ones.
+
+        Returns
+        -------
+        joint_states : JointStates
+            Joint states in the form of recorded ones, with notes; positions are NaN in frames with
+            too few markers.
+        residuals : dict
+            Residual of each marker, by its name.
 
         Raises
         ------
         RecordingError
-            If it can't be read, lacks a marker, or no frame has the markers that are needed.
+            If the recording can't be read, lacks a marker, or no frame has the markers that are
+            needed.
         """
-        markers = (*self.on_base, *self.moved)
-        return solve_trajectories(read_markers(path, self.topic, markers, salvage=salvage), self)
+        recorded = read_markers(path, self.topic, (*self.on_base, *self.moved), salvage=salvage)
+        robot, fits = Robot(self.urdf, self.joint_names), tuple[str, ...]()
+        measured, base_residuals = self._in_base_frame(robot, recorded.positions)
+        targets = measured[:, len(self.on_base) :]
+        if fitted := fitted_origins(self.urdf, self.marker_map):
+            whole = np.isfinite(targets).all(axis=(1, 2))
+            if not whole.any():
+                raise RecordingError(
+                    "no frame has all markers, so the origins of "
+                    f"{quote_names(self.marker_map.fit_origins)} can't be fitted to it: remove "
+                    "'fit_origins' from the marker map"
+                )
+            robot, fits = fit_origins(robot, self.moved, fitted, targets[whole])
+        problem = MarkerProblem(robot, self.moved, targets)
+        absent = np.count_nonzero(~np.isfinite(recorded.positions).all(axis=2), axis=0)
+        missing = {name: n for name, n in zip(recorded.names, absent, strict=True) if n}
+        frames = np.flatnonzero(problem.determined())
+        if not frames.size:
+            raise RecordingError(
+                f"in none of the {len(targets)} frames are enough markers seen at a time; missing "
+                "are " + ", ".join(f"'{name}' in {count}" for name, count in missing.items())
+            )
+        q = solve(problem, _period(recorded))
+        distances = np.hstack([base_residuals[frames], problem.residuals(frames, q[frames])])
+        residuals = dict(zip(recorded.names, map(_summary, distances.T), strict=True))
+        figures = ", ".join(
+            f"'{name}' {1000.0 * r.median:.2f} and {1000.0 * r.percentile_95:.2f}"
+            for name, r in residuals.items()
+            if r.n_frames
+        )
+        notes = (
+            *recorded.notes,
+            f"distances of the markers from the model's, median and 95 % [mm]: {figures}",
+            *fits,
+            *(
+                f"marker '{name}' is missing in {n} of {len(q)} frames"
+                for name, n in missing.items()
+            ),
+            *_notes(robot, q),
+        )
+        stamps = recorded.header_stamps, recorded.receive_stamps
+        states = JointStates.of_arrays(recorded.topic, self.joint_names, *stamps, q, notes)
+        return states, residuals
+
+    def _in_base_frame(self, robot: Robot, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Measured positions in the base frame, and distances of the markers on the base [m].
+
+        Their shapes are (n_frames, n_markers, 3), NaN where the pose of the base is unknown, and
+        (n_frames, n_base_markers).
+        """
+        n_base, points, measured = len(self.on_base), np.empty((0, 3)), positions
+        if n_base:
+            places = np.array([marker.position for marker in self.on_base])
+            attached = robot.attach_points([marker.link for marker in self.on_base], places)
+            points = attached.positions_and_jacobians(np.zeros((1, robot.n_joints)))[0][0]
+        if self.marker_map.base != "identity":
+            seen = np.asarray(np.isfinite(positions[:, :n_base]).all(axis=2))
+            weights = seen * np.array([marker.weight for marker in self.on_base])
+            finite = np.where(seen[..., None], positions[:, :n_base], 0.0)
+            rotations, translations = fit_poses(points, finite, weights)
+            measured = np.einsum("kij,kmi->kmj", rotations, positions - translations[:, None])
+        return measured, np.linalg.norm(measured[:, :n_base] - points, axis=2)
 
 
 def marker_source(
@@ -69,11 +137,11 @@ def marker_source(
 
     Parameters
     ----------
-    topic :
+    topic : str
         Topic of the markers.
-    urdf, marker_map :
+    urdf, marker_map : str or Path
         Files.
-    joints :
+    joints : sequence of str, optional
         Names of the joints to find; by default all that can move.
 
     Raises
@@ -84,8 +152,7 @@ def marker_source(
     """
     robot = Robot.from_file(urdf, joints)
     chosen = read_marker_map(marker_map)
-    text = read_text(urdf)
-    check_fits(text, chosen)
+    fitted_origins(robot.urdf, chosen)
     is_moved = [_is_moved(robot, marker.link) for marker in chosen.markers]
     on_base = tuple(compress(chosen.markers, np.logical_not(is_moved)))
     moved = tuple(compress(chosen.markers, is_moved))
@@ -96,17 +163,17 @@ def marker_source(
             "don't fix its pose: at least 3 that are not on one line are needed, or "
             "'base: identity' if markers are recorded in its frame"
         )
-    loose = list(robot.joint_names)
+    loose = robot.joint_names
     if moved:
         problem = MarkerProblem(robot, moved, np.zeros((1, len(moved), 3)))
-        found = problem.open_joints(np.ones(len(moved), dtype=bool))
-        loose = [robot.joint_names[joint] for joint in found]
+        still_open = problem.open_joints(np.ones(len(moved), dtype=bool))
+        loose = tuple(robot.joint_names[joint] for joint in still_open)
     if loose:
         raise RecordingError(
             f"{chosen.source}: the markers leave the joints {quote_names(loose)} open: add markers "
             "on the links that they move, or choose the joints without them"
         )
-    return MarkerSource(topic, text, robot.joint_names, on_base, moved, chosen)
+    return MarkerSource(topic, robot.urdf, robot.joint_names, on_base, moved, chosen)
 
 
 def _is_moved(robot: Robot, link: str) -> bool:
@@ -114,109 +181,6 @@ def _is_moved(robot: Robot, link: str) -> bool:
     attached = robot.attach_points([link] * 3, np.eye(3))
     _, jacobians = attached.positions_and_jacobians(np.zeros((1, robot.n_joints)))
     return bool(np.abs(jacobians).max() > 1e-9)
-
-
-def solve_trajectories(
-    recorded: MarkerTrajectories, source: MarkerSource
-) -> tuple[JointStates, dict[str, MarkerResidual]]:
-    """Find the joint states whose markers on the model fit the recorded ones.
-
-    Parameters
-    ----------
-    recorded :
-        Trajectories of the markers on the base, then of those that joints move.
-    source :
-        The model.
-
-    Returns
-    -------
-    joint_states : JointStates
-        Joint states in the form of recorded ones, with notes; positions are NaN in frames with too
-        few markers.
-    residuals : dict
-        Residual of each marker, by its name.
-
-    Raises
-    ------
-    RecordingError
-        If no frame has the markers that are needed.
-    """
-    measured, base_residuals = _in_base_frame(recorded.positions, source)
-    targets = measured[:, len(source.on_base) :]
-    urdf, fits = _fitted_model(source, targets)
-    robot = Robot(urdf, source.joint_names)
-    problem = MarkerProblem(robot, source.moved, targets)
-    determined = problem.determined()
-    absent = np.count_nonzero(~np.isfinite(recorded.positions).all(axis=2), axis=0)
-    missing = {name: n for name, n in zip(recorded.names, absent, strict=True) if n}
-    if not determined.any():
-        raise RecordingError(
-            f"in none of the {len(targets)} frames are enough markers seen at a time; missing are "
-            + ", ".join(f"'{name}' in {count}" for name, count in missing.items())
-        )
-    q = solve(problem, _period(recorded))
-    frames = np.flatnonzero(determined)
-    residuals = np.hstack([base_residuals[frames], problem.residuals(frames, q[frames])])
-    found = {name: _summary(r) for name, r in zip(recorded.names, residuals.T, strict=True)}
-    figures = ", ".join(
-        f"'{name}' {1000.0 * r.median:.2f} and {1000.0 * r.percentile_95:.2f}"
-        for name, r in found.items()
-        if r.n_frames
-    )
-    joint_states = JointStates.of_arrays(
-        recorded.topic,
-        source.joint_names,
-        recorded.header_stamps,
-        recorded.receive_stamps,
-        q,
-        (
-            *recorded.notes,
-            f"distances of the markers from the model's, median and 95 % [mm]: {figures}",
-            *fits,
-            *(f"marker '{x}' is missing in {n} of {len(q)} frames" for x, n in missing.items()),
-            *_notes(robot, q),
-        ),
-    )
-    return joint_states, found
-
-
-def _in_base_frame(positions: FloatArray, source: MarkerSource) -> tuple[FloatArray, FloatArray]:
-    """Express measured positions in the base frame.
-
-    Returns
-    -------
-    measured : array, shape (n_frames, n_markers, 3)
-        NaN where a marker or the pose of the base is unknown.
-    residuals : array, shape (n_frames, n_base_markers)
-        Distances of the markers on the base from their positions on it [m].
-    """
-    n_base, points, measured = len(source.on_base), np.empty((0, 3)), positions
-    if n_base:
-        attached = Robot(source.urdf, source.joint_names).attach_points(
-            [m.link for m in source.on_base], np.array([m.position for m in source.on_base])
-        )
-        points = attached.positions_and_jacobians(np.zeros((1, len(source.joint_names))))[0][0]
-    if source.marker_map.base != "identity":
-        seen = np.asarray(np.isfinite(positions[:, :n_base]).all(axis=2))
-        weights = seen * np.array([m.weight for m in source.on_base])
-        finite = np.where(seen[..., None], positions[:, :n_base], 0.0)
-        rotations, translations = fit_poses(points, finite, weights)
-        measured = np.einsum("kij,kmi->kmj", rotations, positions - translations[:, None])
-    return measured, np.linalg.norm(measured[:, :n_base] - points, axis=2)
-
-
-def _fitted_model(source: MarkerSource, targets: FloatArray) -> tuple[str, tuple[str, ...]]:
-    """The robot description with fitted origins, and notes on these."""
-    fits = source.marker_map.fit_origins
-    whole = np.isfinite(targets).all(axis=(1, 2))
-    if not fits:
-        return source.urdf, ()
-    if not whole.any():
-        raise RecordingError(
-            "no frame has all markers, so the origins of "
-            f"{quote_names(fits)} can't be fitted to it: remove 'fit_origins' from the marker map"
-        )
-    return fit_origins(source.urdf, source.joint_names, source.moved, fits, targets[whole])
 
 
 def _period(recorded: MarkerTrajectories) -> float:
@@ -230,10 +194,10 @@ def _period(recorded: MarkerTrajectories) -> float:
 
 
 def _summary(distances: FloatArray) -> MarkerResidual:
+    """Median and 95 % of distances, NaN where a marker is not seen."""
     seen = distances[np.isfinite(distances)]
-    if not seen.size:
-        return MarkerResidual(float("nan"), float("nan"), 0)
-    return MarkerResidual(float(np.median(seen)), float(np.percentile(seen, 95.0)), int(seen.size))
+    middle, high = np.percentile(seen, [50.0, 95.0]).tolist() if seen.size else (np.nan, np.nan)
+    return MarkerResidual(middle, high, seen.size)
 
 
 def _notes(robot: Robot, q: FloatArray) -> list[str]:
@@ -267,13 +231,12 @@ def fix_a_pose(points: FloatArray, weights: FloatArray) -> NDArray[np.bool_]:
 
     Returns
     -------
-    :
-        shape (n_frames,)
+    is_fixed : array of bool, shape (n_frames,)
     """
+    if len(points) < 3:
+        return np.zeros(len(weights), dtype=bool)
     centred = points - _centres(np.broadcast_to(points, (*weights.shape, 3)), weights)
     spread = np.linalg.svd(centred * np.sqrt(weights)[..., None], compute_uv=False)
-    if spread.shape[1] < 2:
-        return np.zeros(len(weights), dtype=bool)
     enough = np.count_nonzero(weights, axis=1) >= 3
     # Points whose width is a twentieth of their length are on one line.
     return np.asarray(enough & (spread[:, 1] > 0.05 * spread[:, 0]))
@@ -300,7 +263,6 @@ def fit_poses(
     translations : array, shape (n_frames, 3)
         [m]; likewise.
     """
-    fixed = fix_a_pose(points, weights)
     there = np.broadcast_to(points, measured.shape)
     local_centres, centres = _centres(there, weights), _centres(measured, weights)
     correlation = np.einsum(
@@ -308,11 +270,11 @@ def fit_poses(
     )
     left, _, right = np.linalg.svd(correlation)
     # The nearest orthogonal matrix may be a reflection; then the weakest direction is turned.
-    signs = np.ones((len(measured), 3))
-    signs[:, 2] = np.sign(np.linalg.det(left) * np.linalg.det(right))
-    rotations = (left * signs[:, None, :]) @ right
+    left[:, :, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
+    rotations = left @ right
     translations = centres[:, 0] - np.einsum("kij,kj->ki", rotations, local_centres[:, 0])
-    rotations[~fixed], translations[~fixed] = np.nan, np.nan
+    loose = ~fix_a_pose(points, weights)
+    rotations[loose], translations[loose] = np.nan, np.nan
     return rotations, translations
 
 
