@@ -29,8 +29,12 @@ TOPICS = {
     OTHER: "Errors and helpers",
 }
 _ONE_LINE = 100_000  # characters, so that argparse breaks no line of the help
-# A place for the tables of a record, or for one of them, up to the next mark.
-_MARKED = re.compile(r"(<!-- table (\w+)(?:: (.+?))? -->\n).*?(<!-- end -->)", re.DOTALL)
+# A place for a part of a recorded table: its record, title, columns (';' between them) and,
+# optionally, the first cell of the rows. It reaches up to the next mark.
+_MARKED = re.compile(
+    r"(<!-- table (\w+)\n([^\n]+)\ncolumns: ([^\n]+)\n(?:rows: ([^\n]+)\n)?-->\n).*?(<!-- end -->)",
+    re.DOTALL,
+)
 
 
 def write_pages(folder: Path) -> None:
@@ -172,14 +176,17 @@ def with_results(page: str) -> str:
     """A page with the recorded tables at their marks; those without a record stay as they are."""
 
     def block(found: re.Match[str]) -> str:
-        begin, name, title, end = found.groups()
+        begin, name, title, columns, first, end = found.groups()
         file = RESULTS / f"{name}.json"
         if not file.exists():
             return found[0]
         record = json.loads(file.read_text(encoding="utf-8"))
-        tables = [record["tables"][title]] if title else list(record["tables"].values())
-        parts = [_markdown_table(table["header"], table["rows"]) for table in tables]
-        return begin + "\n" + "\n\n".join([*parts, _origin(record)]) + "\n\n" + end
+        table = record["tables"][title]
+        chosen = [table["header"].index(column) for column in columns.split("; ")]
+        rows = [row for row in table["rows"] if first in (None, row[0])]
+        header, *rows = ([row[i] for i in chosen] for row in [table["header"], *rows])
+        shown = _markdown_table(header, rows)
+        return f"{begin}\n{shown}\n\n{_origin(record)}\n\n{end}"
 
     return _MARKED.sub(block, page)
 

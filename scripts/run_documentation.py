@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Run the commands and programs of the README and of the tutorials, as a reader would.
+"""Run the commands and programs of README, tutorials and code page, as a reader would.
 
     python3 scripts/run_documentation.py [PAGE...]           # with the packages of this Python
     python3 scripts/run_documentation.py --fresh [PAGE...]   # in a clone, with a new environment
@@ -28,7 +28,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "doc/tutorials").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "doc/concepts/code.md",
+    *sorted((ROOT / "doc/tutorials").glob("*.md")),
+]
 
 BEGIN = "set -euo pipefail"
 END = """

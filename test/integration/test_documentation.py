@@ -11,6 +11,7 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -18,8 +19,9 @@ from support.domains import lease_domain
 from support.patience import HANG
 
 import mp_pca_planner
-from mp_pca_planner.cli.main import COMMANDS, parse
+from mp_pca_planner.cli.main import COMMANDS, main, parse
 from mp_pca_planner.execution.parameters import DECLARATIONS
+from mp_pca_planner.recordings.synthetic import generate_motions
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts/run_documentation.py"
@@ -27,6 +29,8 @@ DOCUMENTATION = runpy.run_path(str(SCRIPT))
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "doc").rglob("*.md")])
 PAGES = [page for page in PAGES if "reference" not in page.parts]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+
+CODE_PAGE = ROOT / "doc/concepts/code.md"
 
 # Stands for something in a command that is shown: the options of it are checked one by one.
 ELLIPSIS = "…"
@@ -165,13 +169,31 @@ def test_the_page_on_the_code_names_what_is_there() -> None:
     modules = [path.relative_to(ROOT).as_posix() for path in package.rglob("*")]
     code = "\n".join(path.read_text(encoding="utf-8") for path in package.rglob("*.py"))
     words = set(re.findall(r"\w+", code))
-    text = text_of(ROOT / "doc/concepts/code.md")
+    text = re.sub(r"^```.*?^```", "", text_of(CODE_PAGE), flags=re.MULTILINE | re.DOTALL)
     for name in re.findall(r"`([^`]+)`", text) + re.findall(r"[\w/]+\.py", text):
         if name.endswith(("/", ".py")):
             path = "/" + name.strip("./")
             assert any(x.endswith(path) for x in modules), name
         else:
             assert set(re.findall(r"\w+", name)) <= words, name
+
+
+def test_the_command_on_the_page_of_the_code_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (code,) = (block.code for block in DOCUMENTATION["blocks"](CODE_PAGE) if block.language == "py")
+    module = ModuleType("mp_pca_planner.cli.times")
+    exec(compile(code, str(CODE_PAGE), "exec"), module.__dict__)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setitem(COMMANDS, "times", "print how long demonstrations last")
+    motions = generate_motions(5, seed=1)
+    file = tmp_path / "p.npz"
+    mp_pca_planner.MovementPrimitive.fit(motions).save(file)
+    durations = sorted(motion.duration for motion in motions)
+    assert main(["times", str(file), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [found["shortest"], found["longest"]] == pytest.approx([durations[0], durations[-1]])
+    assert main(["times", str(tmp_path / "nothere.npz")]) == 2
 
 
 @pytest.fixture(scope="module")
