@@ -36,12 +36,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from ..arrays import FloatArray
+from ..lazy import LazyModule
 from ..robot.model import Robot
 from .closed_loop import ControlLoop, ErrorModel, simulate
 from .law import COMPUTED_TORQUE
+
+linalg = LazyModule("scipy.linalg")
 
 # Intervals of the motion with bounds of their own; the time grows with their square.
 _N_INTERVALS = 40
@@ -163,7 +165,7 @@ class NominalLoop:
         system[:, :n, n : 2 * n] = np.eye(n)
         system[:, n : 2 * n, : 2 * n] = self.drift
         system[:, n : 2 * n, 2 * n :] = self.mass_inverse
-        whole = expm(system * step)
+        whole = linalg.expm(system * step)
         self.transition = whole[:, : 2 * n, : 2 * n]
         self.input = whole[:, : 2 * n, 2 * n :]
 

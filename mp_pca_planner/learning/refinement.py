@@ -8,14 +8,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import block_diag
-from scipy.optimize import OptimizeResult, minimize
 
 from ..arrays import FloatArray, check_number
 from ..exceptions import LearningError, TrajectoryError
+from ..lazy import LazyModule
 from ..motion.collision import Collision, CollisionModel
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_executable, check_limits
@@ -37,6 +36,11 @@ from .refined_motion import (
     RefinedMotion,
     segment_states,
 )
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
+
+linalg, optimize = LazyModule("scipy.linalg"), LazyModule("scipy.optimize")
 
 MARGIN = 1e-3
 """Share of each limit that is kept free, because constraints hold only at some phases."""
@@ -266,7 +270,7 @@ def _minimise(
             }
         )
     bounds = parameter_bounds(len(segments)).ravel()
-    return minimize(
+    return optimize.minimize(
         total,
         start,
         jac=gradient,
@@ -343,7 +347,7 @@ class Constraints:
                 )
                 rows.append(slopes[:, self._pairs].reshape(-1, N_PARAMETERS))
             blocks.append(np.concatenate(rows))
-        return np.asarray(block_diag(*blocks))
+        return np.asarray(linalg.block_diag(*blocks))
 
     def _room(self, i: int, part: FloatArray) -> FloatArray:
         """Shares of the limits that are left, shape (5, n_phases, n_joints)."""

@@ -26,13 +26,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, solveh_banded
-from scipy.optimize import least_squares
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
+from ..lazy import LazyModule
 from ..robot.model import Robot
 from .markers import MarkerMap, MarkerPlacement
+
+linalg, optimize = LazyModule("scipy.linalg"), LazyModule("scipy.optimize")
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
@@ -277,7 +278,7 @@ def _banded_step(
         band[apart * n_joints] += coupling[:, None] * both
     band[0] += np.where(free, damping, 1.0)
     rows, right = band.reshape(2 * n_joints + 1, -1), -(gradients * free).reshape(-1)
-    step = solveh_banded(rows, right, lower=True, check_finite=False)
+    step = linalg.solveh_banded(rows, right, lower=True, check_finite=False)
     return np.asarray(step, dtype=np.float64).reshape(n_frames, n_joints)
 
 
@@ -390,7 +391,9 @@ def fit_origins(
         by_q = by_q + np.einsum("mc,c,kcij->kmij", beyond, change, turned_by_q)
         scale = problem.scale[..., None]
         rows = (scale[..., None] * by_q).reshape(len(q), -1, robot.n_joints)
-        jacobian = np.hstack([(scale[..., None] * effects).reshape(-1, n), block_diag(*rows)])
+        jacobian = np.hstack(
+            [(scale[..., None] * effects).reshape(-1, n), linalg.block_diag(*rows)]
+        )
         still = _UNCHANGED * np.eye(n, x.size)
         weighted = (scale * (moved - problem.targets)).reshape(-1)
         return np.append(weighted, still @ x), np.vstack([jacobian, still])
@@ -404,7 +407,7 @@ def fit_origins(
         np.append(np.full(n, end), np.tile(limit, len(q)))
         for end, limit in ((-np.inf, problem.lower), (np.inf, problem.upper))
     ]
-    found = least_squares(
+    found = optimize.least_squares(
         lambda x: errors(x)[0], start, lambda x: errors(x)[1], bounds, max_nfev=_MAX_STEPS
     )
     changes = [found.x[:n][of_joint == i] @ joint.directions for i, joint in enumerate(fitted)]

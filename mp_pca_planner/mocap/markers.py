@@ -21,14 +21,16 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import check_form, load_yaml, read_text, reading
 from ..input_limits import INPUT_LIMITS
+from ..lazy import LazyModule
 from ..recordings.bags import MARKER_ARRAY, Bag, open_bag
 from ..recordings.joint_states import NS_PER_S, IntArray
+
+transform = LazyModule("scipy.spatial.transform")
 
 BaseMotion = Literal["moving", "identity"]
 BASE_MOTIONS: tuple[BaseMotion, ...] = get_args(BaseMotion)
@@ -400,5 +402,5 @@ def _point(poses: FloatArray, marker: MarkerPlacement) -> FloatArray:
     if any(marker.offset):
         turned = np.isfinite(poses).all(axis=1) & poses[:, 3:].any(axis=1)
         points[~turned] = np.nan
-        points[turned] += Rotation.from_quat(poses[turned, 3:]).apply(marker.offset)
+        points[turned] += transform.Rotation.from_quat(poses[turned, 3:]).apply(marker.offset)
     return points

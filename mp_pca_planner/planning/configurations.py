@@ -12,13 +12,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from ..exceptions import GoalError
+from ..lazy import LazyModule
 from ..motion.goal import Pose
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
+
+lapack = LazyModule("scipy.linalg.lapack")
 
 POSE_TOLERANCE = 1e-6
 """Largest error of a reached pose [m or rad]."""

@@ -30,10 +30,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from ..arrays import FloatArray
+from ..lazy import LazyModule
 from .options import SolverOptions
+
+lapack = LazyModule("scipy.linalg.lapack")
 
 if TYPE_CHECKING:
     from .program.motion_program import MotionPoint, MotionProgram

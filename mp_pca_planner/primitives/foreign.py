@@ -13,11 +13,13 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..arrays import FloatArray
 from ..exceptions import quote_names
+from ..lazy import LazyModule
 from .motion_statistics import MotionStatistics
+
+spatial = LazyModule("scipy.spatial")
 
 # Fewer recordings don't show what is usual.
 _MIN_RECORDINGS = 4
@@ -101,7 +103,7 @@ def _copies(curves: FloatArray, recordings: Sequence[str]) -> dict[str, str]:
     """Recordings that hold a motion of another one, but for noise or another rate, and why."""
     points = curves.reshape(len(curves), -1) / np.sqrt(curves.shape[1])
     n_nearest = min(4, len(points))
-    apart, nearest = cKDTree(points).query(
+    apart, nearest = spatial.cKDTree(points).query(
         points, range(1, n_nearest + 1), distance_upper_bound=_COPY
     )
     found: dict[str, str] = {}

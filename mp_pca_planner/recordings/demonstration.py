@@ -8,10 +8,10 @@ import hashlib
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
 
 from ..arrays import (
     MAX_SIZE,
@@ -22,6 +22,12 @@ from ..arrays import (
     unique_names,
 )
 from ..exceptions import RecordingError
+from ..lazy import LazyModule
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
+
+interpolate = LazyModule("scipy.interpolate")
 
 TIME_COLUMNS = ("time", "t", "time_s", "timestamp", "stamp")
 """Names of a column of times [s]."""
@@ -282,7 +288,7 @@ class Demonstration:
 
     def curve(self) -> CubicHermiteSpline:
         """Positions by time [s], a function: what :meth:`at` evaluates."""
-        return CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
+        return interpolate.CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
 
 
 def _shape_hint(shape: tuple[int, ...], n_times: int) -> str:

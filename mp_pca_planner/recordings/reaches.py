@@ -9,16 +9,22 @@ demonstrations of one task do; their ends, timing and speed differ.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError
+from ..lazy import LazyModule
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .demonstration import Demonstration
 from .synthetic import SyntheticRecording, bell, progress
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+interpolate = LazyModule("scipy.interpolate")
 
 # Largest distance from the middle of a joint's range that is used [rad or m].
 _MAX_REACH = 2.0
@@ -119,7 +125,7 @@ def _reach(
         duration = arm.duration(path, rng.uniform(*_HASTE))
         if duration is not None:
             knots = phases[:, 0] * duration
-            return CubicSpline(knots, path, bc_type="clamped"), float(knots[-1])
+            return interpolate.CubicSpline(knots, path, bc_type="clamped"), float(knots[-1])
     raise RecordingError(
         f"no reach of {len(peak_shifts)} joints was found that keeps the limits of the robot: "
         "there may be some of fewer joints, such as those of one arm"
@@ -159,7 +165,7 @@ def reach_recording(
             now += motion.duration
     grid = np.arange(0.0, now + _REST[1], 1.0 / _RATE)
     # Monotone interpolation: a spline would ring in the rests.
-    curve = PchipInterpolator(np.concatenate(times), np.concatenate(path))
+    curve = interpolate.PchipInterpolator(np.concatenate(times), np.concatenate(path))
     positions = curve(np.clip(grid, times[0][0], times[-1][-1]))
     positions += rng.normal(0.0, _SENSOR_NOISE, positions.shape)
     resting = np.tile(list(still.values()), (len(grid), 1))
@@ -234,7 +240,7 @@ class _Arm:
         The speed peaks at the share `haste` of a velocity limit, unless accelerations and efforts
         require more time.
         """
-        curve = CubicSpline(np.linspace(0.0, 1.0, len(path)), path, bc_type="clamped")
+        curve = interpolate.CubicSpline(np.linspace(0.0, 1.0, len(path)), path, bc_type="clamped")
         phases = np.linspace(0.0, 1.0, 2 * len(path) - 1)
         q, slope, bend = (curve(phases, order) for order in range(3))
         if np.any(q < self._limits.lower) or np.any(q > self._limits.upper):

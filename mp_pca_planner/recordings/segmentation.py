@@ -17,12 +17,13 @@ from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
+from ..lazy import LazyModule
 from .recording import Samples
+
+interpolate, signal = LazyModule("scipy.interpolate"), LazyModule("scipy.signal")
 
 CUTOFF = 8.0
 """Cut-off of the low-pass [Hz]; 6 to 10 Hz is usual for movements of the human arm."""
@@ -85,7 +86,7 @@ def smooth(piece: Samples, rate: float) -> SmoothPiece:
         position = np.interp(times, piece.times, recorded)
         if rate >= _FILTERED_RATE * CUTOFF:
             position = _filtered(position, rate)
-        spline = make_interp_spline(times, position, k=_DEGREE)
+        spline = interpolate.make_interp_spline(times, position, k=_DEGREE)
         for order in range(3):
             curves[order, :, joint] = spline(grid, nu=order)
     positions, velocities, accelerations = curves
@@ -99,10 +100,10 @@ def _grid(times: FloatArray, rate: float) -> FloatArray:
 
 
 def _filtered(position: FloatArray, rate: float) -> FloatArray:
-    low_pass = butter(_ORDER, CUTOFF, fs=rate, output="sos")
+    low_pass = signal.butter(_ORDER, CUTOFF, fs=rate, output="sos")
     # Padding over the impulse response of the filter; the default is shorter.
     padding = min(len(position) - 1, round(2 * rate / CUTOFF))
-    return np.asarray(sosfiltfilt(low_pass, position, padlen=padding), dtype=np.float64)
+    return np.asarray(signal.sosfiltfilt(low_pass, position, padlen=padding), dtype=np.float64)
 
 
 Span = tuple[int, int]
@@ -339,7 +340,7 @@ def _split_at_valleys(piece: SmoothPiece, speed: FloatArray, run: Span, window: 
     beside it become one, until all cuts are deep enough: ripple on a flank does not hide a valley.
     Cuts beside a part of fewer steps than `window` are removed first.
     """
-    minima, _ = find_peaks(-speed[run[0] : run[1] + 1])
+    minima, _ = signal.find_peaks(-speed[run[0] : run[1] + 1])
     bounds = [run[0], *(run[0] + int(step) for step in minima), run[1]]
     enough = [_share_that_cuts(piece.positions, cut, window) for cut in bounds[1:-1]]
     peaks = [float(speed[first : last + 1].max()) for first, last in pairwise(bounds)]

@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.special import betainc
 
 from ..arrays import FloatArray, check_number
 from ..exceptions import RecordingError
+from ..lazy import LazyModule
 from .bags import write_joint_states
 from .demonstration import Demonstration
+
+interpolate, special = LazyModule("scipy.interpolate"), LazyModule("scipy.special")
 
 JOINT_NAMES = ("shoulder1", "shoulder2", "shoulder3", "elbow")
 
@@ -172,7 +173,9 @@ def continuous_recording(
     # Where there is no rest, the end of a motion is the start of the next one.
     at, first = np.unique(np.concatenate([*knots, [now]]), return_index=True)
     # Monotone interpolation: a spline would ring in the rests.
-    curve = PchipInterpolator(at, np.concatenate([*path, motions[-1].positions[-1:]])[first])
+    curve = interpolate.PchipInterpolator(
+        at, np.concatenate([*path, motions[-1].positions[-1:]])[first]
+    )
     times = np.arange(int(now * rate) + 1) / rate
     positions = curve(times) + _tremor(times, _TREMOR_AT_REST, rng)
     positions += rng.normal(0.0, _SENSOR_NOISE, positions.shape)
@@ -246,7 +249,7 @@ def _move(
         + detour * bell(phases, rng.uniform(*_DETOUR_PEAK))
         + _tremor(times, _TREMOR_IN_MOTION, rng) * bell(phases, 0.5)
     )
-    curve = CubicSpline(times, positions)
+    curve = interpolate.CubicSpline(times, positions)
     return Demonstration.of_curve(JOINT_NAMES, curve, times, "made up")
 
 
@@ -256,7 +259,7 @@ def progress(phases: FloatArray, peaks: FloatArray) -> FloatArray:
     The speed peaks at the phase a / (a + b). For a = b = 2 this is the minimum-jerk motion: Flash
     and Hogan, J. Neurosci. 5(7), 1985.
     """
-    return np.asarray(betainc(4.0 * peaks + 1.0, 4.0 * (1.0 - peaks) + 1.0, phases))
+    return np.asarray(special.betainc(4.0 * peaks + 1.0, 4.0 * (1.0 - peaks) + 1.0, phases))
 
 
 def bell(phases: FloatArray, peak: float) -> FloatArray:

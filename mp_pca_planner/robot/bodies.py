@@ -9,17 +9,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import coal
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..exceptions import RobotError, WorldError, unknown_name
 from ..input_limits import INPUT_LIMITS
+from ..lazy import LazyModule
 from .meshes import MeshSolid, find_mesh, scaled
 from .urdf import Description, StatedShape
 from .world import Box, Capsule, Cylinder, Mesh, Shape, Sphere, World
+
+coal, pin = LazyModule("coal"), LazyModule("pinocchio")
 
 Solid = tuple[Any, Any, MeshSolid | None]
 """A shape for the distance library, its convex hull (the same object if it is convex), and the

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import coal
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..lazy import LazyModule
 from .bodies import Bodies
+
+coal, pin = LazyModule("coal"), LazyModule("pinocchio")
 
 JointPoses = tuple[FloatArray, FloatArray]
 """Orientations and origins [m] of all joints in some configurations, in the base frame.

@@ -10,12 +10,14 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RobotError
+from ..lazy import LazyModule
 from .urdf import Description
+
+pin = LazyModule("pinocchio")
 
 _NOT_A_LINK = " (joint)"
 # Share of the largest principal moment below which the smallest one counts as 0.

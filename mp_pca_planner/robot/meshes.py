@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +22,9 @@ from ..arrays import FloatArray
 from ..exceptions import WorldError, printable
 from ..files import read_bytes, read_text, reading
 from ..input_limits import INPUT_LIMITS
+from ..lazy import LazyModule
+
+coal = LazyModule("coal")
 
 SUFFIXES = (".stl", ".obj", ".dae")
 """Ends of the names of accepted files."""

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray, check_number, frozen_array, unique_names
 from ..exceptions import RobotError, quote_names, unknown_name
 from ..files import read_text, reading
+from ..lazy import LazyModule
 from ..renaming import Rename
 from .bodies import Bodies
 from .joints import (
@@ -28,6 +28,8 @@ from .joints import (
 )
 from .limits import DRIVE_KEYS, JointLimits, Overrides, given_limits, merge_limits
 from .urdf import read_description
+
+pin = LazyModule("pinocchio")
 
 FRICTION_SPEED = 0.02
 """Velocity v₀ at which smoothed Coulomb friction reaches three quarters of its size [/s]."""

@@ -19,12 +19,14 @@ from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ..arrays import FloatArray
 from ..exceptions import RobotError, printable, quote_names
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
+from ..lazy import LazyModule
+
+pin = LazyModule("pinocchio")
 
 # Numbers of shapes in attributes: how many.
 _SHAPES = {

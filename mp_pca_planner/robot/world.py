@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import (
@@ -23,7 +22,10 @@ from ..arrays import (
 )
 from ..exceptions import PlannerError, WorldError, quote_names, shown, unknown_name
 from ..input_limits import INPUT_LIMITS
+from ..lazy import LazyModule
 from .meshes import MeshSolid, is_point, read_mesh, solid_of
+
+pin = LazyModule("pinocchio")
 
 _ORIGIN, _UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 # Deviation of a quaternion's length from 1: files often hold few digits.

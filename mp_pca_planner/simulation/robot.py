@@ -15,14 +15,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import lapack
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError
+from ..lazy import LazyModule
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
 from ..robot.model import Robot
 from .controller import TrajectoryController, TrajectoryMessage, to_message
+
+lapack = LazyModule("scipy.linalg.lapack")
 
 PERIOD = 1e-3
 """Time of one step [s]."""

@@ -92,6 +92,31 @@ runpy.run_module("{PACKAGE}", run_name="__main__")
     assert loaded.isdisjoint({"rclpy", "numpy", *(f"{PACKAGE}.cli.{name}" for name in COMMANDS)})
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "plan none.npz --robot arm.urdf --start 0 --goal 0",
+        "plan none.npz --robot arm.urdf --start 0 --goal 0 --timing fast",
+        "build_primitives none.mcap --output a.npz",
+        "inspect none.mcap",
+        "refine none.npz --robot arm.urdf --start 0 --goal 0",
+        "verify --help",
+        "teach --outptu a.npz",
+    ],
+)
+def test_refusals_wait_for_no_large_library(words: str, tmp_path: Path) -> None:
+    code = f"""
+import atexit, runpy, sys
+atexit.register(lambda: print("loaded", *sys.modules))
+sys.argv = ["{PACKAGE}", *{words.split()}]
+runpy.run_module("{PACKAGE}", run_name="__main__")
+"""
+    result = run([sys.executable, "-c", code], tmp_path, PYTHONPATH=str(ROOT))
+    loaded = result.stdout.rpartition("loaded")[2].split()
+    assert result.returncode == (0 if "--help" in words else 2) and "numpy" in loaded
+    assert set(loaded).isdisjoint({"pinocchio", "coal", "scipy.linalg", "matplotlib", "ompl"})
+
+
 def test_unknown_command_is_refused_in_one_line_with_the_valid_ones(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -14,15 +14,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from ...arrays import FloatArray
+from ...lazy import LazyModule
 from ...motion.interpolation import quintics
 from ...primitives.basis import BSplineBasis, SumBasis
 from ...primitives.primitive import MovementPrimitive
 from ..motion import Motion, Tables
 from ..options import PlannerOptions
 from ..request import RequestSegment
+
+linalg = LazyModule("scipy.linalg")
 
 # Number of starts from demonstrations with similar ends.
 _N_NEAREST = 3
@@ -181,7 +183,7 @@ class BasisStore:
         # The path is no demonstration: it counts as little at any naturalness.
         share = MIN_NATURALNESS / max(naturalness, MIN_NATURALNESS)
         of_path = np.eye(n_splines) * (share / _PATH_SPREAD**2)
-        precision = block_diag(natural.precision, of_path)
+        precision = linalg.block_diag(natural.precision, of_path)
         n_components = natural.weights.size
         return MotionBasis(tables, weights, precision, n_components, (weights,), is_detour=True)
 
@@ -208,7 +210,7 @@ class BasisStore:
         return MotionBasis(
             tables,
             np.append(narrow.expected, none),
-            block_diag(narrow.precision, np.eye(splines.n_weights) / usual**2),
+            linalg.block_diag(narrow.precision, np.eye(splines.n_weights) / usual**2),
             narrow.n_components,
             tuple(np.append(start, none) for start in narrow.starts),
         )
