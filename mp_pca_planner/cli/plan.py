@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..arrays import by_name
 from ..exceptions import GoalError, PlannerError, quote_names
@@ -22,11 +22,7 @@ from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.options import MOST_STARTS, PlannerOptions
 from ..planning.path_constraints import path_constraints
 from ..planning.plan import ALREADY_THERE, Plan
-from ..planning.planner import Planner
-from ..planning.report import collision_words
 from ..planning.self_collision import robot_collision
-from ..plotting.motion import plan_figure
-from ..plotting.style import picture
 from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import limits_file_note
@@ -37,6 +33,9 @@ from .common import check_motion_file, check_output, show, write_motion
 from .goal_arguments import planned_goal, start_positions
 from .options import add_report, add_request, limits_given
 from .terminal import DONE, FAILED, PROGRAM, complain
+
+if TYPE_CHECKING:
+    from ..planning.planner import Planner
 
 _MAX_SOLVE_TIME = 5.0  # s; a sequence has no limit of time
 
@@ -73,6 +72,9 @@ def run(arguments: argparse.Namespace) -> int:
         why = "the motion must not be executed" if plan.motions else "there is no motion"
         complain(f"{PROGRAM} plan: '{output}' is not written: {why}")
     if plot is not None and plan.motions:
+        from ..plotting.motion import plan_figure
+        from ..plotting.style import picture
+
         with picture(plot, force=force) as figure:
             plan_figure(figure, plan)
     made = (output if plan.is_executable else None, plot if plan.motions else None)
@@ -131,6 +133,8 @@ class PlannedRequest:
 
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
         """What is printed of the request and of a motion planned for it."""
+        from ..planning.report import collision_words
+
         motions, check = self.plan.motions, self.planner.collision
         ends = self.plan.trajectory.positions[[0, -1]]
         states = [motion.start.positions for motion in motions[:1]]
@@ -168,6 +172,8 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     robot = robot.with_drives(given)
     limits, (collision, remarks) = robot.limits(given), _collision(arguments, robot, primitives)
     goal = planned_goal(arguments, robot)
+    from ..planning.planner import Planner  # after the arguments and files were read
+
     planner = Planner(robot, primitives, limits, _options(arguments, robot), collision or False)
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
     frame = arguments.frame or robot.end_effector
