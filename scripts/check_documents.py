@@ -34,7 +34,7 @@ READ_FIRST = [
 ]
 
 LAYERS = [
-    {"exceptions", "arrays", "files", "input_limits", "renaming"},
+    {"exceptions", "arrays", "files", "input_limits", "lazy", "renaming"},
     {"robot"},
     {"motion"},
     {"recordings", "mocap", "primitives"},
