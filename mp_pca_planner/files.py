@@ -155,37 +155,25 @@ def read_text(path: str | Path, max_bytes: int = INPUT_LIMITS.text_bytes) -> str
 
 
 def load_yaml(text: str | bytes) -> Any:
-    """Parse YAML without aliases and dates, with bounded values and nesting.
+    """Parse YAML of bounded size and nesting, without aliases and dates.
 
     Raises
     ------
     yaml.YAMLError, ValueError, …
         If the text is malformed or exceeds a bound: call it within :func:`reading`.
     """
-    limits = INPUT_LIMITS
-    if len(text) > limits.yaml_bytes:
+    most, depth = INPUT_LIMITS.yaml_depth, 0
+    if len(text) > INPUT_LIMITS.yaml_bytes:
         raise ValueError(
-            f"it is larger than {limits.yaml_bytes:,} bytes, the largest size accepted"
+            f"it is larger than {INPUT_LIMITS.yaml_bytes:,} bytes, the largest size accepted"
         )
-    depth, deep = 0, f"it is nested more than {limits.yaml_depth} levels deep"
-    try:
-        for event in yaml.parse(text, Loader=_Loader):
-            depth += isinstance(event, yaml.CollectionStartEvent)
-            depth -= isinstance(event, yaml.CollectionEndEvent)
-            if depth > limits.yaml_depth:
-                raise ValueError(deep)
-            if isinstance(event, yaml.AliasEvent):
-                raise ValueError(f"aliases of YAML (*{event.anchor:.40}) are not accepted")
-            if (
-                isinstance(event, yaml.ScalarEvent)
-                and len(event.value.encode()) > limits.yaml_value_bytes
-            ):
-                raise ValueError(f"a value has more than {limits.yaml_value_bytes:,} bytes")
-    except yaml.MarkedYAMLError as error:
-        # LibYAML reads ahead, and has a bound of its own.
-        if "nesting depth" in str(error.problem):
-            raise ValueError(deep) from None
-        raise
+    for event in yaml.parse(text, Loader=_Loader):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > most:
+            raise ValueError(f"it is nested more than {most} levels deep")
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError(f"aliases of YAML (*{event.anchor:.40}) are not accepted")
     return yaml.load(text, Loader=_Loader)
 
 

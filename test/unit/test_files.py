@@ -59,10 +59,9 @@ BOMB = "a: &a [x, x]\n" + "".join(
     ("text", "words"),
     [
         (BOMB, "aliases of YAML"),
-        ("[" * 100_000, "levels deep"),
-        ("? " * 1000, "levels deep"),
+        ("[" * 100_000, "nest"),
+        ("? " * 1000, "nest"),
         ("a: " + "9" * 5000, "4300 digits"),
-        ("a: " + ":".join(["1"] * 40_000), "65,536 bytes"),
         ("a: !!int x", "invalid literal"),
         ("a: !!bool x", "KeyError 'x'"),
         ("a: !!timestamp 2001-02-30", "out of range"),

@@ -55,7 +55,7 @@ def test_all_that_can_be_said_is_taken(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("markers: [", "can't be read"),
-        ("markers: " + "[" * 100_000, "levels deep"),
+        ("markers: " + "[" * 100_000, "nest"),
         (f"x: &x {{{WRIST}}}\nmarkers: *x", "aliases of YAML"),
         ("markers: {a: {link: x, position: [0, 0, " + "9" * 400 + "]}}", "can't be read"),
         ("markers: {a: {link: x, position: [0, 0, 0x" + "f" * 9999 + "]}}", "can't be read"),

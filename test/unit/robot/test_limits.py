@@ -92,7 +92,7 @@ def test_a_file_with_degrees_and_keys_of_pilz_is_read(tmp_path):
         ("joint_limits: {a: {max_velocity: 2001-02-30}}", "'2001-02-30', not a number"),
         ("joint_limits: {a: {max_velocity: !!timestamp 2001-02-30}}", "can't be read"),
         ("joint_limits: {a: {max_velocity: " + "9" * 400 + "}}", "can't be read: int too large"),
-        ("joint_limits: " + "[" * 100_000, "levels deep"),
+        ("joint_limits: " + "[" * 100_000, "nest"),
         ("joint_limits: {a: &x {max_velocity: 1}, b: *x}", "aliases of YAML"),
         ("joint_limits: !!python/object/apply:os.getcwd []", "can't be read"),
     ],
