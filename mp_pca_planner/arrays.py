@@ -227,15 +227,15 @@ def read_numbers(text: str, what: str) -> list[float]:
     """
     inner = text.strip()
     inner = inner[1:-1] if inner[:1] == "[" and inner[-1:] == "]" else inner
-    found = []
+    numbers = []
     for part in inner.replace(",", " ").split():
         try:
-            found.append(float(part))
+            numbers.append(float(part))
         except ValueError:
             raise GoalError(f"{what} is '{part}', not a number") from None
-        if not np.isfinite(found[-1]):
+        if not np.isfinite(numbers[-1]):
             raise GoalError(f"{what} is '{part}', but only finite numbers are accepted")
-    return found
+    return numbers
 
 
 def read_values(
@@ -266,10 +266,10 @@ def read_values(
             raise GoalError(f"{what}: {unknown_name(kind, name, names or ())}")
         if name in values:
             raise GoalError(f"{what}: {kind} '{name}' is given more than once")
-        found = read_numbers(number or default, f"{what}: the value of {kind} '{name}'")
-        if len(found) != 1:
+        numbers = read_numbers(number or default, f"{what}: the value of {kind} '{name}'")
+        if len(numbers) != 1:
             raise GoalError(f"{what}: {kind} '{name}' needs a value, as in name=value,…")
-        values[name] = found[0]
+        values[name] = numbers[0]
     return values
 
 

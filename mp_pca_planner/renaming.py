@@ -51,9 +51,9 @@ def new_name(name: str, rename: Rename, source: str = "") -> str:
     """The new name by the first pattern that the name, or ``SOURCE/NAME``, matches."""
     for old, new in rename.items():
         pattern = re.compile("(.*)".join(map(re.escape, old.split("*"))))
-        found = pattern.fullmatch(name) or (source and pattern.fullmatch(f"{source}/{name}"))
-        if found:
+        match = pattern.fullmatch(name) or (source and pattern.fullmatch(f"{source}/{name}"))
+        if match:
             first, *others = new.split("*")
-            texts = zip(found.groups(), others, strict=False)
+            texts = zip(match.groups(), others, strict=False)
             return first + "".join(text + after for text, after in texts)
     return name

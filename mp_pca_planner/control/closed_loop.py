@@ -153,8 +153,8 @@ def simulate(
     RobotError
         If a moving link of the robot or of the model has no valid inertia.
     """
-    for one in (robot, loop.model):
-        one.require_inertias("simulations")
+    for some_robot in (robot, loop.model):
+        some_robot.require_inertias("simulations")
     desired, limits, period = loop.reference, loop.effort_limits, loop.period
     feedforward = loop.model.inverse_dynamics(*desired)
     q, v = desired[0, 0] - start_error, desired[1, 0]
@@ -257,8 +257,8 @@ def verify(
     worst = np.empty((n_trials, loop.model.n_joints))
     held = saturated = 0
     for trial in range(n_trials):
-        found, efforts = simulate(loop, *errors.sample(loop.model, rng, extreme=trial % 2 == 0))
-        magnitude = np.abs(found)
+        error, efforts = simulate(loop, *errors.sample(loop.model, rng, extreme=trial % 2 == 0))
+        magnitude = np.abs(error)
         worst[trial] = magnitude.max(axis=0)
         held += error_bound is not None and bool(np.all(magnitude <= error_bound))
         saturated += bool(np.any(np.abs(efforts) >= loop.effort_limits))

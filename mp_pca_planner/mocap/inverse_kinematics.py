@@ -407,10 +407,10 @@ def fit_origins(
         np.append(np.full(n, end), np.tile(limit, len(q)))
         for end, limit in ((-np.inf, problem.lower), (np.inf, problem.upper))
     ]
-    found = optimize.least_squares(
+    fit = optimize.least_squares(
         lambda x: errors(x)[0], start, lambda x: errors(x)[1], bounds, max_nfev=_MAX_STEPS
     )
-    changes = [found.x[:n][of_joint == i] @ joint.directions for i, joint in enumerate(fitted)]
+    changes = [fit.x[:n][of_joint == i] @ joint.directions for i, joint in enumerate(fitted)]
     origins = {joint.joint: joint.origin + x for joint, x in zip(fitted, changes, strict=True)}
     notes = tuple(
         f"joint '{joint.joint}' fits the markers best at ({_millimetres(origins[joint.joint])}) mm "

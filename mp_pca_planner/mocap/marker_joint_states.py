@@ -268,10 +268,10 @@ def fit_poses(
     correlation = np.einsum(
         "kp,kpi,kpj->kij", weights, measured - centres, there - local_centres, optimize=True
     )
-    left, _, right = np.linalg.svd(correlation)
+    u, _, right = np.linalg.svd(correlation)
     # The nearest orthogonal matrix may be a reflection; then the weakest direction is turned.
-    left[:, :, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
-    rotations = left @ right
+    u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(right))[:, None]
+    rotations = u @ right
     translations = centres[:, 0] - np.einsum("kij,kj->ki", rotations, local_centres[:, 0])
     loose = ~fix_a_pose(points, weights)
     rotations[loose], translations[loose] = np.nan, np.nan

@@ -249,7 +249,7 @@ def read_markers(
             raise RecordingError(f"marker '{name}' has no finite position in '{path}'")
         frames[bodies[name].frame].append(name)
     if len(frames) > 1:
-        listed = "; ".join(f"'{frame}': {quote_names(own)}" for frame, own in frames.items())
+        listed = "; ".join(f"'{frame}': {quote_names(names)}" for frame, names in frames.items())
         raise RecordingError(
             f"the markers are given in different frames ({listed}), but must be in one"
         )
@@ -262,11 +262,11 @@ def read_markers(
 
 def _read_samples(bag: Bag, topic: str) -> dict[str, _Samples]:
     """Samples of all bodies on a topic, or on the topics below it."""
-    on_topic = [found for found in bag.topics if found.name == topic]
-    if arrays := [found for found in on_topic if found.type == MARKER_ARRAY]:
+    on_topic = [item for item in bag.topics if item.name == topic]
+    if arrays := [item for item in on_topic if item.type == MARKER_ARRAY]:
         messages = ((t, bag.deserialise(source, x)) for source, t, x in bag.messages(arrays))
         return _marker_array(messages)
-    if chosen := [found for found in on_topic if found.type in TF_TYPES]:
+    if chosen := [item for item in on_topic if item.type in TF_TYPES]:
         return _bodies(bag, chosen, lambda _: "")
     wildcard = topic if "*" in topic else f"{topic.rstrip('/')}/*"
     before, _, after = wildcard.partition("*")
@@ -285,7 +285,7 @@ def _marker_array(messages: Iterator[tuple[int, Any]]) -> dict[str, _Samples]:
     """Poses in all messages, NaN where a marker is not in the message."""
     stamps, several, frames = array("q"), set[str](), dict[tuple[str, int], str]()
     # Rows and poses by namespace and id, in flat arrays: a long recording needs little more memory.
-    found = defaultdict[tuple[str, int], "array[float]"](lambda: array("d"))
+    flats = defaultdict[tuple[str, int], "array[float]"](lambda: array("d"))
     for row, (receive, message) in enumerate(messages):
         # Only added arrows, cubes, spheres and cylinders are at one place.
         shown = [x for x in message.markers if x.action == 0 and x.type in range(4)]
@@ -294,12 +294,12 @@ def _marker_array(messages: Iterator[tuple[int, Any]]) -> dict[str, _Samples]:
         for marker in shown:
             key = str(marker.ns), int(marker.id)
             frames.setdefault(key, str(marker.header.frame_id))
-            found[key].extend((row, *_pose(marker.pose.position, marker.pose.orientation)))
+            flats[key].extend((row, *_pose(marker.pose.position, marker.pose.orientation)))
         spaces = Counter(space for space, _ in {(str(x.ns), int(x.id)) for x in shown})
         several.update(space for space, count in spaces.items() if count > 1)
     times = np.array(stamps).reshape(-1, 2)
     samples: dict[str, _Samples] = {}
-    for (space, number), flat in found.items():
+    for (space, number), flat in flats.items():
         rows = np.array(flat).reshape(-1, 8)
         name = f"{space}/{number}" if space in several else space or str(number)
         empty = np.full((len(times), 7), np.nan)
@@ -312,12 +312,12 @@ def _marker_array(messages: Iterator[tuple[int, Any]]) -> dict[str, _Samples]:
 def _bodies(bag: Bag, topics: Sequence[Any], named: Callable[[str], str]) -> dict[str, _Samples]:
     """Samples by name: that of the topic, or of the frame in messages of several."""
     # Frame, stamps and poses by name, in flat arrays.
-    found: dict[str, tuple[str, array[int], array[float]]] = {}
+    tracks: dict[str, tuple[str, array[int], array[float]]] = {}
     for topic, receive, data in bag.messages(topics):
         message = bag.deserialise(topic, data)
         for name, header, *pose in _poses(message, topic.type, named(topic.name)):
             frame = str(header.frame_id).lstrip("/")
-            first, stamps, poses = found.setdefault(name, (frame, array("q"), array("d")))
+            first, stamps, poses = tracks.setdefault(name, (frame, array("q"), array("d")))
             if first != frame:
                 raise RecordingError(
                     f"'{name}' is given in two frames in '{topic.name}', '{first}' and "
@@ -327,7 +327,7 @@ def _bodies(bag: Bag, topics: Sequence[Any], named: Callable[[str], str]) -> dic
             poses.extend(_pose(*pose))
     return {
         name: _Samples(np.array(stamps).reshape(-1, 2), np.array(poses).reshape(-1, 7), frame)
-        for name, (frame, stamps, poses) in found.items()
+        for name, (frame, stamps, poses) in tracks.items()
     }
 
 

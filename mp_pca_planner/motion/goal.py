@@ -319,15 +319,15 @@ def joint_positions(
         If the value is no state of these joints.
     """
     state = as_state(value, joint_names, what)
-    found = {} if others is None else by_name(joint_names, others)
+    known = {} if others is None else by_name(joint_names, others)
     for name, position in zip(state.joint_names, state.positions, strict=True):
         if name not in joint_names:
             raise GoalError(f"{what}: {unknown_name('joint', name, joint_names)}")
-        found[name] = position
-    missing = [name for name in joint_names if name not in found]
+        known[name] = position
+    missing = [name for name in joint_names if name not in known]
     if missing:
         raise GoalError(f"{what} lacks a position for {quote_names(missing)}")
-    return np.array([found[name] for name in joint_names])
+    return np.array([known[name] for name in joint_names])
 
 
 def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None = None) -> Goal:
@@ -357,8 +357,8 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     if _is_several(value):
         _check_count(len(value))
         targets = [
-            one if isinstance(one, Pose) else as_state(one, joint_names, f"target {i}")
-            for i, one in enumerate(value, 1)
+            target if isinstance(target, Pose) else as_state(target, joint_names, f"target {i}")
+            for i, target in enumerate(value, 1)
         ]
         times = (*(None for _ in targets[1:]), duration)
         return SequenceGoal(tuple(targets), times)
@@ -383,7 +383,7 @@ def _is_several(value: object) -> TypeGuard[Sequence[TargetLike]]:
     kinds = (JointState, Pose, Mapping, Sequence, np.ndarray)
     # A range is a sequence of any length.
     is_list = isinstance(value, Sequence) and not isinstance(value, range)
-    return is_list and any(isinstance(one, kinds) for one in cast(Sequence[Any], value))
+    return is_list and any(isinstance(target, kinds) for target in cast(Sequence[Any], value))
 
 
 def _named(value: Any, what: str, *kinds: type) -> Any:

@@ -151,10 +151,10 @@ def segment_ends(
         straight = ~np.isfinite(v).all(axis=0)
         lower = straight | ~np.isfinite(a).all(axis=0)
         step = np.diff(positions, axis=0)
-        v = [np.where(straight, step, own) for own in v]
+        v = [np.where(straight, step, stated) for stated in v]
         # The second derivatives of the cubic; of a straight line they are zero.
         cubic = [6.0 * step - 4.0 * v[0] - 2.0 * v[1], -6.0 * step + 2.0 * v[0] + 4.0 * v[1]]
-        a = [np.where(lower, own, given) for own, given in zip(cubic, a, strict=True)]
+        a = [np.where(lower, rate, given) for rate, given in zip(cubic, a, strict=True)]
     ends = np.array([positions[:-1], v[0], a[0], positions[1:], v[1], a[1]])
     return ends.transpose(1, 0, 2)
 

@@ -149,17 +149,17 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
         tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
         compared.append(_magnitude("effort", tau, limits.effort))
         times.append(dense.times)
-    found, n_violated = list[Violation](), 0
+    violations, n_violated = list[Violation](), 0
     for moments, (quantity, values, bound, excess) in zip(times, compared, strict=True):
         for j, (name, k) in enumerate(zip(limits.joint_names, excess.argmax(axis=0), strict=True)):
             if not excess[k, j] <= -LIMIT_NEAR:  # a NaN is a violation
                 at = (moments[k], values[k, j], bound[j], excess[k, j])
-                found.append(Violation(quantity, name, *map(float, at)))
-                n_violated += not found[-1].excess <= LIMIT_TOLERANCE
-    found.sort(key=lambda violation: -violation.excess)
+                violations.append(Violation(quantity, name, *map(float, at)))
+                n_violated += not violations[-1].excess <= LIMIT_TOLERANCE
+    violations.sort(key=lambda violation: -violation.excess)
     efforts = None if np.isnan(at_points).any() else at_points
     remark = "" if np.array_equal(start, inside) else _start_remark(start, inside, limits)
-    return LimitCheck(tuple(found[:n_violated]), tuple(found), efforts, remark)
+    return LimitCheck(tuple(violations[:n_violated]), tuple(violations), efforts, remark)
 
 
 def nearest_start(positions: FloatArray, limits: JointLimits) -> FloatArray:

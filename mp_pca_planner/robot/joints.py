@@ -52,20 +52,16 @@ class JointOrder:
         Raises
         ------
         RobotError
-            If the values are not numbers, or have another shape.
+            If they have another shape.
         """
-        n_joints = len(self.to_pin)
-        expected: tuple[int | None, ...] = (*(None,) * (n_dims - 1), n_joints)
-        found: list[FloatArray] = []
-        for x in arrays:
-            # The innermost loop of planning has arrays of floats.
-            is_array = isinstance(x, np.ndarray) and x.dtype == np.float64 and x.ndim == n_dims
-            is_usual = is_array and x.shape[-1] == n_joints
-            if not is_usual or (found and x.shape != expected):
-                x = frozen_array(x, expected, "values of the joints", RobotError)
-            expected = x.shape
-            found.append(self.sorted(x))
-        return found
+        values = [np.asarray(x, dtype=np.float64) for x in arrays]
+        expected = (*values[0].shape[: n_dims - 1], len(self.to_pin))
+        for x in values:
+            if x.shape != expected or x.ndim != n_dims:
+                raise RobotError(
+                    f"values of the joints must have the shape {expected}, got {x.shape}"
+                )
+        return [self.sorted(x) for x in values]
 
     def sorted(self, x: FloatArray) -> FloatArray:
         """Values of the user's joints, along the last axis, in Pinocchio's order."""
@@ -137,7 +133,7 @@ class LockedModel:
             {f.parentJoint for f in model.frames if f.type == pin.FrameType.BODY and f.name in some}
             for some in (self._colliding, links)
         )
-        found = []
+        relevant = []
         for joint in self._locked:
             carried, carriers = set(model.subtrees[joint]), set(model.supports[joint])
             is_carried = bool(moving & carriers)
@@ -147,16 +143,16 @@ class LockedModel:
                 or (is_carried and has_mass)
                 or ((is_carried or pairs) and carried & shapes)
             ):
-                found.append(model.names[joint])
-        return tuple(found)
+                relevant.append(model.names[joint])
+        return tuple(relevant)
 
     def carriers(self, links: Collection[str]) -> tuple[str, ...]:
         """The locked joints that place joints that move, or some links."""
         model, body = self._full, pin.FrameType.BODY
         placed = {i for i in range(1, model.njoints) if i not in self._locked}
         placed |= {f.parentJoint for f in model.frames if f.type == body and f.name in links}
-        found = (joint for joint in self._locked if set(model.subtrees[joint]) & placed)
-        return tuple(model.names[joint] for joint in found)
+        carriers = (joint for joint in self._locked if set(model.subtrees[joint]) & placed)
+        return tuple(model.names[joint] for joint in carriers)
 
     def reduced(self) -> Any:
         """The model without locked joints.

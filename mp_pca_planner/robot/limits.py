@@ -144,15 +144,15 @@ def limits_file_note(path: str | Path | None) -> str:
     where, notes = f"limits file '{path}'", list[str]()
     names = (f"default_{rate}_scaling_factor" for rate in ("velocity", "acceleration"))
     with suppress(LimitsError), reading(where, LimitsError):
-        found = load_yaml(read_text(path)) if path else {"joint_limits": {}}
-        factors = {name: found[name] for name in names if name in found}
+        content = load_yaml(read_text(path)) if path else {"joint_limits": {}}
+        factors = {name: content[name] for name in names if name in content}
         scaled = [f"{name} {x:g}" for name, x in factors.items() if is_number(x) and x != 1.0]
         if scaled:
             notes.append(
                 f"MoveIt's {' and '.join(scaled)} are not applied: motions use the full limits; "
                 "for slower ones, lower the limits"
             )
-        keys = {str(key) for entry in found["joint_limits"].values() for key in entry}
+        keys = {str(key) for entry in content["joint_limits"].values() for key in entry}
         if ignored := sorted(keys - {*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES, *_DECELERATION}):
             notes.append(
                 f"{quote_names(ignored)} are ignored: limits are {quote_names(LIMIT_KEYS)}"

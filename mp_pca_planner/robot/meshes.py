@@ -90,8 +90,8 @@ def read_mesh(path: Path, resource: str = "") -> MeshContent:
     with reading(f"mesh '{printable(resource or str(path))}'", WorldError):
         if path.suffix.lower() not in SUFFIXES:
             raise ValueError(f"accepted are files of the formats {', '.join(SUFFIXES)}")
-        found = path.stat()
-        return _read(path, found.st_mtime_ns, found.st_size)
+        status = path.stat()
+        return _read(path, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=INPUT_LIMITS.kept_meshes)
@@ -103,7 +103,7 @@ def _read(path: Path, changed: int, size: int) -> MeshContent:
     content, suffix = read_bytes(path, INPUT_LIMITS.mesh_bytes), path.suffix.lower()
     if suffix == ".dae":
         try:
-            found = _collada(content)
+            surface = _collada(content)
         except collada.common.DaeError as error:
             raise ValueError(str(error)) from None
     else:
@@ -111,13 +111,13 @@ def _read(path: Path, changed: int, size: int) -> MeshContent:
         mesh = trimesh.load_mesh(
             io.BytesIO(content), file_type=suffix[1:], process=False, **options
         )
-        found = MeshContent(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-    if not len(found.triangles):
+        surface = MeshContent(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    if not len(surface.triangles):
         raise ValueError("it has no triangles")
-    _check_count(len(found.triangles))
-    if not np.isfinite(found.vertices[found.triangles]).all():
+    _check_count(len(surface.triangles))
+    if not np.isfinite(surface.vertices[surface.triangles]).all():
         raise ValueError("it has coordinates that are not finite")
-    return found
+    return surface
 
 
 def _check_count(n_triangles: int) -> None:
@@ -315,8 +315,8 @@ def solid_of(vertices: FloatArray, triangles: Triangles) -> MeshSolid:
     indices[order] = np.cumsum(is_new) - 1
     points, faces = used[order[is_new]], indices.reshape(-1, 3)
     key = hashlib.sha256(points.tobytes() + faces.tobytes()).digest()
-    found = _SOLIDS.get(key)
-    return _SOLIDS.setdefault(key, _solid(points, faces)) if found is None else found
+    known = _SOLIDS.get(key)
+    return _SOLIDS.setdefault(key, _solid(points, faces)) if known is None else known
 
 
 def _distinct(rows: NDArray[Any]) -> tuple[Triangles, NDArray[np.bool_]]:

@@ -194,7 +194,7 @@ def _mesh(message: Mapping[str, Any], name: str) -> Shape:
 
 def _pose(pose: Any, what: str) -> FloatArray:
     """A geometry_msgs/Pose as an array, shape (7,); the identity if there is none."""
-    found = [
+    numbers = [
         default
         if (pose or {}).get(key) is None
         else _numbers_of(pose[key], names, f"{key}, {what}")
@@ -203,7 +203,7 @@ def _pose(pose: Any, what: str) -> FloatArray:
             ("orientation", "xyzw", _IDENTITY[3:]),
         )
     ]
-    return np.concatenate(found)
+    return np.concatenate(numbers)
 
 
 def _numbers_of(content: Any, names: str, what: str) -> FloatArray:
@@ -233,18 +233,18 @@ def _allowed(matrix: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _mapping(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     """The mapping of a key; an empty message in the place of nothing."""
-    found = content.get(key) or {}
-    if not isinstance(found, dict):
-        raise WorldError(f"{key} must be a mapping, got {shown(found, 60)}")
-    return found
+    inner = content.get(key) or {}
+    if not isinstance(inner, dict):
+        raise WorldError(f"{key} must be a mapping, got {shown(inner, 60)}")
+    return inner
 
 
 def _list(content: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     """The list of mappings of a key; an empty message in the place of nothing."""
-    found = content.get(key) or []
-    if not (isinstance(found, list) and all(isinstance(message, dict) for message in found)):
-        raise WorldError(f"{key} must be a list of mappings, got {shown(found, 60)}")
-    return found
+    items = content.get(key) or []
+    if not (isinstance(items, list) and all(isinstance(message, dict) for message in items)):
+        raise WorldError(f"{key} must be a list of mappings, got {shown(items, 60)}")
+    return items
 
 
 def _unsupported(kind: str, name: str) -> WorldError:

@@ -196,7 +196,9 @@ def read_description(urdf: str, source: str) -> Description:
     links = {link.get("name", ""): link for link in root.findall("link")}
     inertials = {name: link.find("inertial") for name, link in links.items()}
     stated = {name: inertial for name, inertial in inertials.items() if inertial is not None}
-    inertias = {name: found for name, x in stated.items() if (found := _inertia_of(x)) is not None}
+    inertias = {
+        name: inertia for name, x in stated.items() if (inertia := _inertia_of(x)) is not None
+    }
     with reading(source, RobotError):  # of elements in elements without end
         text = _part_for_pinocchio(root, {name: stated[name] for name in inertias})
     model = _model_of(text, source)

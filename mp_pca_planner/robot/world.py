@@ -71,10 +71,10 @@ class Shape:
         """The same shape in a frame in which its present one has a pose, shape (7,)."""
         frame = [*pose[:3], *unit_quaternion(pose[3:], "orientation", WorldError)]
         placed = pin.XYZQUATToSE3(np.array(frame)) * pin.XYZQUATToSE3(self.pose)
-        found = np.array(pin.SE3ToXYZQUAT(placed))
+        pose = np.array(pin.SE3ToXYZQUAT(placed))
         other = object.__new__(type(self))
         set_frozen(other, **vars(self))
-        other._place(found[:3], found[3:])
+        other._place(pose[:3], pose[3:])
         return other
 
     def __repr__(self) -> str:
@@ -262,8 +262,8 @@ class Mesh(Shape):
         WorldError
             If the file can't be read.
         """
-        size, found = _positive(scale, "scale of a mesh"), read_mesh(Path(path))
-        return cls(size * found.vertices, found.triangles, position, orientation)
+        size, content = _positive(scale, "scale of a mesh"), read_mesh(Path(path))
+        return cls(size * content.vertices, content.triangles, position, orientation)
 
     @cached_property
     def solid(self) -> MeshSolid:
@@ -397,12 +397,12 @@ class World:
         self, obstacles: Iterable[Obstacle] = (), allowed: Iterable[tuple[str, str]] = ()
     ) -> None:
         bodies = tuple(obstacles)
-        for one in bodies:
-            check_type(one, "each obstacle of a world", WorldError, Obstacle)
+        for obstacle in bodies:
+            check_type(obstacle, "each obstacle of a world", WorldError, Obstacle)
         if bodies:
-            unique_names([one.name for one in bodies], "obstacles", WorldError)
-        shapes = [shape for one in bodies for shape in one.shapes]
-        n_triangles = sum(len(one.triangles) for one in shapes if isinstance(one, Mesh))
+            unique_names([obstacle.name for obstacle in bodies], "obstacles", WorldError)
+        shapes = [shape for obstacle in bodies for shape in obstacle.shapes]
+        n_triangles = sum(len(shape.triangles) for shape in shapes if isinstance(shape, Mesh))
         for count, most, kind in (
             (len(shapes), INPUT_LIMITS.shapes, "shapes"),
             (n_triangles, INPUT_LIMITS.triangles, "triangles"),
@@ -424,7 +424,7 @@ class World:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the obstacles."""
-        return tuple(one.name for one in self.obstacles)
+        return tuple(obstacle.name for obstacle in self.obstacles)
 
     @classmethod
     def from_file(cls, path: str | Path) -> World:
@@ -446,8 +446,8 @@ class World:
 
     def with_obstacles(self, *obstacles: Obstacle) -> World:
         """The world with further obstacles; those of the same name are replaced."""
-        new = {one.name for one in obstacles}
-        kept = [one for one in self.obstacles if one.name not in new]
+        new = {obstacle.name for obstacle in obstacles}
+        kept = [obstacle for obstacle in self.obstacles if obstacle.name not in new]
         return World([*kept, *obstacles], self.allowed)
 
     def without(self, names: Iterable[str]) -> World:
@@ -462,7 +462,9 @@ class World:
         for name in removed:
             if name not in self.names:
                 raise WorldError(unknown_name("obstacle", name, self.names))
-        return World([one for one in self.obstacles if one.name not in removed], self.allowed)
+        return World(
+            [obstacle for obstacle in self.obstacles if obstacle.name not in removed], self.allowed
+        )
 
     def allows(self, first: str, second: str) -> bool:
         """Whether two bodies, by their names, are not checked for contact."""

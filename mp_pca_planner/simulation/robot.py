@@ -68,9 +68,9 @@ class Plant:
     geared arm is far from weightless."""
 
     def __init__(self, robot: Robot, start: FloatArray) -> None:
-        own, limits = _largest_inertias(robot), robot.limits()
-        self.inertia = np.full(robot.n_joints, self.inertia_share * own.max())
-        total = own + self.inertia
+        inertias, limits = _largest_inertias(robot), robot.limits()
+        self.inertia = np.full(robot.n_joints, self.inertia_share * inertias.max())
+        total = inertias + self.inertia
         self.kp, self.kd = self.bandwidth**2 * total, 2.0 * self.bandwidth * total
         self.effort = limits.effort
         self._stiffness = PERIOD * self.kd + PERIOD**2 * self.kp
