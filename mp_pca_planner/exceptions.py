@@ -153,7 +153,7 @@ def unknown_name(kind: str, name: object, valid: Iterable[str], most: int = 12) 
     # Each takes 20 µs, and more for long names.
     close = get_close_matches(name[:200], names[:2000], n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
-    valid_names = listed([f"'{valid_name}'" for valid_name in names], most) or "none"
+    valid_names = listed([f"'{known}'" for known in names], most) or "none"
     return f"no {kind} is called '{name:.200}'{hint}; valid names: {valid_names}"
 
 

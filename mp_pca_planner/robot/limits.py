@@ -258,12 +258,12 @@ def _of_moveit(entry: Mapping[str, Any]) -> dict[str, Any]:
     """An entry whose deceleration, which is negative, bounds its acceleration."""
     has, most = (entry.get(key) for key in _DECELERATION)
     is_off = entry.get("has_acceleration_limits") is False
-    own = np.inf if is_off else entry.get("max_acceleration", np.inf)
+    stated = np.inf if is_off else entry.get("max_acceleration", np.inf)
     kept = {key: value for key, value in entry.items() if key not in _DECELERATION}
-    if has is False or most is None or not isinstance(own, int | float):
+    if has is False or most is None or not isinstance(stated, int | float):
         return kept
     if not is_number(most):
         raise ValueError(f"max_deceleration is {shown(most, 40)}, not a number")
     if is_off:
         del kept["has_acceleration_limits"]
-    return kept | {"max_acceleration": min(float(own), abs(float(most)))}
+    return kept | {"max_acceleration": min(float(stated), abs(float(most)))}

@@ -183,15 +183,15 @@ class Robot:
     @property
     def mimicking_joints(self) -> Mapping[str, str]:
         """Locked joints that mimic one that moves, and that one; in the model, they are fixed."""
-        mimics, found = self._description.mimics, dict[str, str]()
+        mimics, mimicking = self._description.mimics, dict[str, str]()
         for name in self.movable_joints:
             followed = name
             for _ in mimics:  # which may also mimic each other in a circle
                 if followed in mimics and followed not in self.joint_names:
                     followed, _, _ = mimics[followed]
             if followed != name and followed in self.joint_names:
-                found[name] = followed
-        return found
+                mimicking[name] = followed
+        return mimicking
 
     def mimicry(self, joint_names: Collection[str]) -> list[str]:
         """A sentence on each of these joints that mimics one that moves."""

@@ -71,10 +71,10 @@ class Shape:
         """The same shape in a frame in which its present one has a pose, shape (7,)."""
         frame = [*pose[:3], *unit_quaternion(pose[3:], "orientation", WorldError)]
         placed = pin.XYZQUATToSE3(np.array(frame)) * pin.XYZQUATToSE3(self.pose)
-        pose = np.array(pin.SE3ToXYZQUAT(placed))
+        place = np.array(pin.SE3ToXYZQUAT(placed))
         other = object.__new__(type(self))
         set_frozen(other, **vars(self))
-        other._place(pose[:3], pose[3:])
+        other._place(place[:3], place[3:])
         return other
 
     def __repr__(self) -> str:
