@@ -28,6 +28,13 @@ TOPICS = {
     "robot": "Robot and world",
     OTHER: "Errors and helpers",
 }
+# What a program uses first comes first on the pages; the rest follows by name.
+MOST_USED = (
+    *("load_demonstrations", "MovementPrimitive", "Planner", "PlannerOptions", "Plan"),
+    *("Trajectory", "Pose", "Robot", "JointLimits", "World", "Obstacle", "show", "PlannerError"),
+)
+# Results, which no program constructs.
+RESULT_TYPES = ("MovementPrimitive", "Plan")
 _ONE_LINE = 100_000  # characters, so that argparse breaks no line of the help
 # A place for a part of a recorded table: its record, title, columns (';' between them) and,
 # optionally, the first cell of the rows. It reaches up to the next mark.
@@ -129,14 +136,19 @@ def python_pages() -> dict[str, str]:
     A topic is a room of the package that holds public names.
     """
     topics: dict[str, list[str]] = {}
-    for name in mp_pca_planner.__all__:
+    others = [name for name in mp_pca_planner.__all__ if name not in MOST_USED]
+    for name in (*MOST_USED, *others):
         room = getattr(mp_pca_planner, name).__module__.split(".")[1]
         topics.setdefault(TOPICS.get(room, TOPICS[OTHER]), []).append(name)
-    overview = ["# Python API", "`import mp_pca_planner as mp`: every name below is `mp.NAME`."]
+    example = str(mp_pca_planner.__doc__).split("\n\n", 1)[1].strip()
+    overview = ["# Python API", f"Every name below is `mp.NAME`:\n\n```python\n{example}\n```"]
     pages, files = {}, []
     for title in TOPICS.values():
         file = "python_" + title.lower().replace(" ", "_")
-        links = [f"- [{name}]({file}.md#{name.lower()}): {summary(name)}" for name in topics[title]]
+        links = [
+            f"- [{name}]({file}.md#{name.lower()}): {summary(name)}{_methods(name)}"
+            for name in topics[title]
+        ]
         overview += [f"## [{title}]({file}.md)", "\n".join(links)]
         pages[file] = "\n\n".join([f"# {title}", *map(_documented, topics[title])]) + "\n"
         files.append(file)
@@ -149,10 +161,23 @@ def summary(name: str) -> str:
     return (getdoc(getattr(mp_pca_planner, name)) or "").partition("\n")[0]
 
 
+def _methods(name: str) -> str:
+    """The methods of a class, as the end of its line in the overview."""
+    value = getattr(mp_pca_planner, name)
+    if not isinstance(value, type) or issubclass(value, Exception):
+        return ""
+    methods = [f"`{one}`" for one in vars(value) if one[0] != "_" and callable(getattr(value, one))]
+    return f" Methods: {', '.join(methods)}." if methods else ""
+
+
 def _documented(name: str) -> str:
     kind = "class" if isinstance(getattr(mp_pca_planner, name), type) else "function"
+    signature = "()" if name in RESULT_TYPES else ""
     options = "\n   :members:" if kind == "class" else ""
-    return f"## {name}\n\n```{{eval-rst}}\n.. auto{kind}:: mp_pca_planner.{name}{options}\n```"
+    return (
+        f"## {name}\n\n```{{eval-rst}}\n"
+        f".. auto{kind}:: mp_pca_planner.{name}{signature}{options}\n```"
+    )
 
 
 def results_page() -> str:
