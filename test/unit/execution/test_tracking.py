@@ -283,6 +283,22 @@ def test_robot_whose_speed_changes_waits():
         world.choose()
 
 
+def test_robot_that_slows_down_stops_and_does_not_go_back(moving):
+    following = replace(moving.where().following, time=0.0, place=0.7, rate=0.1, change=-0.5)
+    assert following.at(0.1) == pytest.approx(0.7 + 0.1 * 0.1 - 0.25 * 0.1**2)
+    assert following.at(0.2) == following.at(5.0) == pytest.approx(0.7 + 0.01)
+
+
+def test_motion_to_a_single_point_is_known_only_at_its_end(world):
+    trajectory = minimum_jerk_motion(JOINTS, world.here, (1.0, -1.0), DURATION)
+    world.publish(PublishedMotion.to_last_point(trajectory, world.now))
+    world.follow(1.0)  # by chance, its controller leads there along the same path
+    with pytest.raises(GoalError, match="moves"):
+        world.choose()
+    world.follow(1.5)
+    assert world.choose().state.positions.tolist() == [1.0, -1.0]
+
+
 def test_held_robot_starts_where_it_rests(moving):
     began = moving.motion.began
     moving.follow(1.2, lambda time: max(1.75 - 1.5 * (time - began), 0.0))
@@ -381,6 +397,17 @@ def test_stated_command_that_is_old_or_far_from_the_robot_does_not_count():
     assert world.where().command is not None
     world.states_command = False
     world.rest(0.12)
+    assert world.where().command is None
+
+
+def test_stated_command_of_a_fast_robot_counts_though_its_servos_lag():
+    world = World(0.09, states_command=True)
+    world.begin(goal=(3.0, -3.0))
+    world.follow(1.0)
+    stated = world.where().command.state.positions
+    assert np.abs(stated - world.here).min() > 0.2
+    world.state_command(JointState(JOINTS, stated + 0.2, world.where().command.state.velocities))
+    world.now += 0.001
     assert world.where().command is None
 
 
