@@ -61,7 +61,9 @@ def test_motion_of_one_point_is_there_at_every_place():
     assert (one.duration, one.end.tolist()) == (0.0, [1.0, 2.0])
 
 
-@pytest.mark.parametrize(("here", "switch"), [(0.1, 0.9), (0.1, 0.3002), (0.302, 0.707), (0.0, 1.999)])
+@pytest.mark.parametrize(
+    ("here", "switch"), [(0.1, 0.9), (0.1, 0.3002), (0.302, 0.707), (0.0, 1.999)]
+)
 def test_followed_motion_is_the_old_one_up_to_the_switch_and_then_the_rest(here, switch):
     rest = Trajectory(JOINTS, [0.0, 1.0], *(columns([switch, switch + 1.0], d) for d in range(3)))
     joined = PublishedMotion(motion().followed_by(rest, switch, here), 0.0)

@@ -622,6 +622,19 @@ def test_stop_of_a_motion_of_another_node_leads_to_a_point_where_nothing_is_stat
     assert np.abs(node.commanded - GOAL).max() > 0.05
 
 
+def test_stop_of_a_motion_of_another_node_keeps_the_limits_though_states_are_late(node):
+    node.ask(GOAL, duration=1.5)
+    node.run(0.5)
+    node.restart()
+    node.run(0.12)
+    node.stall(0.3, of_states=True)
+    node.run(0.298)
+    assert "is sent to a single point" in node.stop()
+    node.run(3.0)
+    node.assert_smooth([tick for tick, n_points in node.robot.taken if n_points == 1])
+    assert not node.robot.record.v[-1].any()
+
+
 @pytest.mark.parametrize("silence", [0.6, 1.0])
 def test_stop_of_a_robot_that_is_not_heard_of_keeps_the_limits_and_says_what_is_not_known(
     node, silence

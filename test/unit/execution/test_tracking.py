@@ -368,6 +368,18 @@ def test_robot_that_is_seen_on_the_motion_before_is_continued_there(moving):
     assert moving.tracker.motion is old
 
 
+def test_start_is_refused_when_the_robot_turns_out_to_be_on_the_motion_before(moving):
+    old = moving.motion
+    start = moving.choose()
+    moving.publish(moving.join(continuing(start), start))
+    moving.follow(0.02)  # both motions lead along here
+    start = moving.choose(latency=2.0)
+    assert start.following.motion is moving.motion
+    moving.follow(0.5, motion=old)
+    with pytest.raises(TooLateError, match="on time when planning began and is on time now"):
+        moving.join(continuing(start), start)
+
+
 def test_motion_that_was_never_begun_leaves_the_start_as_it_was(world):
     world.begin()
     world.rest(0.6)
