@@ -87,7 +87,6 @@ class _SentGoal:
     time: float
     handle: ClientGoalHandle | None = None
     is_revoked: bool = False
-    is_ended: bool = False
 
 
 class ControllerAction:
@@ -183,17 +182,15 @@ class ControllerAction:
 
     def watch(self) -> None:
         """Cancel what is executed before a stop that is not answered."""
-        last = self._goals[-1] if self._goals else None
-        if last is None or not last.is_stop or last.handle is not None or last.is_ended:
-            return
         # A goal may still be answered; a robot that is to stop does not wait for that.
-        if time.monotonic() - last.time >= self.answer_time:
-            self._cancel_before(last)
+        late = time.monotonic() - self.answer_time
+        for goal in self._goals:
+            if goal.is_stop and goal.handle is None and goal.time <= late:
+                self._cancel_before(goal)
 
     def _on_answer(self, entry: _SentGoal, future: Any) -> None:
         handle = future.result()
         if not handle.accepted:
-            entry.is_ended = True
             self._hear(entry.sent, "rejected the goal", MotionOutcome.NEVER_STARTED)
             if entry.is_stop:
                 self._cancel_before(entry)
@@ -206,15 +203,14 @@ class ControllerAction:
         handle.get_result_async().add_done_callback(partial(self._on_result, entry))
 
     def _cancel_before(self, stop: _SentGoal) -> None:
-        """Cancel the goals before a stop that is not executed."""
+        """Cancel the motions before a stop that is not executed."""
         for goal in self._goals:
             if goal is stop:
                 return
-            if goal.handle is not None:
+            if goal.handle is not None and not goal.is_stop:
                 goal.handle.cancel_goal_async()
 
     def _on_result(self, entry: _SentGoal, future: Any) -> None:
-        entry.is_ended = True
         self._forget(entry)
         status, result = future.result().status, future.result().result
         code = f"{result.error_code} ({_CODES.get(result.error_code, 'unknown')})"
