@@ -72,6 +72,7 @@ setup(
         "PyYAML>=6.0",
         "tqdm>=4.66",
         "threadpoolctl>=3.1",
+        "argcomplete>=2.0",  # completion of commands in a shell
         # Mesh files of links and obstacles: STL and OBJ, and COLLADA.
         "trimesh>=4.6",
         "pycollada>=0.8",

@@ -45,8 +45,6 @@ from support.tables import Table, benchmark_parser, show
 from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.cli.example_robots import (
     DEMONSTRATIONS_SEED,
-    EXAMPLE_ROBOTS,
-    HUMAN_ARM,
     demonstrations_of,
     robot_file,
 )
@@ -57,6 +55,7 @@ from mp_pca_planner.planning.options import SHORTEST, PlannerOptions
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.library import load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.robot.examples import EXAMPLE_ROBOTS, HUMAN_ARM
 from mp_pca_planner.robot.meshes import package_folders
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import World
@@ -334,7 +333,7 @@ def main() -> int:
     parser.add_argument(
         "--robot",
         metavar="NAME|URDF",
-        help=f"URDF file, or one of {', '.join([HUMAN_ARM, *EXAMPLE_ROBOTS])} (default: "
+        help=f"URDF file, or one of {', '.join(EXAMPLE_ROBOTS)} (default: "
         f"{HUMAN_ARM}, or the robot of --scenes)",
     )
     parser.add_argument("--limits", type=Path, metavar="FILE.yaml", help="MoveIt's joint_limits")

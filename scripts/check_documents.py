@@ -59,7 +59,10 @@ ROSDEP_NAMES = {
     "trimesh": "python3-trimesh-pip",
     "yaml": "python3-yaml",
     **dict.fromkeys(("lz4", "backports", "compression", "rosbags"), "python3-rosbags-pip"),
-    **{name: f"python3-{name}" for name in ("jinja2", "matplotlib", "numpy", "scipy", "tqdm")},
+    **{
+        name: f"python3-{name}"
+        for name in ("argcomplete", "jinja2", "matplotlib", "numpy", "scipy", "tqdm")
+    },
 }
 # Extras that rosdep has no name for: pip brings them.
 EXTRAS_ONLY = {

@@ -8,6 +8,7 @@ import argparse
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from ..arrays import short
-from ..exceptions import PlannerError, RobotError, unknown_name
+from ..exceptions import PlannerError, RobotError, quote_names, unknown_name
 from ..files import check_writable, write_whole
 from ..motion.trajectory import check_format
 from .terminal import say
@@ -23,6 +24,7 @@ from .terminal import say
 # Only for type checking: these imports take a second, and some commands need neither.
 if TYPE_CHECKING:
     from ..motion.trajectory import Trajectory
+    from ..primitives.library import PrimitiveLibrary
     from ..robot.model import Robot
 
 Progress = Callable[[int, int], None]
@@ -111,14 +113,20 @@ def plain(content: Any) -> Any:
 @contextmanager
 def progress_bar(description: str, unit: str) -> Iterator[Progress]:
     """A progress bar on stderr, if that is a terminal; called with (done, total)."""
-    scale = unit == "B"
-    with tqdm(desc=description, unit=unit, unit_scale=scale, leave=False, disable=None) as bar:
+    bars: list[tqdm[Any]] = []
 
-        def update(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
+    def update(done: int, total: int) -> None:
+        if not bars:  # before, the total is unknown
+            bar = partial(tqdm, unit=unit, unit_scale=unit == "B", leave=False, disable=None)
+            bars.append(bar(desc=description, total=total))
+        bars[0].total = total
+        bars[0].update(done - bars[0].n)
 
+    try:
         yield update
+    finally:
+        for bar in bars:
+            bar.close()
 
 
 def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
@@ -202,6 +210,29 @@ def check_frame(frame: str, robot: Robot | None) -> None:
         raise RobotError("--frame names a link of --robot: also pass --robot")
     if frame and robot is not None and frame not in robot.frame_names:
         raise RobotError(unknown_name("link", frame, robot.frame_names))
+
+
+def robot_of(
+    file: Path, primitives: PrimitiveLibrary, *, locked: Mapping[str, float] | None = None
+) -> Robot:
+    """The robot of a URDF file that moves the joints of primitives.
+
+    Raises
+    ------
+    RobotError
+        If the file can't be read, or the robot lacks some of these joints.
+    """
+    from ..robot.model import Robot
+
+    joints = primitives.joint_names
+    known = Robot.from_file(file).movable_joints
+    if missing := [name for name in joints if name not in known]:
+        raise RobotError(
+            f"{quote_names(primitives.names)} was learned for another robot: its joints "
+            f"{quote_names(missing)} are not in '{file}', which has {quote_names(known)}; pass the "
+            "robot description of the recordings"
+        )
+    return Robot.from_file(file, joints, locked=locked)
 
 
 def reported(values: Mapping[str, str]) -> dict[str, str]:

@@ -38,9 +38,10 @@ from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.load import load_recordings
 from ..recordings.synthetic import JOINT_NAMES, generate_motions, write_example_recording
+from ..robot.examples import EXAMPLE_ROBOTS
 from ..robot.model import Robot
 from .common import make_folder
-from .example_robots import EXAMPLE_ROBOTS, HUMAN_ARM, robot_file, write_example
+from .example_robots import robot_file, write_example
 from .main import run_command
 from .terminal import DONE, FAILED, flush, say
 
@@ -62,9 +63,8 @@ _PATIENCE, _END_PATIENCE = 30.0, 10.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = __doc__
-    robots = [HUMAN_ARM, *EXAMPLE_ROBOTS]
-    about = f"{', '.join(robots)}; all but the first need the extra 'example'"
-    parser.add_argument("robot", metavar="ROBOT", nargs="?", choices=robots, help=about)
+    about = f"{', '.join(EXAMPLE_ROBOTS)}; all but the first need the extra 'example'"
+    parser.add_argument("robot", metavar="ROBOT", nargs="?", choices=EXAMPLE_ROBOTS, help=about)
     output, about = Path("demo_output"), "folder of the results (default: %(default)s)"
     parser.add_argument("--output", metavar="DIR", type=Path, default=output, help=about)
     modes = parser.add_mutually_exclusive_group()
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     node += ["-p", f"limits_file:={others[0]}"] if others else []
     still = [f"{name}=0" for name in robot.movable_joints if name not in robot.joint_names]
     node += ["-p", f"locked_joints:={','.join(still)}"] if still else []
-    simulation = ["simulate", "--robot", urdf, "--joints", ",".join(robot.joint_names)]
+    simulation = ["simulate", "--robot", urdf, "--primitive", str(primitive)]
     with _children(node, simulation), suppress(KeyboardInterrupt):
         say("The node and a simulated robot run until Ctrl-C. Goals: mp-pca send_goal")
         flush()

@@ -4,27 +4,20 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 
-from ..exceptions import RobotError, quote_names, require
+from ..exceptions import RobotError, quote_names
 from ..files import check_writable, config_file, read_text, write_whole
 from ..recordings.bags import write_joint_states
 from ..recordings.demonstration import Demonstration
 from ..recordings.reaches import random_reaches, reach_recording
-from ..recordings.synthetic import JOINT_NAMES, continuous_recording, generate_motions
+from ..recordings.synthetic import continuous_recording, generate_motions
+from ..robot.examples import EXAMPLE_ROBOTS, HUMAN_ARM, example_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
-HUMAN_ARM = "human_arm"
-# Files of the package example-robot-data, and patterns of the joints of the arms.
-EXAMPLE_ROBOTS = {
-    "panda": ("panda_description/urdf/panda.urdf", r"panda_joint\d"),
-    "ur5": ("ur_description/urdf/ur5_robot.urdf", ".*_joint"),
-    "kinova": ("kinova_description/robots/kinova.urdf", r"j2s6s200_joint_\d"),
-}
 DEMONSTRATIONS_SEED = 1
 """Seed of the demonstrations."""
 _WITH_SCENE = (HUMAN_ARM, "panda")
@@ -38,16 +31,10 @@ def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
     MissingDependencyError
         If the robot is one of example-robot-data's, which is not installed.
     """
-    if name == HUMAN_ARM:
-        return name, config_file("human_arm.urdf"), JOINT_NAMES
     if name in EXAMPLE_ROBOTS:
-        file, joints = EXAMPLE_ROBOTS[name]
-        loader = require("example_robot_data.robots_loader", "example", f"the robot '{name}'")
-        path = Path(loader.getModelPath(file)) / file
-        every = Robot.from_file(path).joint_names
-        return name, path, tuple(joint for joint in every if re.fullmatch(joints, joint))
+        return name, *example_file(name)
     if not Path(name).is_file():
-        known = quote_names([HUMAN_ARM, *EXAMPLE_ROBOTS])
+        known = quote_names(EXAMPLE_ROBOTS)
         raise RobotError(f"the robot '{name}' is neither a URDF file nor one of {known}")
     return Path(name).stem, Path(name), None
 

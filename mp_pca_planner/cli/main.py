@@ -8,6 +8,7 @@ A command is a module with `add_arguments` and `run`, which is imported when the
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -20,22 +21,29 @@ from .terminal import DEBUG, DEBUG_HELP, PROGRAM, OneLineParser, guard
 ROS_ARGUMENTS = "--ros-args"
 
 COMMANDS = {
-    "build_primitives": "build a primitive file from recorded bags",
-    "inspect": "show the contents of a bag or a primitive file",
-    "plan": "plan a motion from primitive files, offline",
-    "sequence": "another name of plan",
+    "inspect": "show the contents of recordings or primitive files, with every defect",
+    "build_primitives": "learn a primitive from recordings",
+    "teach": "learn a primitive from motions that you show the running robot",
+    "plan": "plan a motion or a sequence, offline",
+    "view": "drag goals and obstacles on a page in the browser",
     "refine": "improve a motion and keep it as a primitive",
     "verify": "check a control law for a motion: error bound and simulations",
-    "teach": "build a primitive from motions that you show the running robot",
-    "view": "show robot, primitives and plans on a page in the browser",
     "planner_node": "run the ROS 2 node",
+    "send_goal": "send a goal to the node, and wait until the robot has arrived",
+    "send_obstacles": "give the node the obstacles of a scene, or remove them",
+    "stop": "bring the robot to rest",
+    "call": "make the node reload its primitives or save its last motion",
     "simulate": "simulate a robot on ROS topics, with faults on demand",
-    "send_goal": "send a goal to the running node, and print its report",
-    "stop": "make the running node bring the robot to rest",
-    "call": "make the running node reload its primitives or save its last motion",
-    "demo": "run the whole pipeline: record, build, plan, publish",
+    "demo": "run the whole pipeline: record, learn, plan, execute",
+    "sequence": "another name of plan",
 }
 """What each command is for."""
+_GROUPS = {
+    "learn from recordings": ("inspect", "build_primitives", "teach"),
+    "plan without ROS": ("plan", "view", "refine", "verify"),
+    "run on a robot": ("planner_node", "send_goal", "send_obstacles", "stop", "call"),
+    "try it": ("demo", "simulate"),
+}
 _MODULES = {"sequence": "plan", "stop": "call"}
 """Modules of commands that have none of their own."""
 
@@ -55,11 +63,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         refused or it can't be loaded. Without a command, the help is printed.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks for completions
+        import argcomplete
+
+        typed = os.environ.get("COMP_LINE", "").split()[1:2]
+        argcomplete.autocomplete(parser_with(*(typed or [""])))
     program = " ".join([PROGRAM, *(name for name in words[:1] if name in COMMANDS)])
     return guard(program, lambda: _run(words), debug=DEBUG in words)
 
 
 def _run(words: list[str]) -> int:
+    if words[:1] == ["help"]:
+        words = [*words[1:2], "--help"]
     name = words[0] if words else ""
     try:
         if name == "planner_node":
@@ -98,13 +113,23 @@ def parse(name: str, argv: Sequence[str]) -> argparse.Namespace:
 
 def parser_with(name: str) -> argparse.ArgumentParser:
     """The parser of the program with the options of one command."""
+    groups = (
+        "\n".join([f"{title}:", *(f"  {command:<18}{COMMANDS[command]}" for command in members)])
+        for title, members in _GROUPS.items()
+    )
     parser = OneLineParser(
-        prog=PROGRAM, description="Movement primitives from recordings, and motions made of them."
+        prog=PROGRAM,
+        usage="%(prog)s COMMAND …, or %(prog)s help COMMAND",
+        description="Movement primitives from recordings, and motions made of them.",
+        epilog="\n\n".join(groups),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"mp_pca_planner {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for command, summary in COMMANDS.items():
-        own = commands.add_parser(command, help=summary, allow_abbrev=False)
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", required=True, prog=PROGRAM, help=argparse.SUPPRESS
+    )
+    for command in COMMANDS:
+        own = commands.add_parser(command, allow_abbrev=False)
         if command == name:
             _module(name).add_arguments(own)
             own.add_argument(DEBUG, action="store_true", help=DEBUG_HELP)

@@ -208,7 +208,7 @@ def add_request(parser: argparse.ArgumentParser) -> None:
     motion.add_argument(
         "--naturalness",
         metavar="ρ",
-        type=number(0.0, 1e6),
+        type=number(0.0, 1.0),
         help="1: close to the predicted motion; 0: least effort alone; values near 0.01 are "
         "between (default: 1, or (3 / score)³ if the in-span score is above 3)",
     )

@@ -29,7 +29,7 @@ from ..robot.limits import limits_file_note
 from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
-from .common import check_motion_file, check_output, show, write_motion
+from .common import check_motion_file, check_output, robot_of, show, write_motion
 from .goal_arguments import planned_goal, start_positions
 from .options import add_report, add_request, limits_given
 from .terminal import DONE, FAILED, PROGRAM, complain
@@ -164,10 +164,10 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     """
     primitives = load_primitives(arguments.primitives)
     joint_names = primitives[0].joint_names
-    robot = Robot.from_file(arguments.robot, joint_names)
+    robot = robot_of(arguments.robot, primitives)
     start = start_positions(arguments, robot)
     if locked := {name: q for name, q in start.items() if name not in joint_names}:
-        robot = Robot.from_file(arguments.robot, joint_names, locked=locked)
+        robot = robot_of(arguments.robot, primitives, locked=locked)
     given = limits_given(arguments, robot)
     robot = robot.with_drives(given)
     limits, (collision, remarks) = robot.limits(given), _collision(arguments, robot, primitives)

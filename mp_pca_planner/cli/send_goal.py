@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--goal-pose",
         "--pose",
         metavar="'X Y Z QX QY QZ QW'",
-        help="pose of the end effector [m, unit quaternion]",
+        help="pose of the end effector [m, unit quaternion]; 3 numbers: position only",
     )
     parser.add_argument(
         "--frame",
@@ -126,14 +126,7 @@ def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> PoseStamped:
     for option in ("via", "primitive", "degrees"):
         if getattr(arguments, option):
             raise GoalError(f"--{option} is for joint goals, and is not accepted with --goal-pose")
-    found = pose(arguments.frame, arguments.goal_pose, "--goal-pose")
-    if found.orientation is None:
-        raise GoalError(
-            f"--goal-pose '{arguments.goal_pose}' has 3 numbers, but a pose for the node has 7 "
-            "(x y z qx qy qz qw): its message always has an orientation; `plan --goal-pose` takes "
-            "a position alone, too"
-        )
-    return to_pose_message(found)
+    return to_pose_message(pose(arguments.frame, arguments.goal_pose, "--goal-pose"))
 
 
 def _joint_message(

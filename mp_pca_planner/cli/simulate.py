@@ -9,20 +9,21 @@ import io
 import signal
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, by_name
 from ..exceptions import GoalError, quote_names
 from ..files import read_text, write_whole
+from ..primitives.library import load_primitives
 from ..robot.model import Robot
 from ..ros.nodes import spin_until, start_ros
 from ..ros.simulated_robot import SimulatedRobotNode
 from ..simulation.robot import Faults, SimulatedRobot
-from .common import check_output, show
+from .common import check_output, robot_of, show
 from .goal_arguments import angles_in_degrees, joint_values
 from .options import add_report, name_list, number, whole
 from .terminal import DONE
@@ -50,13 +51,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--robot", metavar="URDF", type=Path, required=True, help="robot description"
     )
     parser.add_argument(
+        "--primitive",
+        metavar="FILE",
+        help="primitive file: its joints are those of the controller, and the robot starts where "
+        "its demonstrations usually do",
+    )
+    parser.add_argument(
         "--joints", metavar="A,B", type=name_list, help="joints of the controller (default: all)"
     )
     parser.add_argument(
         "--start",
         metavar="VALUES",
-        help="start: name=value,… or one value per joint [rad or m] (default: 0, or the middle of "
-        "the limits)",
+        help="start: name=value,… or one value per joint [rad or m] (default: that of --primitive, "
+        "else 0, or the middle of the limits)",
     )
     parser.add_argument(
         "--degrees", action="store_true", help="angles are in degrees, not in radians"
@@ -108,10 +115,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
     check_output(arguments.record, ".npz", force=arguments.force)
-    robot = Robot.from_file(arguments.robot, arguments.joints)
+    shown: dict[str, float] = {}
+    if arguments.primitive is None:
+        robot = Robot.from_file(arguments.robot, arguments.joints)
+    else:
+        if arguments.joints is not None:
+            raise GoalError("--primitive says which joints the controller has: remove --joints")
+        library = load_primitives([arguments.primitive])
+        robot = robot_of(arguments.robot, library)
+        starts = library.ends[:, 0]
+        usual = np.linalg.norm(starts - np.median(starts, axis=0), axis=1).argmin()
+        shown = by_name(library.joint_names, starts[usual])
     simulated = SimulatedRobot(
         robot,
-        _start(robot, arguments.start, angles_in_degrees(arguments, robot)),
+        _start(robot, arguments.start, angles_in_degrees(arguments, robot), shown),
         seed=arguments.seed,
         time_ns=time.time_ns(),
         state_rate=arguments.rate,
@@ -135,7 +152,10 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
     return DONE
 
 
-def _start(robot: Robot, text: str | None, angles: Collection[str]) -> FloatArray:
+def _start(
+    robot: Robot, text: str | None, angles: Collection[str], shown: Mapping[str, float]
+) -> FloatArray:
+    """The start that is given, else that of the demonstrations, else one within the limits."""
     limits = robot.limits()
     with np.errstate(invalid="ignore"):
         middle = 0.5 * (limits.lower + limits.upper)
@@ -144,6 +164,7 @@ def _start(robot: Robot, text: str | None, angles: Collection[str]) -> FloatArra
     others = [name for name in robot.movable_joints if name not in names]
     try:
         given = {} if text is None else joint_values(text, names, "--start", angles=angles)
+        given = {**shown, **given}
     except GoalError as error:
         more = f"; {quote_names(others)} mimic these, or are not in --joints" if others else ""
         raise GoalError(f"{error}{more}") from None

@@ -34,8 +34,15 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the error and exit."""
+        what, _, words = message.partition(": ")
+        if what == "unrecognized arguments" and all(map(_is_number, words.split())):
+            message = f"put quotes around the numbers of a pose, as in '0.4 0.1 0.6': {message}"
         complain(f"{self.prog}: {message} (see --help)")
         sys.exit(REFUSED)
+
+
+def _is_number(text: str) -> bool:
+    return re.fullmatch(r"[-+]?[\d.]+(e[-+]?\d+)?", text) is not None
 
 
 def say(*lines: str) -> None:

@@ -103,7 +103,7 @@ def resolve(
     here = in_order(start, context.robot.joint_names)
     # A start may be a little outside the limits of position.
     inside = nearest_start(here.positions, context.limits)
-    _check_within_limits(context.robot, context.limits, "present", here, inside)
+    _check_within_limits(context.robot, context.limits, "start", here, inside)
     _check_path(context, "start", here)
     if not isinstance(goal, SequenceGoal) and goal.duration is not None:
         check_duration(context, "the duration is", goal.duration)

@@ -155,6 +155,33 @@ class Robot:
         return f"Robot '{self.name}': {', '.join(self.joint_names)}"
 
     @classmethod
+    def example(cls, name: str) -> Robot:
+        """A robot to try the package with.
+
+        Parameters
+        ----------
+        name : str
+            `human_arm`, or with the extra 'example' `panda`, `ur3`, `ur5`, `ur10`, `kinova`, `z1`,
+            `so100` or `so101`.
+
+        Raises
+        ------
+        RobotError
+            If there is no example of that name.
+        MissingDependencyError
+            If example-robot-data is not installed.
+
+        Examples
+        --------
+        >>> import mp_pca_planner as mp
+        >>> mp.Robot.example("human_arm").joint_names
+        ('shoulder1', 'shoulder2', 'shoulder3', 'elbow')
+        """
+        from .examples import example_file
+
+        return cls.from_file(*example_file(name))
+
+    @classmethod
     def from_file(
         cls,
         path: str | Path,

@@ -13,6 +13,7 @@ from typing import Any, Self
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
@@ -21,14 +22,18 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 from ..exceptions import GoalError, PlannerError
 from ..execution.outcomes import GoalOutcome
 from ..files import config_file
 from ..recordings.joint_states import NS_PER_S
+from ..robot.world import World
 from .goals import GOAL_TOPICS
 from .messages import to_stamp_text
 from .node import NODE_NAME
+from .nodes import LATCHED
+from .world_markers import to_obstacle_markers
 
 # A client that is busy for a while must not lose messages.
 DEPTH = 10_000
@@ -315,6 +320,43 @@ class GoalClient(NodeInOwnContext):
             return Answer(report, None, None)
         trajectory = self.next_trajectory(n_trajectories, timeout)
         return Answer(report, trajectory, trajectory and self._trajectory_received - sent)
+
+    def send_obstacles(
+        self, world: World, *, clear: bool = False, timeout: float = 10.0
+    ) -> tuple[int, str]:
+        """Give the node the obstacles of a world.
+
+        Parameters
+        ----------
+        world : World
+            The obstacles.
+        clear : bool
+            Whether all others are removed before.
+        timeout : float
+            Longest time to wait for the node and for its answer [s].
+
+        Returns
+        -------
+        n_obstacles : int
+            Number of obstacles that the node has then.
+        problem : str
+            Why one of them is not avoided; empty if all are.
+
+        Raises
+        ------
+        NoAnswerError
+            If the node does not answer.
+        """
+        topic = f"{self.planner}/obstacles"
+        publisher = self.node.create_publisher(MarkerArray, topic, LATCHED)
+        self.wait(lambda: publisher.get_subscription_count() > 0, timeout, "is not there")
+        publisher.publish(to_obstacle_markers(world, clear=clear))
+        # The node counts obstacles when its workers have taken them.
+        publisher.wait_for_all_acked(Duration(seconds=timeout))
+        values = self.wait_for_diagnostics(timeout=timeout)
+        values = self.wait_for_diagnostics(timeout=timeout)
+        rejected = values["obstacle_rejected"]
+        return int(values["obstacles"]), "" if rejected == "none" else rejected
 
     def call(self, service: str, timeout: float = 10.0) -> Trigger.Response:
         """Call ``reload_primitives``, ``stop`` or ``save_motion``.

@@ -162,7 +162,7 @@ def to_pose_goal(message: PoseStamped, frame: str, duration: float) -> PoseGoal:
     Parameters
     ----------
     message :
-        The pose; its frame_id is not used.
+        The pose; its frame_id is not used. A quaternion of zeros leaves the orientation free.
     frame : str
         The link of the robot that the pose is for.
     duration : float
@@ -174,7 +174,8 @@ def to_pose_goal(message: PoseStamped, frame: str, duration: float) -> PoseGoal:
         If a number is not finite or the quaternion not of length 1.
     """
     p, o = message.pose.position, message.pose.orientation
-    return PoseGoal(Pose(frame, [p.x, p.y, p.z], [o.x, o.y, o.z, o.w]), duration or None)
+    turned = [o.x, o.y, o.z, o.w]
+    return PoseGoal(Pose(frame, [p.x, p.y, p.z], turned if any(turned) else None), duration or None)
 
 
 def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
@@ -343,11 +344,11 @@ def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:
 
 
 def to_pose_message(pose: Pose) -> PoseStamped:
-    """Write a pose that is stated in the frame that it names."""
+    """Write a pose that is stated in the frame that it names; a free orientation becomes zeros."""
     message = PoseStamped()
     message.header.frame_id = pose.frame
     to, turned = message.pose.position, message.pose.orientation
     to.x, to.y, to.z = pose.position.tolist()
-    if pose.orientation is not None:
-        turned.x, turned.y, turned.z, turned.w = pose.orientation.tolist()
+    free = [0.0] * 4 if pose.orientation is None else pose.orientation.tolist()
+    turned.x, turned.y, turned.z, turned.w = free
     return message

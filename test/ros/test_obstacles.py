@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import Path
@@ -26,6 +27,7 @@ from support.patience import HANG
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mp_pca_planner.cli.main import main
 from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.planning import assemble_model
@@ -33,8 +35,9 @@ from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.robot.world import Mesh, Obstacle, Sphere, World
+from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros.markers import Markers, Obstacles, read_markers, to_obstacle
+from mp_pca_planner.ros.world_markers import to_obstacle_markers
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -210,6 +213,35 @@ def test_obstacles_that_are_too_many_leave_those_before_alone(
     user.wait(obstacles="0")
 
 
+SCENE = """world:
+  collision_objects:
+    - id: ball
+      pose: {{position: {{x: {:.6f}, y: {:.6f}, z: {:.6f}}}}}
+      primitives: [{{type: 2, dimensions: [{}]}}]
+"""
+
+
+def test_a_scene_is_sent_by_a_command_and_removed(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = bench.send(GOAL)
+    centre = middle(answer.trajectory)
+    bench.execution(answer)
+    bench.execution(bench.send(START))
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE.format(*centre, RADIUS))
+    assert main(["send_obstacles", str(scene), "--json"]) == 0
+    sent = json.loads(capsys.readouterr().out)
+    assert (sent["sent"], sent["obstacles_of_the_node"], sent["rejected"]) == (["ball"], 1, "")
+    around = bench.send(GOAL)
+    assert least_clearance(around.trajectory, centre) > 0.99 * MARGIN
+    bench.execution(around)
+    assert main(["send_obstacles", "--clear"]) == 0
+    bench.client.wait_for_diagnostics(lambda values: values["obstacles"] == "0", HANG)
+    assert main(["send_obstacles"]) == 2
+    assert "give a FILE, or --clear" in capsys.readouterr().err
+
+
 def test_goals_warn_of_an_obstacle_that_is_not_avoided(bench: Bench, user: MarkerUser) -> None:
     user.send(marker(1, np.zeros(3), type=Marker.ARROW))
     user.wait(obstacle_rejected="type 0 is not supported")
@@ -296,6 +328,32 @@ def written(*markers: Marker) -> bytes:
 
 def obstacle_of(one: Marker) -> Obstacle:
     return to_obstacle(*read_markers(written(one)))
+
+
+def test_a_world_as_markers_is_as_near_the_robot_as_before() -> None:
+    turned, corners = [0.5, 0.5, 0.5, 0.5], [[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.2]]
+    shapes = (
+        Box([0.1, 0.2, 0.3], [0.5, 0.1, 0.2], turned),
+        Sphere(0.07, [0.3, -0.4, 0.1]),
+        Cylinder(0.05, 0.3, [-0.2, 0.4, 0.3], turned),
+        Capsule(0.05, 0.3, [0.4, 0.4, -0.3], turned),
+        Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], [0.1, 0.1, 0.6], turned),
+    )
+    world = World([Obstacle(type(shape).__name__, shape) for shape in shapes])
+    content = bytes(serialize_message(to_obstacle_markers(world)))
+    markers = World([to_obstacle(one) for one in read_markers(content)])
+    rng, robot = np.random.default_rng(0), arm_robot()
+    q = rng.uniform(-0.4, 0.4, (20, robot.n_joints)) + START
+
+    def clearances(of: World, name: str) -> np.ndarray:
+        some = World([one for one in of if one.name.split("/")[0] == name])
+        model = CollisionModel(robot, world=some, self_collision=False)
+        return model.near(q, np.inf).distances.reshape(len(q), -1).min(axis=1)
+
+    for name in world.names:
+        np.testing.assert_allclose(
+            clearances(markers, name), clearances(world, name), atol=1e-6, err_msg=name
+        )
 
 
 def test_lists_become_one_shape_per_point_in_the_pose_of_the_marker() -> None:

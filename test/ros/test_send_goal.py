@@ -25,7 +25,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
         (["elbow=1@1", "--via", "elbow=2@2"], "increase"),
         (["elbow=1", "--via", "shoulder=2"], "no joint of the goal is called 'shoulder'"),
         (["elbow=1,wrist=2", "--via", "elbow=2"], "lacks 'wrist'"),
-        (["--pose", "0.5 0.2 0.5"], "`plan --goal-pose` takes a position alone"),
+        (["--pose", "0.5 0.2"], "a position has 3 (x y z) and a pose 7"),
     ],
 )
 def test_goal_that_is_no_goal_is_refused_in_one_line(

@@ -4,10 +4,14 @@
 
 from __future__ import annotations
 
-import pytest
+from pathlib import Path
 
-from mp_pca_planner.cli.main import COMMANDS, parse
+import pytest
+from support.arm import arm_primitive
+
+from mp_pca_planner.cli.main import COMMANDS, main, parse
 from mp_pca_planner.control.closed_loop import ErrorModel
+from mp_pca_planner.files import config_file
 from mp_pca_planner.input_limits import INPUT_LIMITS
 from mp_pca_planner.planning.objectives import OBJECTIVES
 from mp_pca_planner.planning.options import PlannerOptions
@@ -101,3 +105,44 @@ def test_goals_of_the_node_are_positional_or_options() -> None:
     for words in ([], ["0.1", "--goal", "0.2"], ["0.1", "--goal-pose", "0 0 0"]):
         with pytest.raises(SystemExit):
             parse("send_goal", words)
+
+
+def test_help_names_each_command_once(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["help"])
+    assert ended.value.code == 0
+    lines = capsys.readouterr().out.splitlines()
+    named = [line.split()[0] for line in lines if line.startswith("  ") and line.split()]
+    assert sorted(set(COMMANDS) - {"sequence"}) == sorted(x for x in named if x in COMMANDS)
+    with pytest.raises(SystemExit):
+        main(["help", "stop"])
+    assert capsys.readouterr().out.startswith("usage: mp-pca stop")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--goal-pose", "0.1", "0.5", "0.4"], "put quotes around the numbers of a pose"),
+        (["--goal", "0,0", "--naturalness", "2"], "'2' is not a number from 0 to 1"),
+    ],
+)
+def test_slips_of_the_hand_are_named(
+    words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "p.npz", "--robot", "arm.urdf", "--start", "0,0", *words])
+    assert ended.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_primitive_of_another_robot_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    primitive, urdf = tmp_path / "reach.npz", tmp_path / "other.urdf"
+    arm_primitive().save(primitive)
+    urdf.write_text(config_file("human_arm.urdf").read_text().replace("elbow", "knee"))
+    for command, *options in (["plan", *GOAL[3:]], ["view"]):
+        assert main([command, str(primitive), "--robot", str(urdf), *options]) == 2
+        said = capsys.readouterr().err
+        assert "was learned for another robot: its joints 'elbow' are not in" in said
+        assert "which has 'shoulder1'" in said

@@ -12,9 +12,9 @@ import pinocchio as pin
 import pytest
 from support.arm import JOINTS
 
-from mp_pca_planner.cli.example_robots import EXAMPLE_ROBOTS, robot_file
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.robot.examples import EXAMPLE_ROBOTS, example_file
 from mp_pca_planner.robot.meshes import package_folders
 from mp_pca_planner.robot.model import Robot
 
@@ -22,7 +22,8 @@ loader = pytest.importorskip(
     "example_robot_data.robots_loader",
     reason="example-robot-data is not installed (extra 'peers')",
 )
-FOLDER = Path(loader.getModelPath(EXAMPLE_ROBOTS["panda"][0]))
+PANDA = "panda_description/urdf/panda.urdf"
+FOLDER = Path(loader.getModelPath(PANDA))
 ARMS = """
     TwoDofs anymal-kinova b1-z1 baxter bluevolta_bravo7_gripper bluevolta_bravo7_no_ee
     borinot_flying_arm_2 bravo7_gripper bravo7_no_ee double_pendulum double_pendulum_continuous
@@ -117,7 +118,7 @@ def test_pairs_of_the_human_arm_are_the_expected_ones():
 
 @pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
 def test_pairs_of_arms_with_their_grippers_locked_are_the_expected_ones(name):
-    _, path, joints = robot_file(name)
+    path, joints = example_file(name)
     assert assert_pairs_are_expected(path, joints)
 
 
@@ -128,10 +129,9 @@ def test_pairs_of_every_arm_are_the_expected_ones(arm):
 
 
 def test_pairs_that_were_lost_on_panda_and_kinova_are_checked():
-    path, _ = EXAMPLE_ROBOTS["panda"]
-    pairs = assert_pairs_are_expected(FOLDER / path)
+    pairs = assert_pairs_are_expected(FOLDER / PANDA)
     assert frozenset(("panda_link5", "panda_leftfinger")) in pairs
-    _, path, joints = robot_file("kinova")
+    path, joints = example_file("kinova")
     pairs = assert_pairs_are_expected(path, joints)
     for links in (("link_3", "link_finger_1"), ("link_4", "link_finger_tip_1")):
         assert frozenset(f"j2s6s200_{name}" for name in links) in pairs

@@ -93,12 +93,12 @@ REFUSED = {
     # Starts
     "start outside": (
         lambda: plan(GOAL, JointState(JOINTS, [*HERE[:3], 1.0])),
-        "present position of joint 'elbow' is 1",
+        "start position of joint 'elbow' is 1",
     ),
     "start lacks": (lambda: plan(GOAL, JointState(JOINTS[:3], HERE[:3])), "lacks 'elbow'"),
     "start too fast": (
         lambda: plan(GOAL, JointState(JOINTS, HERE, [0, 0, 0, 99.0])),
-        "present velocity of joint 'elbow' is 99, outside",
+        "start velocity of joint 'elbow' is 99, outside",
     ),
     # Sequences
     "frame of a target": (lambda: plan(sequence(Pose("hand", [0, 0, 0]))), "'hand'"),
@@ -172,7 +172,7 @@ def test_absurd_requests_are_refused_or_come_to_an_honest_plan(numbers, duration
     if kind != "pose":
         _, from_nowhere = attempt(lambda: check_goal(subject.robot, subject.limits, goal))
         # A goal of two faults is rejected for either.
-        is_other = refused and any(word in refused for word in ("present", "no primitive"))
+        is_other = refused and any(word in refused for word in ("the start ", "no primitive"))
         assert not from_nowhere or refused == from_nowhere or is_other
     if found is None or found.status == ALREADY_THERE:
         return

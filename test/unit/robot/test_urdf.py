@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mp_pca_planner.cli.example_robots import EXAMPLE_ROBOTS
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
@@ -104,7 +103,7 @@ def example_files() -> list[Path]:
         "example_robot_data.robots_loader",
         reason="example-robot-data is not installed (extra 'peers')",
     )
-    folder = Path(loader.getModelPath(EXAMPLE_ROBOTS["panda"][0]))
+    folder = Path(loader.getModelPath("panda_description/urdf/panda.urdf"))
     return sorted(folder.glob("**/*.urdf"))
 
 

@@ -1,0 +1,51 @@
+# Copyright 2026 mp_pca_planner developers
+# SPDX-License-Identifier: Apache-2.0
+"""`send_obstacles`: gives the running node the obstacles of a scene."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..exceptions import GoalError
+from ..robot.world import World
+from .common import show
+from .options import add_node
+from .terminal import DONE, FAILED, PROGRAM, complain
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.description = (
+        "Give the running node the obstacles of a file, beside those that it has. Obstacles of the "
+        "same name are replaced."
+    )
+    parser.add_argument(
+        "scene", metavar="FILE", type=Path, nargs="?", help="planning scene of MoveIt: .scene, YAML"
+    )
+    parser.add_argument("--clear", action="store_true", help="remove all obstacles before")
+    add_node(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command; returns the exit status."""
+    if arguments.scene is None and not arguments.clear:
+        raise GoalError("no obstacles to send: give a FILE, or --clear to remove all")
+    world = World() if arguments.scene is None else World.from_file(arguments.scene)
+    from ..ros.client import GoalClient, NoAnswerError, check_node_name
+
+    check_node_name(arguments.namespace, arguments.node)
+    try:
+        with GoalClient(arguments.command, arguments.namespace, arguments.node) as client:
+            n_obstacles, problem = client.send_obstacles(
+                world, clear=arguments.clear, timeout=arguments.timeout
+            )
+    except NoAnswerError as error:
+        complain(f"{PROGRAM} send_obstacles: {error}")
+        return FAILED
+    if problem and not arguments.json:
+        complain(f"{PROGRAM} send_obstacles: {problem}")
+    sent = list(world.names)
+    show(arguments, {"sent": sent, "obstacles_of_the_node": n_obstacles, "rejected": problem})
+    return FAILED if problem else DONE
