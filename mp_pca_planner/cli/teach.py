@@ -17,8 +17,14 @@ from types import TracebackType
 from typing import Any
 
 from ..robot.model import Robot
-from ..teaching.dialogue import KEYS, SessionWords, Source, hold_dialogue
-from ..teaching.session import TeachingSession, stored_states
+from ..teaching.session import (
+    KEYS,
+    SessionWords,
+    Source,
+    TeachingSession,
+    hold_dialogue,
+    stored_states,
+)
 from .common import check_frame, check_output, fact_lines, reported
 from .main import run_command
 from .options import add_node, name_list
@@ -91,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
             return DONE
         status = _build(arguments, session)
         is_live = status == DONE and arguments.play is None
-        return _try(arguments, session, keys, words) if is_live else status
+        return _try(arguments, session, keys) if is_live else status
 
 
 def _taught(
@@ -99,32 +105,31 @@ def _taught(
 ) -> tuple[TeachingSession, bool]:
     """Hold a session until it is left; returns it, and whether to build the primitive."""
     output = arguments.output
-    is_whole = not arguments.joints  # all joints of the robot, also those of a gripper
+    # Without --joints, all joints of the robot, also those of a gripper.
+    options: dict[str, Any] = {"moving_only": not arguments.joints, "words": words}
     if arguments.play is not None:
         topic, states = stored_states(arguments.play, arguments.topic)
-        with TeachingSession(output, topic, joints, moving_only=is_whole) as session:
+        with TeachingSession(output, topic, joints, **options) as session:
             new = [(stamp, data) for stamp, data in states if stamp > session.last_stamp]
             if len(new) < len(states):
                 n_known = len(states) - len(new)
                 say(f"{session.recording} already holds {n_known} of the messages to play")
             session.record(new)
-            return session, _is_built(session, None, keys, words)
+            return session, _is_built(session, None, keys)
     from ..ros.live_node import JointStateSource, full_topic_name
 
     topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
-    taught = TeachingSession(output, topic, joints, moving_only=is_whole)
+    taught = TeachingSession(output, topic, joints, **options)
     with taught as session, JointStateSource(topic) as source:
         say(f"recording    {topic} into {session.recording}")
-        return session, _is_built(session, source, keys, words)
+        return session, _is_built(session, source, keys)
 
 
-def _is_built(
-    session: TeachingSession, source: Source | None, keys: Keys, words: SessionWords
-) -> bool:
+def _is_built(session: TeachingSession, source: Source | None, keys: Keys) -> bool:
     """Whether to build the primitive; Ctrl-C quits."""
     _say_now(KEYS)
     with suppress(KeyboardInterrupt):
-        return hold_dialogue(session, source, keys.pressed, words, _say_now)
+        return hold_dialogue(session, source, keys.pressed, _say_now)
     return False
 
 
@@ -143,13 +148,11 @@ def _build(arguments: argparse.Namespace, session: TeachingSession) -> int:
     return run_command("build_primitives", [str(session.recording), *options])
 
 
-def _try(
-    arguments: argparse.Namespace, session: TeachingSession, keys: Keys, words: SessionWords
-) -> int:
+def _try(arguments: argparse.Namespace, session: TeachingSession, keys: Keys) -> int:
     """Have the node reload its primitives, and send the first goal after an explicit yes."""
     from ..ros.client import GoalClient, NoAnswerError, is_served
 
-    names, goal = session.motions[0].joint_names, session.first_goal()
+    names, goal, goal_words = session.first_goal()
     try:
         with GoalClient("teach_goal", arguments.namespace, arguments.node) as robot:
             robot.wait_for_node(arguments.timeout, with_trajectory=False)
@@ -158,7 +161,7 @@ def _try(
             if not reloaded.success:
                 return FAILED
             _say_now(
-                f"first goal   {words.place(names, goal)}",
+                f"first goal   {goal_words}",
                 "y sends it to the robot, any other key does not",
             )
             if not keys.answer():

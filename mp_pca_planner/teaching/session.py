@@ -1,30 +1,43 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A teaching session: a recording that grows, and the motions that are cut out of it."""
+"""A teaching session: a recording that grows, the motions in it, and what they teach."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from queue import SimpleQueue
-from typing import NamedTuple, Self
+from typing import Protocol, Self
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import RecordingError
+from ..exceptions import PlannerError, RecordingError
 from ..files import reading, write_whole
+from ..plotting.text import DEGREES, Unit, unit_of
+from ..primitives.build import build_primitive
 from ..recordings import cutting
 from ..recordings.bags import choose_topic, from_cdr, open_bag, to_cdr, write_stored_states
 from ..recordings.bags.bag import damage_reported
 from ..recordings.demonstration import Demonstration
-from ..recordings.joint_states import JointStates, collect_joint_states, joined
+from ..recordings.joint_states import collect_joint_states, joined
 from ..recordings.recording import Recording
-from ..recordings.segmentation import SegmentationOptions
+from ..recordings.segmentation import SegmentationOptions, extent
+from ..robot.model import Robot
 
 StoredStates = list[tuple[int, bytes]]
 """Serialised joint states (CDR) with their times of reception [ns]."""
+
+KEYS = "d discards the last motion, b builds the primitive, q quits; the recording is kept"
+
+# Pauses are at least so many times as long as an update of the session, and a silent source is
+# named after so many pauses.
+_IDLE_RATIO, _MAX_SILENCE = 4.0, 10
+
+_Span = tuple[float, float]
+"""Start and end of a motion in the recording [s]."""
 
 
 def stored_states(path: Path, topic: str | None = None) -> tuple[str, StoredStates]:
@@ -48,22 +61,96 @@ def stored_states(path: Path, topic: str | None = None) -> tuple[str, StoredStat
         return chosen.name, [(stamp, convert(x)) for _, stamp, x in bag.messages([chosen])]
 
 
-class SessionUpdate(NamedTuple):
-    """What is new in the recording of a session.
+class Source(Protocol):
+    """Joint states that come while a session goes on.
 
     Attributes
     ----------
-    found : tuple of Demonstration
-        Motions that were not there at the update before.
-    n_lost : int
-        Number of motions that were, and are no longer cut in this way.
-    notes : tuple of str
-        What is left out and why, one sentence each.
+    pause : float
+        Least time between two updates of the session [s].
     """
 
-    found: tuple[Demonstration, ...] = ()
-    n_lost: int = 0
-    notes: tuple[str, ...] = ()
+    pause: float
+
+    def feed(self, record: Callable[[StoredStates], None]) -> None:
+        """Pass on what has come, or start to pass on what comes."""
+
+    def silence(self) -> str:
+        """Why nothing has come, as far as that is known."""
+
+
+class SessionWords:
+    """Describes motions and what they teach; places of the end effector with a robot only.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        The robot.
+    frame : str
+        Its end effector; by default the link that most joints move.
+    """
+
+    def __init__(self, robot: Robot | None = None, frame: str = "") -> None:
+        self._robot, self._frame = robot, frame
+
+    def motion(self, number: int, motion: Demonstration) -> str:
+        """What is said of a new motion."""
+        unit = self._unit(motion.joint_names)
+        length = f"{unit.number(extent(motion.positions))} {unit.name}"
+        if self._robot is not None:
+            frame, path = self._places(self._robot, motion.joint_names, motion.positions)
+            metres = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+            length += f", {frame} over {metres:.2f} m"
+        return f"motion {number}: {motion.duration:.2f} s, {length}, accepted"
+
+    def learned(self, motions: Sequence[Demonstration]) -> list[str]:
+        """What motions teach: the error of left-out motions, and the range of the goals."""
+        if len(motions) < 2:
+            return ["  nothing is learned yet: two motions are needed"]
+        try:
+            facts = build_primitive(motions, "taught").summary()
+        except PlannerError as error:
+            return [f"  nothing is learned yet: {error}"]
+        names = motions[0].joint_names
+        unit, goals = self._unit(names), np.array([motion.positions[-1] for motion in motions])
+        errors = [
+            f"{unit.number(facts[f'{name}_error'])} {unit.name}"
+            for name in ("left_out", "minimum_jerk")
+        ]
+        lines = [
+            f"  left-out error {errors[0]} (straight motions: {errors[1]})",
+            f"  goals shown {self._si(names)}: {_ranges(names, goals)}",
+        ]
+        if self._robot is not None:
+            frame, places = self._places(self._robot, names, goals)
+            lines.append(f"  {frame} at goals [m]: {_ranges('xyz', places)}")
+        return lines
+
+    def place(self, joint_names: Sequence[str], q: FloatArray) -> str:
+        """Positions of joints, shape (n_joints,), and the place of the end effector."""
+        rounded = np.round(q, 2) + 0.0  # no minus before zero
+        joints = ",".join(f"{name}={x:.2f}" for name, x in zip(joint_names, rounded, strict=True))
+        text = f"{joints} {self._si(joint_names)}"
+        if self._robot is not None:
+            frame, places = self._places(self._robot, joint_names, q[None])
+            text += f" ({frame} at {' '.join(f'{x:.2f}' for x in places[0])} m)"
+        return text
+
+    def _places(
+        self, robot: Robot, joint_names: Sequence[str], q: FloatArray
+    ) -> tuple[str, FloatArray]:
+        """The end effector that these joints move, and its places [m], shape (n_steps, 3)."""
+        robot = robot.with_joints(joint_names)
+        frame = self._frame or robot.end_effector  # of a gripper at rest, the hand
+        return frame, robot.frame_positions(q, [frame])[:, 0]
+
+    def _si(self, joint_names: Sequence[str]) -> str:
+        """The unit of positions that commands read."""
+        unit = self._unit(joint_names)
+        return "[rad]" if unit is DEGREES else f"[{unit.name}]"
+
+    def _unit(self, joint_names: Sequence[str]) -> Unit:
+        return unit_of(joint_names, self._robot.prismatic_joints if self._robot else ())
 
 
 class TeachingSession:
@@ -84,6 +171,8 @@ class TeachingSession:
         Names of the joints; by default all that every message lists.
     moving_only : bool
         Leaves out those of `joints` that are not listed or never move, such as a gripper's.
+    words : SessionWords
+        Describes the motions.
 
     Attributes
     ----------
@@ -99,7 +188,13 @@ class TeachingSession:
     """
 
     def __init__(
-        self, output: Path, topic: str, joints: Sequence[str] | None, *, moving_only: bool = False
+        self,
+        output: Path,
+        topic: str,
+        joints: Sequence[str] | None,
+        *,
+        moving_only: bool = False,
+        words: SessionWords | None = None,
     ) -> None:
         self.recording, self.segments, self._discarded = (
             output.with_name(output.stem + end)
@@ -107,21 +202,25 @@ class TeachingSession:
         )
         self.motions: tuple[Demonstration, ...] = ()
         self._name, self._topic, self._joints = output.stem, topic, joints
-        self._moving_only, self._notes = moving_only, set[str]()
+        self._moving_only, self._words = moving_only, words or SessionWords()
+        self._said = set[str]()
         self._waiting: SimpleQueue[StoredStates] = SimpleQueue()
         self._messages: StoredStates = []
+        self._states = collect_joint_states(topic, [])
         if self.recording.exists():
             with open_bag(self.recording) as bag:
-                if [found.name for found in bag.topics] != [topic]:
+                if [stored.name for stored in bag.topics] != [topic]:
                     raise RecordingError(
                         f"'{self.recording}' holds other topics than '{topic}': choose another "
                         "--output"
                     )
-            _, self._messages = stored_states(self.recording, topic)
-        self._raw = collect_joint_states(topic, [])
-        self._raw = self._decoded(self._messages)
+            self.record(stored_states(self.recording, topic)[1])
+            self._take()
         self._n_written = len(self._messages)
-        self._discarded_spans = self._read_discarded()
+        self._discarded_spans: list[_Span] = []
+        if self._discarded.exists():
+            rows = cutting.read_segments(self._discarded, [self._name]).get(self._name, [])
+            self._discarded_spans = [(row.start, row.end) for row in rows]
 
     def __enter__(self) -> Self:
         return self
@@ -144,8 +243,8 @@ class TeachingSession:
         """When the last message of the recording was received [ns]; 0 if there is none."""
         return self._messages[-1][0] if self._messages else 0
 
-    def update(self, *, is_over: bool = False) -> SessionUpdate:
-        """Cut the recording as it is now.
+    def update(self, *, is_over: bool = False) -> list[str]:
+        """Cut the recording as it is now; returns lines on new motions and on what is left out.
 
         Parameters
         ----------
@@ -153,60 +252,71 @@ class TeachingSession:
             Whether nothing follows. Otherwise the motions stay as they were while the arm moves:
             its last motions may still be cut in another way.
         """
-        if new := self._take():
-            self._raw = self._decoded(new)
+        self._take()
         try:
             cuts, clean = cutting.cut_joint_states(
-                self._raw, self._joints, moving_only=self._moving_only
+                self._states, self._joints, moving_only=self._moving_only
             )
         except RecordingError as error:
             is_known = self._messages or is_over
-            return SessionUpdate(notes=self._new_notes([str(error)] if is_known else []))
+            return self._news([f"no motion yet: {error}"] if is_known else [])
         if not is_over and not _is_at_rest(cuts, clean):
-            return SessionUpdate()
+            return []
         self._present = clean.pieces[-1].positions[-1]
         whole = [cut for cut in cuts if not cut.is_cut_off]
-        every = [cut.demonstration(clean.joint_names, self._name, "") for cut in whole]
-        before = self.motions
-        self.motions = tuple(one for one in every if not _is_among(one, self._discarded_spans))
-        found = tuple(one for one in self.motions if not _is_among(one, _spans(before)))
-        if found:
+        every = (cut.demonstration(clean.joint_names, self._name, "") for cut in whole)
+        before = _spans(self.motions)
+        self.motions = tuple(x for x in every if not _is_among(x, self._discarded_spans))
+        lines = self._news(f"left out: {note}" for note in _left_out(clean, cuts))
+        numbered = enumerate(self.motions, 1)
+        if new := [(k, motion) for k, motion in numbered if not _is_among(motion, before)]:
             self._write_recording()
-        n_lost = sum(not _is_among(one, _spans(self.motions)) for one in before)
-        return SessionUpdate(found, n_lost, self._new_notes(_left_out(clean, cuts)))
+            lines += [self._words.motion(k, motion) for k, motion in new]
+            lines += self._words.learned(self.motions)
+        return lines
 
     def discard_last(self) -> Demonstration | None:
         """Discard the last motion for good; returns it, None if there is none."""
         if not self.motions:
             return None
-        last = self.motions[-1]
+        *others, last = self.motions
+        self.motions = tuple(others)
         self._discarded_spans += _spans([last])
         self._write_table(self._discarded, self._discarded_spans)
-        self.motions = self.motions[:-1]
         return last
 
-    def first_goal(self) -> FloatArray:
-        """Goal of the motion that starts nearest to the present positions, shape (n_joints,)."""
+    def first_goal(self) -> tuple[tuple[str, ...], FloatArray, str]:
+        """Goal of the motion that starts nearest to the present positions.
+
+        Returns
+        -------
+        joint_names : tuple of str
+            The joints.
+        goal : array, shape (n_joints,)
+            Their positions [rad or m].
+        words : str
+            The same as text.
+        """
         starts = np.array([motion.positions[0] for motion in self.motions])
         nearest = np.linalg.norm(starts - self._present, axis=1).argmin()
-        return np.asarray(self.motions[int(nearest)].positions[-1])
+        motion = self.motions[int(nearest)]
+        names, goal = motion.joint_names, np.asarray(motion.positions[-1])
+        return names, goal, self._words.place(names, goal)
 
     def write_segments(self) -> None:
         """Write the table of the motions, for `build_primitives --segments`."""
         self._write_table(self.segments, _spans(self.motions))
 
-    def _take(self) -> StoredStates:
-        """Add the messages that have come since the last time; returns them."""
+    def _take(self) -> None:
+        """Add the messages that have come since the last time."""
         new: StoredStates = []
         while not self._waiting.empty():
             new += self._waiting.get()
-        self._messages += new
-        return new
-
-    def _decoded(self, new: StoredStates) -> JointStates:
-        with reading("the joint states", RecordingError):
-            states = ((stamp, from_cdr(data)) for stamp, data in new)
-            return joined(self._raw, collect_joint_states(self._topic, states))
+        if new:
+            with reading("the joint states", RecordingError):
+                states = ((stamp, from_cdr(data)) for stamp, data in new)
+                self._states = joined(self._states, collect_joint_states(self._topic, states))
+            self._messages += new
 
     def _write_recording(self) -> None:
         if len(self._messages) > self._n_written:
@@ -218,22 +328,63 @@ class TeachingSession:
         table = cutting.segments_table((self._name, start, end, "") for start, end in spans)
         write_whole(file, table, overwrite=True)
 
-    def _read_discarded(self) -> list[_Span]:
-        if not self._discarded.exists():
-            return []
-        rows = cutting.read_segments(self._discarded, [self._name]).get(self._name, [])
-        return [(row.start, row.end) for row in rows]
-
-    def _new_notes(self, notes: Sequence[str]) -> tuple[str, ...]:
+    def _news(self, notes: Iterable[str]) -> list[str]:
         """Those that differ from all earlier ones in more than numbers."""
         keys = {re.sub(r"\d\S*", "", note): note for note in notes}
-        new = [note for key, note in keys.items() if key not in self._notes]
-        self._notes |= keys.keys()
-        return tuple(new)
+        new = [note for key, note in keys.items() if key not in self._said]
+        self._said |= keys.keys()
+        return new
 
 
-_Span = tuple[float, float]
-"""Start and end of a motion in the recording [s]."""
+def hold_dialogue(
+    session: TeachingSession,
+    source: Source | None,
+    pressed: Callable[[float | None], str | None],
+    say: Callable[..., None],
+) -> bool:
+    """Show motions as they end, until a person ends the session.
+
+    Parameters
+    ----------
+    session : TeachingSession
+        The session.
+    source : Source or None
+        Where its joint states come from; None if all are there.
+    pressed : callable
+        Returns the next key; '' if none is pressed within a time [s], None if none can be any more.
+    say : callable
+        Prints lines.
+
+    Returns
+    -------
+    is_built : bool
+        Whether the primitive is to be built.
+    """
+    n_silent, n_known, timeout = 0, session.n_messages, None
+    while True:
+        started = time.monotonic()
+        if source is not None:
+            source.feed(session.record)
+        say(*session.update(is_over=source is None))
+        if source is not None:
+            n_silent = n_silent + 1 if session.n_messages == n_known else 0
+            if n_silent == _MAX_SILENCE:
+                say(source.silence())
+            timeout = max(source.pause, _IDLE_RATIO * (time.monotonic() - started))
+        key = pressed(timeout)
+        if key is None or key == "q":
+            return False
+        if key == "b":
+            say(*session.update(is_over=True))
+            if session.motions:
+                return True
+            say("there is no motion to build a primitive from")
+        elif key == "d":
+            n = len(session.motions)
+            discarded = f"motion {n} is discarded: {n - 1} left"
+            say(discarded if session.discard_last() else "there is no motion to discard")
+        elif key:
+            say(f"'{key}' does nothing: {KEYS}")
 
 
 def _is_at_rest(cuts: Sequence[cutting.Cut], clean: Recording) -> bool:
@@ -267,3 +418,10 @@ def _is_among(motion: Demonstration, spans: Sequence[_Span]) -> bool:
         > 0.5 * min(motion.end_time - motion.start_time, end - start)
         for start, end in spans
     )
+
+
+def _ranges(names: Sequence[str], values: FloatArray) -> str:
+    """Lowest and highest values of each name, given values of shape (n_values, n_names)."""
+    bounds = np.round([values.min(axis=0), values.max(axis=0)], 2) + 0.0  # no minus before zero
+    rows = zip(names, *bounds, strict=True)
+    return ", ".join(f"{name} {a:.2f} to {b:.2f}" for name, a, b in rows)

@@ -17,8 +17,13 @@ from mp_pca_planner.recordings.bags import JOINT_STATE
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.synthetic import write_example_recording
-from mp_pca_planner.teaching.dialogue import KEYS, SessionWords, hold_dialogue
-from mp_pca_planner.teaching.session import StoredStates, TeachingSession, stored_states
+from mp_pca_planner.teaching.session import (
+    KEYS,
+    StoredStates,
+    TeachingSession,
+    hold_dialogue,
+    stored_states,
+)
 
 GOALS = (0.0, 1.0, 0.2, 0.9)
 
@@ -32,28 +37,28 @@ def session(folder: Path) -> TeachingSession:
     return TeachingSession(folder / "taught.npz", "/joint_states", None)
 
 
+def shown(lines: list[str]) -> list[int]:
+    """Numbers of the motions that are said to be new."""
+    return [int(line.split()[1][:-1]) for line in lines if line.startswith("motion ")]
+
+
 def spans(motions: tuple[Demonstration, ...]) -> list[tuple[float, float]]:
     return [(motion.start_time, motion.end_time) for motion in motions]
 
 
 def test_motions_are_those_that_are_cut_offline(tmp_path: Path) -> None:
     bag = write_example_recording(tmp_path / "example.mcap", 8)
-    (_, messages), found = stored_states(bag), list[Demonstration]()
+    (_, messages), lines = stored_states(bag), list[str]()
     with session(tmp_path) as taught:
         for k in range(0, len(messages), 50):
             taught.record(messages[k : k + 50])
-            new, _, _ = taught.update()
-            found += new
-        new, _, _ = taught.update(is_over=True)
-        found += new
+            lines += taught.update()
+        lines += taught.update(is_over=True)
         expected = load_recordings(bag).demonstrations
         assert spans(taught.motions) == spans(expected)
         for own, other in zip(taught.motions, expected, strict=True):
             np.testing.assert_array_equal(own.positions, other.positions)
-        # Each was shown once.
-        assert [one.start_time for one in found] == pytest.approx(
-            [one.start_time for one in expected], abs=0.05
-        )
+        assert shown(lines) == list(range(1, len(expected) + 1))  # each once
 
 
 def test_joint_states_of_every_format_are_recorded(tmp_path: Path, bag_format: str) -> None:
@@ -66,15 +71,14 @@ def test_joint_states_of_every_format_are_recorded(tmp_path: Path, bag_format: s
 
 def test_a_motion_is_shown_when_the_arm_rests(tmp_path: Path) -> None:
     positions = reaching(GOALS[:2])  # rests 1 s, moves 1 s, rests 1 s
-    shown = []
+    n_shown = []
     with session(tmp_path) as taught:
         for message in states(tmp_path, positions):
             taught.record([message])
-            found, _, _ = taught.update()
-            shown.append(len(found))
-    (step,) = np.flatnonzero(shown)
+            n_shown.append(len(shown(taught.update())))
+    (step,) = np.flatnonzero(n_shown)
     assert 250 < step < 290
-    assert shown[step] == 1
+    assert n_shown[step] == 1
 
 
 def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path: Path) -> None:
@@ -87,8 +91,8 @@ def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path:
         assert len(kept) == 2 and last.start_time > kept[-1][1]
     for _ in range(2):
         with session(tmp_path) as taught:
-            found, _, _ = taught.update()
-            assert spans(found) == kept
+            assert shown(taught.update()) == [1, 2]
+            assert spans(taught.motions) == kept
             taught.write_segments()
     segments = tmp_path / "taught_segments.csv"
     table = load_recordings(tmp_path / "taught.mcap", segments_csv=segments)
@@ -101,19 +105,17 @@ def test_discarding_ends_with_the_first_motion(tmp_path: Path) -> None:
         taught.record(states(tmp_path, reaching(GOALS)))
         taught.update(is_over=True)
         assert [taught.discard_last() is not None for _ in range(4)] == [True] * 3 + [False]
-        found, _, _ = taught.update(is_over=True)
-        assert found == ()
+        assert not shown(taught.update(is_over=True)) and taught.motions == ()
 
 
 def test_a_motion_that_the_recording_cuts_off_is_left_out(tmp_path: Path) -> None:
     positions = reaching(GOALS)[:-150]  # ends within the last motion
     with session(tmp_path) as taught:
         taught.record(states(tmp_path, positions))
-        found, _, _ = taught.update()
-        assert found == ()
-        found, _, notes = taught.update(is_over=True)
-    assert len(found) == 2
-    assert "lacks the start or the end" in notes[0]
+        assert taught.update() == []
+        lines = taught.update(is_over=True)
+    assert shown(lines) == [1, 2]
+    assert "lacks the start or the end" in lines[0]
 
 
 def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
@@ -121,16 +123,18 @@ def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
     positions = np.concatenate([reaching(GOALS[:2]), np.column_stack([small, -0.5 * small])])
     with session(tmp_path) as taught:
         taught.record(states(tmp_path, positions))
-        found, _, notes = taught.update(is_over=True)
-    assert len(found) == 1
-    assert notes == ("1 motions over less than 10% of the extent of the largest are left out",)
+        note, *lines = taught.update(is_over=True)
+    assert shown(lines) == [1]
+    assert "1 motions over less than 10% of the extent of the largest are left out" in note
 
 
 def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
         taught.record(states(tmp_path, reaching((0.0, 1.0, 0.0))))
         taught.update(is_over=True)
-        np.testing.assert_allclose(taught.first_goal(), [1.0, -0.5], atol=0.01)
+        names, goal, words = taught.first_goal()
+    np.testing.assert_allclose(goal, [1.0, -0.5], atol=0.01)
+    assert words.startswith(f"{names[0]}=1.00,{names[1]}=-0.50 [rad]")
 
 
 def test_tables_that_are_damaged_are_refused(tmp_path: Path) -> None:
@@ -155,10 +159,10 @@ def test_the_recording_is_complete_from_the_first_motion_on(tmp_path: Path) -> N
         kept = [(stamp, bytes(data)) for _, stamp, data in reader.messages()]
     assert len(kept) > 400 and kept == messages[: len(kept)]
     with session(tmp_path) as taught:
-        found, _, _ = taught.update()
-        assert spans(found) == spans(killed.motions)
+        taught.update()
+        assert spans(taught.motions) == spans(killed.motions)
         taught.record(messages[len(kept) :])
-        assert len(taught.update(is_over=True).found) == 1
+        assert shown(taught.update(is_over=True)) == [3]
     assert stored_states(path)[1] == messages
 
 
@@ -202,7 +206,7 @@ def dialogue(folder: Path, source: Silent | None, keys: str) -> list[str]:
     lines: list[str] = []
     with session(folder) as taught:
         pressed = Pressed(keys).pressed
-        hold_dialogue(taught, source, pressed, SessionWords(), lambda *x: lines.extend(x))
+        hold_dialogue(taught, source, pressed, lambda *x: lines.extend(x))
     return lines
 
 
@@ -232,5 +236,5 @@ def test_the_same_reason_is_given_once(tmp_path: Path) -> None:
         given = []
         for message in states(tmp_path, np.zeros((5, 2))):
             taught.record([message])
-            given += taught.update().notes
+            given += taught.update()
     assert len(given) == 1 and "usable samples" in given[0]
