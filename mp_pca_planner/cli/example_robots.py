@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arrays import by_name
 from ..exceptions import RobotError, quote_names
 from ..files import check_writable, config_file, read_text, write_whole
 from ..recordings.bags import write_joint_states
@@ -73,9 +74,11 @@ def write_example(name: str, folder: Path, *, force: bool) -> list[Path]:
         found = continuous_recording(motions, seed=DEMONSTRATIONS_SEED)
     else:
         others = [joint for joint in robot.movable_joints if joint not in robot.joint_names]
-        bounds = robot.with_joints(others).limits()
-        still = zip(others, np.clip(0.0, bounds.lower, bounds.upper).tolist(), strict=True)
-        found = reach_recording(motions, dict(still), seed=DEMONSTRATIONS_SEED)
+        still: dict[str, float] = {}
+        if others:
+            bounds = robot.with_joints(others).limits()
+            still = by_name(others, np.clip(0.0, bounds.lower, bounds.upper))
+        found = reach_recording(motions, still, seed=DEMONSTRATIONS_SEED)
     for file, text in zip(files[1:], contents.values(), strict=True):
         write_whole(file, text.encode(), overwrite=force)
     names, stamps, positions = found.joint_names, found.stamps, found.positions

@@ -14,9 +14,11 @@ import pytest
 from support.domains import lease_domain
 from support.patience import HANG
 
+import mp_pca_planner as mp
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.primitives.file import load_primitive
 from mp_pca_planner.recordings.load import load_recordings
+from mp_pca_planner.robot.examples import EXAMPLE_ROBOTS, HUMAN_ARM
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import World
 
@@ -116,3 +118,13 @@ def test_files_of_an_example_are_written_and_kept(tmp_path, capsys):
     assert len(list(World.from_file(tmp_path / "scene.yaml"))) == 1
     assert main(words) == 2
     assert "--force" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
+def test_every_example_gives_motions_of_its_arm(tmp_path, name):
+    if name != HUMAN_ARM:
+        pytest.importorskip("example_robot_data", reason="extra 'example' is not installed")
+    assert main(["demo", name, "--files", "--output", str(tmp_path)]) == 0
+    found = mp.load_demonstrations(tmp_path / "session.mcap", robot=tmp_path / "arm.urdf")
+    assert found[0].joint_names == mp.Robot.example(name).joint_names
+    assert len(found) >= 79
