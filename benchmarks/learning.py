@@ -116,7 +116,7 @@ def learn_by_trials(
             ) -> float:
                 return effort(trajectory) * (1.0 + noise * float(rng.normal()))
 
-            best = improve_by_trials(plan, run, n_trials, seed)
+            best = improve_by_trials(planner, plan, run, n_trials, seed)
             motions[f"after {n_trials} trials with noise of {noise:.0%}"] = best.trajectory
         for name, motion in motions.items():
             above = 100.0 * (effort(motion) / optimum - 1.0)

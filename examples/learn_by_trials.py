@@ -33,6 +33,7 @@ with GoalClient("trials") as client:
         cost = 0.001 * np.sum(np.square([state.effort for state in states]))
         return cost or sys.exit("joint_states hold no efforts, from which the cost is computed")
 
-    best = improve_by_trials(planner.plan(start=start, goal=goal), execute, int(sys.argv[3]))
+    plan = planner.plan(start=start, goal=goal)
+    best = improve_by_trials(planner, plan, execute, int(sys.argv[3]))
 print(f"planned: {best.planned_cost:.2f}, learned: {best.cost:.2f} ± {best.noise:.2f} N²m²s")
 primitive_around(reach, best.motion, "learned", {}).save("learned.npz", overwrite=True)

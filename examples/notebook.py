@@ -17,5 +17,5 @@ plan = planner.plan(
     start=demonstrations[0].positions[0], goal={"shoulder1": -1.8, "shoulder3": 0.6}
 )
 print(plan)
-plan.plot().flat[0].figure.savefig("motion.png")
+plan.plot(planner).flat[0].figure.savefig("motion.png")
 plan.trajectory.save("motion.csv", overwrite=True)

@@ -35,12 +35,14 @@ class Example:
     robot: mp.Robot
     start: np.ndarray
 
+    def planner(self) -> mp.Planner:
+        """A planner with much time."""
+        options = mp.PlannerOptions(max_solve_time=60.0)
+        return mp.Planner(self.robot, [self.primitive], options=options)
+
     def plan(self) -> mp.Plan:
         """A plan to the goal of the figure."""
-        options = mp.PlannerOptions(max_solve_time=60.0)
-        return mp.Planner(self.robot, [self.primitive], options=options).plan(
-            start=self.start, goal=GOAL
-        )
+        return self.planner().plan(start=self.start, goal=GOAL)
 
 
 def example(n_motions: int = 40) -> Example:
@@ -65,7 +67,7 @@ def write_figures(folder: Path) -> None:
         title = "Demonstrations, mean shape and components"
         primitive_figure(figure, found.primitive, shown, title)
     with picture(folder / "motion.png", force=True) as figure:
-        plan_figure(figure, found.plan())
+        plan_figure(figure, found.plan(), found.planner())
     for file in folder.glob("*.png"):  # a few colours make small files
         Image.open(file).convert("RGB").quantize(64).save(file, optimize=True)
 

@@ -38,6 +38,27 @@ if TYPE_CHECKING:
     from ..planning.planner import Planner
 
 _MAX_SOLVE_TIME = 5.0  # s; a sequence has no limit of time
+# What the text leaves to --json: costs and residuals, and what the message says.
+_HIDDEN = (
+    "considered",
+    "clearance",
+    "correction",
+    "cost",
+    "deviation_score",
+    "expected_error",
+    "in_span_score",
+    "iterations",
+    "kkt_residual",
+    "n_components_used",
+    "naturalness",
+    "naturalness_cost",
+    "nearest_obstacle",
+    "objective_cost",
+    "start_cost",
+    "start_error",
+    "via_error",
+    "weights",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,10 +97,10 @@ def run(arguments: argparse.Namespace) -> int:
         from ..plotting.style import picture
 
         with picture(plot, force=force) as figure:
-            plan_figure(figure, plan)
+            plan_figure(figure, plan, request.planner)
     made = (output if plan.is_executable else None, plot if plan.motions else None)
     written = [file for file in made if file is not None]
-    show(arguments, facts | {"written": written}, hidden=("kkt_residual",))
+    show(arguments, facts | {"written": written}, hidden=_HIDDEN)
     return DONE if plan.is_executable or plan.status == ALREADY_THERE else FAILED
 
 
@@ -113,7 +134,7 @@ class PlannedRequest:
     def remarks(self) -> list[str]:
         """What is unusual about the motion, and joints whose position was not given."""
         robot, collision = self.planner.robot, self.planner.collision
-        found = self.plan.remarks
+        found = [*self.plan.remarks]
         found += self.notes
         if unlimited := self.planner.limits.unlimited:
             found.append(f"some joints have no limit of {', '.join(unlimited)}: use --limits")
@@ -135,7 +156,8 @@ class PlannedRequest:
         """What is printed of the request and of a motion planned for it."""
         from ..planning.report import collision_words
 
-        motions, check = self.plan.motions, self.planner.collision
+        motions, model = self.plan.motions, self.planner.collision
+        collisions = () if model is None else model.collisions(trajectory, precisely=False)
         ends = self.plan.trajectory.positions[[0, -1]]
         states = [motion.start.positions for motion in motions[:1]]
         states += [motion.goal.positions for motion in motions]
@@ -150,7 +172,7 @@ class PlannedRequest:
             "end_effector": {"frame": self.frame, "start": hand[0], "goal": hand[1]},
             "remarks": self.remarks,
             "joint_names": list(trajectory.joint_names),
-            "collision": collision_words(check, trajectory),
+            "collision": collision_words(model, collisions),
         }
 
 

@@ -24,6 +24,7 @@ from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_limits
+from ..planning.context import Budget
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.path_constraints import PathConstraint, path_constraints
 from ..planning.plan import SOLVED, Plan
@@ -51,8 +52,6 @@ _NEAR, _NEAR_AT_REST, _SAME = 0.15, 0.03, 1e-4
 _SLOWEST = 2.0
 # Part of the time for planning that is left for what follows it [s].
 _PUBLISHING_TIME = 0.02
-
-_NEVER: Callable[[], bool] = lambda: False  # noqa: E731
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +127,6 @@ def assemble_model(
     primitives: Sequence[MovementPrimitive],
     settings: Settings,
     measured: Mapping[str, float] | None = None,
-    should_stop: Callable[[], bool] = _NEVER,
 ) -> Model:
     """Set up a planner for the joints of the primitives.
 
@@ -143,8 +141,6 @@ def assemble_model(
     measured :
         Measured positions of any joints [rad or m]; those that the primitives do not move are
         locked there.
-    should_stop :
-        Whether a plan is no longer needed.
 
     Raises
     ------
@@ -172,7 +168,6 @@ def assemble_model(
     weights = objective_weights(settings.objective, "parameter 'objective'")
     options = replace(
         settings.planner_options,
-        should_stop=should_stop,
         objectives=weighted_objectives(weights, robot, frame),
         constraints=path_constraints(settings.constraints, "parameter 'constraints'", robot),
     )
@@ -296,7 +291,6 @@ class GoalPlanner:
         # The files that were read last, and their primitives; none if they can't be read.
         self._paths: tuple[str, ...] = ()
         self._library: PrimitiveLibrary | None = None
-        self._key, self._deadline = 0, math.inf
         # The newest plans, to keep one of them as a primitive.
         self.plans: dict[int, Plan] = {}
 
@@ -333,7 +327,6 @@ class GoalPlanner:
 
     def plan(self, request: PlanRequest) -> Planned | Rejected:
         """Plan a motion, continue the one that is running, or say why there is none."""
-        self._key, self._deadline = request.key, math.inf
         try:
             if self.model is None:
                 raise GoalError("the planner is being set up; send the goal again")
@@ -354,10 +347,12 @@ class GoalPlanner:
         settings: Settings,
         measured: Mapping[str, float],
     ) -> Model:
-        return assemble_model(urdf, library, settings, measured, self._should_stop)
+        return assemble_model(urdf, library, settings, measured)
 
-    def _should_stop(self) -> bool:
-        return time.monotonic() > self._deadline or self._is_cancelled(self._key)
+    def _budget(self, request: PlanRequest, model: Model, ends: float = math.inf) -> Budget:
+        """The time for a plan; none is needed any more after a time of the clock."""
+        seconds = model.settings.planner_options.max_solve_time
+        return Budget(seconds, lambda: time.monotonic() > ends or self._is_cancelled(request.key))
 
     def _planned(self, request: PlanRequest, model: Model) -> Planned:
         world, settings = self.world, model.settings
@@ -394,7 +389,8 @@ class GoalPlanner:
 
     def _executable(self, goal: Goal, request: PlanRequest, model: Model) -> Plan:
         """A plan that may be executed."""
-        plan = model.planner.plan(goal, request.start)
+        budget = self._budget(request, model)
+        plan = model.planner.plan(goal, request.start, budget=budget)
         if self._is_cancelled(request.key):
             raise CancelledError
         if not plan.is_executable:
@@ -413,7 +409,7 @@ class GoalPlanner:
             plan.trajectory,
             plan.limit_check,
             plan.message,
-            tuple(plan.remarks),
+            plan.remarks,
             plan.summary(),
             plan.primitives,
             laws,
@@ -461,9 +457,8 @@ class GoalPlanner:
             return adapted
         if not goal.duration:
             goal = replace(goal, duration=adapted.trajectory.duration)
-        self._deadline = ends
-        plan = model.planner.plan(goal, request.start)
-        self._deadline = math.inf
+        budget = self._budget(request, model, ends)
+        plan = model.planner.plan(goal, request.start, budget=budget)
         if self._is_cancelled(request.key):
             raise CancelledError
         is_late = time.monotonic() > ends

@@ -19,6 +19,7 @@ import numpy as np
 from ..exceptions import LearningError, RobotError, TrajectoryError, require
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
+from ..planning.planner import Planner
 from .refined_motion import LOG_DURATION, RefinedMotion
 from .refinement import AcceptedMotion, ExecutableMotions, parameter_bounds, refine
 
@@ -55,14 +56,20 @@ class LearnedMotion(AcceptedMotion):
 
 
 def improve_by_trials(
-    plan: Plan, run: Callable[[Trajectory], float], n_trials: int = 60, seed: int = 0
+    planner: Planner,
+    plan: Plan,
+    run: Callable[[Trajectory], float],
+    n_trials: int = 60,
+    seed: int = 0,
 ) -> LearnedMotion:
     """Improve a planned motion by the measured costs of variations with the same duration.
 
     Parameters
     ----------
+    planner : Planner
+        The planner of the motion, without constraints.
     plan : Plan
-        The motion to improve, of :meth:`.Planner.plan`.
+        The motion to improve.
     run : callable
         Executes a trajectory, which was checked as plans are, and returns its measured cost.
     n_trials : int
@@ -79,16 +86,14 @@ def improve_by_trials(
     Raises
     ------
     LearningError
-        If no planner made the plan, it has constraints, or a cost is not finite.
+        If the planner has constraints, there is no motion, or a cost is not finite.
     MissingDependencyError
         If `cmaes` is not installed.
     TrajectoryError
         If the plan is not executable.
     """
-    planner = plan.planner
-    if planner is None or planner.options.constraints:
-        why = "a plan without constraints, made by Planner.plan, is expected"
-        raise LearningError(f"the plan can't be improved by trials: {why}")
+    if planner.options.constraints:
+        raise LearningError("a motion with path constraints can't be improved by trials")
     if not plan.motions:
         raise LearningError(f"there is no motion to improve: {plan.message}")
     if n_trials < MIN_TRIALS:

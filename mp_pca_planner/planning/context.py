@@ -8,10 +8,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from ..arrays import check_number
 from ..exceptions import GoalError
 from ..input_limits import INPUT_LIMITS
 from ..motion.collision import CollisionModel
@@ -109,28 +111,31 @@ _ENDLESS = sys.maxsize
 
 
 class Budget:
-    """Solver evaluations that a search may use, and the time at which it is cut off.
+    """The time that planning may take, from now on, and whether it is cancelled.
 
-    The same evaluations give the same plan on any machine. The clock only cuts a search off, and
-    then the budget says so.
+    Parts of it also count evaluations of the solver: the same evaluations give the same plan on any
+    machine. The clock only cuts a search off, and then the budget says so.
 
     Parameters
     ----------
-    deadline : float
-        When the search is cut off, by the clock of `time.perf_counter` [s].
+    seconds : float
+        Longest time for planning [s]; some of it is kept for the last checks.
     is_cancelled : callable
-        Returns whether the result is no longer needed.
-    evaluations : int
-        Evaluations of the solver that are left.
+        Returns whether the result is no longer needed: the best motion found until then is
+        returned.
+
+    Raises
+    ------
+    GoalError
+        If the time is not a positive number.
     """
 
     def __init__(
-        self,
-        deadline: float,
-        is_cancelled: Callable[[], bool] = lambda: False,
-        evaluations: int = _ENDLESS,
+        self, seconds: float = float("inf"), is_cancelled: Callable[[], bool] = lambda: False
     ) -> None:
-        self.deadline, self.is_cancelled, self.evaluations = deadline, is_cancelled, evaluations
+        check_number(seconds, "the time for planning [s]", GoalError, 1e-9)
+        self.seconds, self.is_cancelled, self.evaluations = seconds, is_cancelled, _ENDLESS
+        self._deadline = time.perf_counter() + seconds
         self._cuts: list[bool] = []  # shared by all parts of a budget
 
     @property
@@ -143,7 +148,7 @@ class Budget:
 
         True is remembered: the caller ends what it does.
         """
-        late = time.perf_counter() + ahead > self.deadline or self.is_cancelled()
+        late = time.perf_counter() + ahead > self._deadline or self.is_cancelled()
         if late:
             self._cuts.append(True)
         return late
@@ -154,10 +159,15 @@ class Budget:
 
     def part(self, evaluations: int = _ENDLESS, time_share: float = 1.0) -> Budget:
         """A budget of so many evaluations and of a share of the remaining time, 0 to 1."""
-        deadline = self.deadline
+        part = copy(self)
+        part.evaluations = evaluations
         if time_share < 1.0:
             now = time.perf_counter()
-            deadline = now + time_share * max(deadline - now, 0.0)
-        part = Budget(deadline, self.is_cancelled, evaluations)
-        part._cuts = self._cuts
+            part._deadline = now + time_share * max(self._deadline - now, 0.0)
+        return part
+
+    def without(self, seconds: float) -> Budget:
+        """The budget without its last seconds."""
+        part = copy(self)
+        part._deadline -= seconds
         return part

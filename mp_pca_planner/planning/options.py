@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from ..arrays import check_choice, check_number, check_type
 from ..exceptions import GoalError, shown
@@ -81,7 +81,8 @@ class PlannerOptions:
     sample_period : float
         Time between the points of a trajectory [s].
     max_solve_time : float
-        Longest time for planning [s]; some of it is kept for the last checks.
+        Longest time for planning [s], unless `Planner.plan` is given another budget; some of it is
+        kept for the last checks.
     n_starts : int
         Number of starts of the solver, at most 5, for a small naturalness (ρ < 0.1), where there
         may be several optima. The best solution found in the available time is used. Five starts
@@ -89,8 +90,6 @@ class PlannerOptions:
         most 12 % better, in about four times the time.
     allow_nonzero_end_velocity : bool
         Whether the controller accepts motions that don't end at rest.
-    should_stop : callable
-        Called during planning; True cancels it: the best motion found until then is returned.
 
     Raises
     ------
@@ -116,7 +115,6 @@ class PlannerOptions:
     max_solve_time: float = 1.0
     n_starts: int = 1
     allow_nonzero_end_velocity: bool = False
-    should_stop: Callable[[], bool] = field(default_factory=lambda: bool)  # never
 
     def __post_init__(self) -> None:
         check_choice(self.basis, "basis", GoalError, BASES)

@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import PlannerError
+from ..arrays import FloatArray, text_table
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
@@ -70,7 +70,7 @@ NOT_SOLVED = MotionSolution(np.zeros(0), _NAN, _NAN, 0.0, _NAN, False, 0, _NAN)
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The result of planning for a request.
+    """The result of planning for a request: plain values, which can be pickled.
 
     Attributes
     ----------
@@ -80,7 +80,9 @@ class Plan:
         'already_there': the robot rests at the goal; there is no motion, and the trajectory is the
         present state alone.
     message : str
-        One sentence for the user.
+        One sentence for the user: what the motion is like, or why there is none.
+    remarks : tuple of str
+        Sentences on what is unusual about the request or the motion; none for a usual one.
     trajectory : Trajectory
         The sampled motion with its efforts; present for an infeasible plan, too, for inspection.
     motions : tuple of Motion
@@ -90,44 +92,20 @@ class Plan:
         Names of the primitives of the segments.
     solution : MotionSolution
         Result of the solver.
-    considered : int
-        Number of primitives near the request that were considered, at most 12.
+    limit_check : LimitCheck
+        Comparison with the limits on a grid of at most 1 ms.
     in_span_score : float
         Distance of the request from the demonstrations (about 1: like them, above 3: unlike them);
         the largest of the segments.
-    outside : str
-        The joints, three at most, whose start or goal is far outside its demonstrated range; empty
-        if there are none.
-    expected_error : float
-        RMS difference in path to expect between the predicted motion and what would be demonstrated
-        [rad or m]; the largest of the segments. NaN for a primitive of one demonstration.
-    limit_check : LimitCheck
-        Comparison with the limits on a grid of at most 1 ms.
-    start_error, goal_error : float
-        Largest distance of the ends from the present and the goal position, or from the goal
-        pose [rad or m].
-    via_error : float
-        Largest distance from the vias [rad or m].
-    via_phases : tuple of float
-        Passing times of the vias, as shares of the duration.
-    n_components_used : int
-        Number of principal components of the motion, the largest of the segments.
-    correction : float
-        RMS of the correction that B-splines add to the components [rad or m].
-    deviation_score : float
-        Deviation of the motion from the predicted one: RMS difference between the components'
-        weights and the expected weights, in standard deviations. The largest of the segments; NaN
-        without components.
-    naturalness : float
-        The ρ used: that of the options, or a larger one that was needed to meet the limits.
+    goal_error : float
+        Largest distance from the goal position or pose [rad or m].
     solve_time : float
-        Time taken to find the weights [s]; attempts that failed the limits are included, the
-        check of the motion that is returned is not.
+        Time of the search for the motion [s].
     mode : str
         How the segments of a goal of several targets were joined: 'real_time' (without
         optimisation) or 'optimal'. Empty for a single goal.
-    planner : Planner or None
-        The planner that made it.
+    facts : mapping of str to str, float or int
+        Further scalars, see :meth:`summary`.
 
     Examples
     --------
@@ -142,75 +120,56 @@ class Plan:
 
     status: str
     message: str
+    remarks: tuple[str, ...]
     trajectory: Trajectory
     motions: tuple[Motion, ...]
     primitives: tuple[str, ...]
     solution: MotionSolution
-    considered: int
-    in_span_score: float
-    outside: str
-    expected_error: float
     limit_check: LimitCheck
-    start_error: float
+    in_span_score: float
     goal_error: float
-    via_error: float
-    via_phases: tuple[float, ...]
-    n_components_used: int
-    correction: float
-    deviation_score: float
-    naturalness: float
     solve_time: float
-    mode: str = ""
-    planner: Planner | None = None
+    mode: str
+    facts: Mapping[str, str | float | int]
 
     def __repr__(self) -> str:
-        if self.status == ALREADY_THERE:
-            return f"Plan: {self.status}: {self.message}"
-        names = ", ".join(dict.fromkeys(self.primitives))
-        facts = (
-            f"Plan: {self.status}, {self.duration:.2f} s by '{names}', "
-            f"in-span score {self.in_span_score:.2f}"
-        )
-        others = [remark for remark in self.remarks if remark != self.message]
-        return "; ".join([f"{facts}: {self.message}", *others])
+        by = f" by {self._named}" if self.primitives else ""
+        return "; ".join([f"Plan: {self.status}{by}: {self.message}", *self.remarks])
 
     def __str__(self) -> str:
-        from .report import table
-
-        return table(self)
+        """What was found, how good it is, and where each joint goes, in some lines."""
+        if not self.motions:
+            return repr(self)
+        lines = [f"Plan: {self.status}, {self.duration:.2f} s by {self._named}", self.message]
+        lines += [f"remark: {remark}" for remark in self.remarks]
+        lines += [f"{name}: {self.facts[name]}" for name in ("limits", "collision")]
+        lines.append(f"efforts: of {self.facts['effort_parts']}")
+        trajectory = self.trajectory
+        fastest = np.abs(trajectory.velocities).max(axis=0)
+        # A number that is rounded to zero has no sign.
+        columns = np.round([*trajectory.positions[[0, -1]], fastest], 3) + 0.0
+        numbers = [[f"{x:.3f}" for x in row] for row in columns.T]
+        rows = [[name, *row] for name, row in zip(trajectory.joint_names, numbers, strict=True)]
+        head, *joints = text_table(rows, header=["joint", "start", "goal", "fastest"]).splitlines()
+        return "\n  ".join([*lines, f"{head}  [rad or m, /s]", *joints])
 
     @property
-    def remarks(self) -> list[str]:
-        """Sentences on what is unusual about the plan; none for a usual one."""
-        from .report import motion_remarks
+    def _named(self) -> str:
+        return ", ".join(f"'{name}'" for name in dict.fromkeys(self.primitives))
 
-        found = [self.message] if self.status == STOPPED_EARLY else []
-        return found + motion_remarks(self.in_span_score, self.limit_check, self.outside)
-
-    def plot(self) -> Any:
+    def plot(self, planner: Planner | None = None) -> Any:
         """Plot the trajectory in a new pyplot figure; return the array of its Axes.
 
         ``plt.savefig("motion.png")`` writes it.
+
+        Parameters
+        ----------
+        planner : Planner, optional
+            The planner, to show its limits and the nearest demonstrations, too.
         """
         from ..plotting.motion import plot_plan
 
-        return plot_plan(self)
-
-    def show(self, *, port: int = 8080) -> Any:
-        """Show the robot, its primitives and this motion in the browser; returns the page.
-
-        See :func:`.show`.
-
-        Raises
-        ------
-        PlannerError
-            If no planner made this plan, or see :func:`.show`.
-        """
-        from ..view.content import show
-
-        if self.planner is None:
-            raise PlannerError("a plan that no planner made can't be shown: use Planner.plan")
-        return show(self.planner, self, port=port)
+        return plot_plan(self, planner)
 
     @property
     def is_executable(self) -> bool:
@@ -233,6 +192,12 @@ class Plan:
         return sum((motion.duration for motion in self.motions), 0.0)
 
     @property
+    def via_phases(self) -> tuple[float, ...]:
+        """Passing times of the vias, as shares of the duration."""
+        ends = np.cumsum([motion.duration for motion in self.motions])
+        return tuple((ends[:-1] / self.duration).tolist()) if self.motions else ()
+
+    @property
     def cost(self) -> float:
         """The whole objective, naturalness included."""
         return self.solution.cost
@@ -248,35 +213,36 @@ class Plan:
         return self.solution.iterations
 
     def summary(self) -> dict[str, str | float | int]:
-        """Scalar facts, by the names of the package's public interface."""
+        """Scalar facts, by the names of the package's public interface.
+
+        Beside the attributes and those of the solution: `considered` (primitives near the request),
+        `naturalness` (the ρ used), `expected_error` (RMS difference in path to expect between the
+        predicted motion and what would be demonstrated [rad or m]), `deviation_score` (RMS
+        deviation of the weights from the expected ones, in standard deviations),
+        `n_components_used`, `correction` (RMS of what B-splines add [rad or m]), `limit_violation`,
+        `start_error`, `via_error` [rad or m], `clearance` [m] from `nearest_obstacle`, if there is
+        one near, and in words `effort_parts`, `limits` and `collision`.
+        """
         several: dict[str, str | float | int] = {}
         if self.mode:
             several = {"mode": self.mode, "n_segments": len(self.motions)}
-        if self.planner is not None:
-            several["effort_parts"] = self.planner.robot.effort_parts
-        return several | {
+        solution = self.solution
+        return {
             "status": self.status,
             "message": self.message,
             "primitive": self.primitive,
-            "considered": self.considered,
+            **several,
             "duration": self.duration,
-            "cost": self.cost,
-            "objective_cost": self.solution.objective_cost,
-            "effort_cost": self.solution.effort_cost,
-            "naturalness": self.naturalness,
-            "naturalness_cost": self.solution.naturalness_cost,
-            "start_cost": self.solution.start_cost,
-            "solve_time_s": self.solve_time,
-            "iterations": self.solution.iterations,
-            "kkt_residual": self.solution.kkt_residual,
             "in_span_score": self.in_span_score,
-            "expected_error": self.expected_error,
-            "deviation_score": self.deviation_score,
-            "n_components_used": self.n_components_used,
-            "correction_used": int(self.correction > 0.0),
-            "correction": self.correction,
+            "cost": self.cost,
+            "objective_cost": solution.objective_cost,
+            "effort_cost": solution.effort_cost,
+            "naturalness_cost": solution.naturalness_cost,
+            "start_cost": solution.start_cost,
+            "solve_time_s": self.solve_time,
+            "iterations": solution.iterations,
+            "kkt_residual": solution.kkt_residual,
             "limit_violation": self.limit_check.worst_excess,
-            "start_error": self.start_error,
             "goal_error": self.goal_error,
-            "via_error": self.via_error,
+            **self.facts,
         }

@@ -206,6 +206,7 @@ class Planner:
         mode: str = OPTIMAL,
         *,
         duration: float | None = None,
+        budget: Budget | None = None,
     ) -> Plan:
         """Plan the motion with the least objective to a goal, or through several targets.
 
@@ -222,6 +223,8 @@ class Planner:
             sequence are lengthened where the limits can't be kept otherwise.
         duration : float, optional
             Duration of the motion [s], for goals other than a `Goal`, which has its own.
+        budget : Budget, optional
+            Time for planning and a way to cancel it; `max_solve_time` of the options unless given.
 
         Returns
         -------
@@ -236,20 +239,18 @@ class Planner:
         RobotError
             If there is no such frame.
         """
+        began = time.perf_counter()
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         check_choice(mode, "the mode", GoalError, MODES)
         context = replace(self._context, limits=self._limits_for(goal, start))
-        began = time.perf_counter()
-        most, each = self.options.max_solve_time, _TIME_FOR_CHECKS
+        budget = Budget(self.options.max_solve_time) if budget is None else budget
         n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
-        deadline = began + most - min(n_segments * each, 0.4 * most)
-        budget = Budget(deadline, self.options.should_stop)
+        budget = budget.without(min(n_segments * _TIME_FOR_CHECKS, 0.4 * budget.seconds))
         requests = resolve(context, self._selector, goal, start, mode, budget)
         if isinstance(requests, tuple) and not requests:
-            return already_there(context, start, began, self)
-        outcome = search(context, requests, budget)
-        return report(context, outcome, began, self)
+            return already_there(context, start, began)
+        return report(context, search(context, requests, budget), budget, began)
 
     @cached_property
     def _demonstrated(self) -> tuple[JointLimits, JointLimits]:

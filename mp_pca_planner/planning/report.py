@@ -1,153 +1,182 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Step 5: the outcome of a search becomes a plan, with its status, message and figures."""
+"""Step 5: the best candidate of a search becomes a plan: a status, one reason and remarks."""
 
 from __future__ import annotations
 
 import time
-from operator import attrgetter
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import text_table
-from ..motion.collision import CollisionModel
+from ..motion.collision import Collision, CollisionModel
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
-from .context import Context
-from .options import DEMONSTRATED, REAL_TIME
+from .context import Budget, Context
+from .options import DEMONSTRATED, OPTIMAL, REAL_TIME
 from .plan import ALREADY_THERE, INFEASIBLE, NOT_SOLVED, SOLVED, STOPPED_EARLY, Plan
 from .request import Request
 from .resolve import in_order
-from .search.candidate import Candidate
+from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate
 from .search.detours import missing_planner
-from .search.search import Outcome
 from .search.stop_and_go import brakes
-
-if TYPE_CHECKING:
-    from .planner import Planner
 
 # Distance from a demonstrated range, in standard deviations of its values, that is reported, that
 # of requests unlike the demonstrations, and the least of these deviations [rad or m].
 _FAR_OUTSIDE, _OUTSIDE, _LEAST_SPREAD = 2.0, 0.5, 0.1
 # Ends outside their range that are named at most.
 _N_NAMED = 3
+# In-span score up to which a request is like the demonstrations; about 1 is usual.
+_LIKE_SCORE = 1.5
+# Clearance up to which it is measured [m], and points of the trajectory at which it is.
+_CLEARANCE_REACH, _N_CLEARANCES = 0.2, 60
 
 
-def report(context: Context, outcome: Outcome, began: float, planner: Planner) -> Plan:
-    """The plan of an outcome.
+def report(context: Context, best: Candidate, budget: Budget, began: float) -> Plan:
+    """The plan of a candidate.
 
     Parameters
     ----------
     context : Context
         Robot, limits and options of the planner.
-    outcome : Outcome
-        The outcome.
+    best : Candidate
+        The best candidate of the search.
+    budget : Budget
+        The time that there was.
     began : float
         When planning began, by the clock of `time.perf_counter` [s].
-    planner : Planner
-        The planner.
     """
-    best, request, motions = outcome.best, outcome.best.request, outcome.best.motions
-    trajectory = best.trajectory
-    solve_time = max(map(attrgetter("solved_at"), (best, *outcome.found))) - began
+    solve_time, request, trajectory = time.perf_counter() - began, best.request, best.trajectory
     correction, deviation, n_components = _of_weights(best)
     score, outside, error = _of_predictions(context, best)
-    status, message = _status(context, outcome, score, correction)
-    ends = np.cumsum(list(map(attrgetter("duration"), motions)))
+    nearest = _nearest_obstacle(context.collision, trajectory)
+    status, message = INFEASIBLE, _refusal(context, best, budget, score)
+    if not message:
+        status, reason = _status(best, budget)
+        parts = [_headline(context, best, score, nearest), reason]
+        parts += _concessions(context, best, correction)
+        message = "; ".join(filter(None, parts))
+    is_joined = request.mode and best.how != OPTIMISED
+    unlimited = context.limits.unlimited
+    limits = "kept, on a grid of 1 ms" if not best.check.violations else best.refusal
+    if unlimited:
+        limits += f"; some joints have no limit of {', '.join(unlimited)}"
+    collisions = collision_words(context.collision, best.collisions)
+    if best.check.violations and context.collision is not None:
+        collisions = "not checked, because limits are violated"
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
+    facts: dict[str, str | float | int] = {
+        "considered": max(segment.considered for segment in request.segments),
+        "naturalness": best.naturalness,
+        "expected_error": error,
+        "deviation_score": deviation,
+        "n_components_used": n_components,
+        "correction": correction,
+        "start_error": float(start_error),
+        "via_error": max(best.target_errors[:-1], default=0.0),
+        "effort_parts": context.robot.effort_parts,
+        "limits": limits,
+        "collision": collisions,
+    }
+    if nearest is not None:
+        facts |= {"clearance": nearest[0], "nearest_obstacle": nearest[1]}
     return Plan(
-        status=status,
-        message=message,
-        trajectory=trajectory,
-        motions=motions,
-        primitives=tuple(map(attrgetter("primitive.name"), request.segments)),
-        solution=best.solution,
-        considered=max(map(attrgetter("considered"), request.segments)),
-        in_span_score=score,
-        outside=outside,
-        expected_error=error,
-        limit_check=best.check,
-        start_error=float(start_error),
-        goal_error=best.target_errors[-1],
-        via_error=max(best.target_errors[:-1], default=0.0),
-        via_phases=tuple((ends[:-1] / ends[-1]).tolist()),
-        n_components_used=n_components,
-        correction=correction,
-        deviation_score=deviation,
-        naturalness=best.naturalness,
-        solve_time=solve_time,
-        mode=outcome.mode,
-        planner=planner,
+        status,
+        message,
+        tuple(motion_remarks(score, best.check, outside)),
+        trajectory,
+        best.motions,
+        tuple(segment.primitive.name for segment in request.segments),
+        best.solution,
+        replace(best.check, efforts=None),
+        score,
+        best.target_errors[-1],
+        solve_time,
+        mode=REAL_TIME if is_joined else request.mode,
+        facts=facts,
     )
 
 
-def already_there(context: Context, start: JointState, began: float, planner: Planner) -> Plan:
+def already_there(context: Context, start: JointState, began: float) -> Plan:
     """The plan for a goal at which the robot rests: no motion; see :func:`report`."""
     here = in_order(start, context.robot.joint_names)
     zero = np.zeros((1, len(here.joint_names)))
     still = Trajectory(here.joint_names, [0.0], [here.positions], zero, zero)
-    nan = float("nan")
+    message = "already there: the robot rests at the goal, so no motion is needed"
+    none = (), (), NOT_SOLVED, LimitCheck()
+    took = time.perf_counter() - began
+    facts = {"start_error": 0.0, "via_error": 0.0}
     return Plan(
-        status=ALREADY_THERE,
-        message="already there: the robot rests at the goal, so no motion is needed",
-        trajectory=still,
-        motions=(),
-        primitives=(),
-        solution=NOT_SOLVED,
-        considered=0,
-        in_span_score=nan,
-        outside="",
-        expected_error=nan,
-        limit_check=LimitCheck(),
-        start_error=0.0,
-        goal_error=0.0,
-        via_error=0.0,
-        via_phases=(),
-        n_components_used=0,
-        correction=0.0,
-        deviation_score=nan,
-        naturalness=nan,
-        solve_time=time.perf_counter() - began,
-        planner=planner,
+        ALREADY_THERE, message, (), still, *none, float("nan"), 0.0, took, mode="", facts=facts
     )
 
 
-def _status(context: Context, outcome: Outcome, score: float, correction: float) -> tuple[str, str]:
-    """Status and message of a plan, see :func:`_of_predictions` and :func:`_of_weights`."""
-    best, cost = outcome.best, outcome.best.solution.effort_cost
-    if why := _refusal(context, outcome, score):
-        return INFEASIBLE, why
-    status, message = SOLVED, "motion found"
-    if outcome.is_slow:
-        status, message = STOPPED_EARLY, _slow(context, outcome)
-    elif outcome.mode == REAL_TIME:
-        message = "segments joined without optimisation"
-        tried = outcome.optimised
-        if tried is not None:
-            message += ", because no better motion within the limits was found"
-            if not (tried.collisions or tried.solution.converged):
-                status = STOPPED_EARLY
-    elif not best.solution.converged:
-        status = STOPPED_EARLY
-        message += ", but not yet the best one: its share of the time, or its iterations, ran out"
-    elif outcome.is_shortest:
-        message = "shortest motion within the limits found"
-    elif np.isfinite(cost):
-        message = f"motion found: effort {cost:.4g} N²m²s"
-    if status == SOLVED and outcome.ran_out:
-        status = STOPPED_EARLY
-        most = context.options.max_solve_time
-        message += f", but time ran out (max_solve_time = {most:g} s) before the search ended"
-    return status, "; ".join([message, *_concessions(context, best, correction)])
+def _headline(
+    context: Context, best: Candidate, score: float, nearest: tuple[float, str] | None
+) -> str:
+    """What a user wants to know of a motion: duration, likeness, clearance, share of efforts."""
+    duration = best.duration
+    parts = [f"{duration:.1f} s" if duration >= 1.0 else f"{duration:.2f} s"]
+    parts.append(f"{likeness(score)} your demonstrations (score {score:.1f})")
+    if nearest is not None:
+        parts.append(f"{1e3 * nearest[0]:.0f} mm clear of '{nearest[1]}'")
+    efforts, bounds = best.check.efforts, context.limits.effort
+    if efforts is not None and np.isfinite(bounds).any():
+        share = float(np.max(np.abs(efforts) / bounds))
+        name = "effort" if context.robot.prismatic_joints else "torque"
+        parts.append(f"{100.0 * share:.0f} % of the {name} limit")
+    return ", ".join(parts)
 
 
-def _refusal(context: Context, outcome: Outcome, score: float) -> str:
+def likeness(score: float) -> str:
+    """How near a request is to the demonstrations, in words before "the demonstrations"."""
+    if score <= _LIKE_SCORE:
+        return "like"
+    return "at the edge of" if score <= UNUSUAL_IN_SPAN_SCORE else "unlike"
+
+
+def _nearest_obstacle(
+    model: CollisionModel | None, trajectory: Trajectory
+) -> tuple[float, str] | None:
+    """The least distance from an obstacle [m] and its name; None if none is near."""
+    if model is None or not len(model.world):
+        return None
+    every = np.linspace(0, trajectory.n_steps - 1, min(trajectory.n_steps, _N_CLEARANCES))
+    near = model.near(trajectory.positions[every.astype(np.intp)], _CLEARANCE_REACH)
+    names, obstacles = [model.pairs[pair][1] for pair in near.pairs], set(model.world.names)
+    distances = near.distances + model.margins[near.pairs]
+    found = [(d, name) for d, name in zip(distances, names, strict=True) if name in obstacles]
+    return min(found, default=None)
+
+
+def _status(best: Candidate, budget: Budget) -> tuple[str, str]:
+    """Status of a motion that may be executed, and why it is not the best one; or how it is."""
+    if best.how == SLOW:
+        return STOPPED_EARLY, _slow(best, budget)
+    if best.how == JOINED:
+        text = "segments joined without optimisation"
+        if best.request.mode == OPTIMAL:
+            why = "because no better motion within the limits was found"
+            return STOPPED_EARLY, f"{text}, {why}"
+        return SOLVED, text
+    if budget.was_cut_off:
+        return STOPPED_EARLY, f"{_time_ran_out(budget)} before the search ended"
+    if not best.solution.converged:
+        return STOPPED_EARLY, "not the best motion yet: the solver's iterations ran out"
+    return SOLVED, ""
+
+
+def _time_ran_out(budget: Budget) -> str:
+    return f"time ran out (max_solve_time = {budget.seconds:g} s)"
+
+
+def _refusal(context: Context, best: Candidate, budget: Budget, score: float) -> str:
     """Why a motion must not be executed; empty if it may."""
-    best, most = outcome.best, context.options.max_in_span_score
+    most = context.options.max_in_span_score
     if most and score > most:
         return (
             "the request is too far from the demonstrations: its in-span score is "
@@ -168,7 +197,7 @@ def _refusal(context: Context, outcome: Outcome, score: float) -> str:
         return ""
     if cause := _end_in_collision(context, best.request):
         return cause
-    message = f"{_searched(context, outcome, kind)}: {why}"
+    message = f"{_searched(budget, kind)}: {why}"
     if not (best.request.mode or best.request.duration_is_free):
         message += "; without a duration, timing 'shortest' finds the shortest one"
     if best.meets_bodies and not best.is_hopeless and (missing := missing_planner()):
@@ -176,21 +205,20 @@ def _refusal(context: Context, outcome: Outcome, score: float) -> str:
     return message
 
 
-def _searched(context: Context, outcome: Outcome, kind: str) -> str:
+def _searched(budget: Budget, kind: str) -> str:
     """Text on the end of the search for a kind of motion."""
-    if outcome.ran_out:
-        most = context.options.max_solve_time
-        return f"time ran out (max_solve_time = {most:g} s) before a motion {kind} was found"
+    if budget.was_cut_off:
+        return f"{_time_ran_out(budget)} before a motion {kind} was found"
     return f"no motion {kind} was found"
 
 
-def _slow(context: Context, outcome: Outcome) -> str:
-    """The message of a slow motion."""
-    kind = "without stops within the limits" if outcome.mode else "optimised within the limits"
-    path = "rests at each target" if outcome.mode else "follows a minimum-jerk path"
-    n_stops = outcome.best.n_stops
-    around = f" around obstacles with {n_stops} stops" if n_stops else ""
-    return f"{_searched(context, outcome, kind)}; this motion {path}{around} and keeps the limits"
+def _slow(best: Candidate, budget: Budget) -> str:
+    """Text on a slow motion."""
+    is_sequence = bool(best.request.mode)
+    kind = "without stops within the limits" if is_sequence else "optimised within the limits"
+    path = "rests at each target" if is_sequence else "follows a minimum-jerk path"
+    around = f" around obstacles with {best.n_stops} stops" if best.n_stops else ""
+    return f"{_searched(budget, kind)}; this motion {path}{around} and keeps the limits"
 
 
 def _met(context: Context, best: Candidate) -> str:
@@ -252,23 +280,23 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
     return notes
 
 
-def collision_words(collision: CollisionModel | None, trajectory: Trajectory) -> str:
+def collision_words(model: CollisionModel | None, found: Sequence[Collision]) -> str:
     """Text on the collisions of a motion.
 
     Parameters
     ----------
-    collision : CollisionModel or None
+    model : CollisionModel or None
         The model that was used; None if collisions were not checked.
-    trajectory : Trajectory
-        The motion.
+    found : sequence of Collision
+        The collisions.
     """
-    if collision is None:
+    if model is None:
         return "self-collision is not checked"
-    if found := collision.collisions(trajectory, precisely=False):
+    if found:
         return str(found[0])
-    kind = "bodies" if len(collision.world) else "links"
-    text = f"none; {len(collision.pairs)} pairs of {kind} were checked"
-    return text if collision.checks_links else f"{text}; self-collision is not checked"
+    kind = "bodies" if len(model.world) else "links"
+    text = f"none; {len(model.pairs)} pairs of {kind} were checked"
+    return text if model.checks_links else f"{text}; self-collision is not checked"
 
 
 def _of_predictions(context: Context, best: Candidate) -> tuple[float, str, float]:
@@ -342,41 +370,6 @@ def _of_weights(best: Candidate) -> tuple[float, float, int]:
             added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
             correction = max(correction, float(np.sqrt(np.mean(added**2))))
     return correction, deviation, n_components
-
-
-def table(plan: Plan) -> str:
-    """A plan as some lines of text: what was found, how good it is, and where each joint goes."""
-    trajectory, planner = plan.trajectory, plan.planner
-    if not plan.motions:
-        return repr(plan)
-    names = ", ".join(f"'{name}'" for name in dict.fromkeys(plan.primitives))
-    head = f"Plan: {plan.status}, {plan.duration:.2f} s by {names}"
-    lines = [head, f"  {plan.message}"]
-    lines += [f"  remark: {remark}" for remark in plan.remarks if remark != plan.message]
-    lines.append(
-        f"  in-span score: {plan.in_span_score:.2f} (about 1 is like the demonstrations, above 3 "
-        "is unlike)"
-    )
-    if np.isfinite(plan.expected_error):
-        error = f"{plan.expected_error:.2g} rad or m RMS"
-        lines.append(f"  expected error of the predicted motion: {error}")
-    violations = plan.limit_check.violations
-    kept = str(violations[0]) if violations else "kept, on a grid of 1 ms"
-    if planner is not None and (unlimited := planner.limits.unlimited):
-        kept += f"; some joints have no limit of {', '.join(unlimited)}"
-    lines.append(f"  limits: {kept}")
-    if planner is not None:
-        lines.append(f"  collisions: {collision_words(planner.collision, trajectory)}")
-    if planner is not None:
-        lines.append(f"  efforts: of {planner.robot.effort_parts}")
-    fastest = np.abs(trajectory.velocities).max(axis=0)
-    # A number that is rounded to zero has no sign.
-    columns = np.round([*trajectory.positions[[0, -1]], fastest], 3) + 0.0
-    numbers = [[f"{x:.3f}" for x in row] for row in columns.T]
-    rows = [[name, *row] for name, row in zip(trajectory.joint_names, numbers, strict=True)]
-    head, *others = text_table(rows, header=["joint", "start", "goal", "fastest"]).splitlines()
-    lines += [f"  {head}  [rad or m, /s]", *(f"  {line}" for line in others)]
-    return "\n".join(lines)
 
 
 def motion_remarks(score: float, check: LimitCheck | None, outside: str = "") -> list[str]:

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from ..planning.planner import Planner
+
 QUANTITIES = ("positions", "velocities", "accelerations", "efforts")
 """Plotted quantities of a motion, from top to bottom."""
 
@@ -204,7 +206,7 @@ def _bounds(limits: JointLimits | None, quantity: str, name: str) -> FloatArray:
     return np.array([-magnitude, magnitude])
 
 
-def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
+def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> list[list[Axes]]:
     """Plot a plan, with a column of panels per joint.
 
     The limits that the motion is near are drawn. Behind each segment are the demonstrations whose
@@ -217,6 +219,8 @@ def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
         An empty figure, see :func:`.styled_figure`.
     plan : Plan
         The plan.
+    planner : Planner, optional
+        The planner, for limits and demonstrations; none of these are drawn without it.
 
     Returns
     -------
@@ -225,7 +229,7 @@ def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
         and efforts if they are known.
     """
     curves: list[Curve] = []
-    begin, joints, planner = 0.0, plan.trajectory.joint_names, plan.planner
+    begin, joints = 0.0, plan.trajectory.joint_names
     for motion, name in zip(plan.motions, plan.primitives, strict=True):
         if planner is None:
             break
@@ -246,15 +250,11 @@ def plan_figure(figure: Figure, plan: Plan) -> list[list[Axes]]:
         {"planned": plan.trajectory},
         f"{drawn}: {plan.message}",
         None if planner is None else planner.limits,
-        _prismatic(plan),
+        () if planner is None else planner.robot.prismatic_joints,
         curves,
         [plan.duration * phase for phase in plan.via_phases],
         [unlike] if score > UNUSUAL_IN_SPAN_SCORE else [],
     )
-
-
-def _prismatic(plan: Plan) -> tuple[str, ...]:
-    return () if plan.planner is None else plan.planner.robot.prismatic_joints
 
 
 def _predicted(robot: Robot, primitive: MovementPrimitive, motion: Motion) -> FloatArray:
@@ -298,10 +298,10 @@ def nearest_curves(
     ]
 
 
-def plot_plan(plan: Plan) -> NDArray[np.object_]:
+def plot_plan(plan: Plan, planner: Planner | None = None) -> NDArray[np.object_]:
     """Plot a plan in a new pyplot figure, see :func:`plan_figure`; returns its Axes."""
     with styled_figure(interactive=True) as figure:
-        return np.array(plan_figure(figure, plan))
+        return np.array(plan_figure(figure, plan, planner))
 
 
 def plot_trajectory(trajectory: Trajectory) -> NDArray[np.object_]:

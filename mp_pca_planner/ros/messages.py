@@ -20,6 +20,7 @@ from ..execution.outcomes import ExecutionReport, GoalOutcome
 from ..execution.parameters import Declaration
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
+from ..planning.plan import SOLVED
 from ..recordings.joint_states import NS_PER_S
 
 
@@ -107,8 +108,9 @@ def to_plan_report(
             "them"
         )
     laws = {f"control_law.{name}": text for name, text in planned.laws.items()}
-    text, values = "; ".join(found) or planned.message, {**planned.values, **laws}
-    return to_goal_report(GoalOutcome.SERVED, text, goal_stamp, values, is_unusual=bool(found))
+    text, values = "; ".join([planned.message, *found]), {**planned.values, **laws}
+    is_unusual = bool(found) or values["status"] != SOLVED
+    return to_goal_report(GoalOutcome.SERVED, text, goal_stamp, values, is_unusual=is_unusual)
 
 
 def to_execution_report(report: ExecutionReport) -> DiagnosticStatus:

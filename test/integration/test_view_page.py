@@ -14,6 +14,7 @@ import pytest
 from support.arm import arm_primitive, arm_robot
 from support.patience import HANG
 
+import mp_pca_planner as mp
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.planning.planner import Planner
@@ -126,7 +127,7 @@ def test_a_plan_is_shown_from_python():
     planner = Planner(arm_robot(), [arm_primitive()])
     goal, start = arm_primitive().boundary_states[3, [3, 0]]
     plan = planner.plan(goal, start)
-    with plan.show(port=0) as page:
+    with mp.show(planner, plan, port=0) as page:
         until(lambda: page.plan.is_settled)
         request = page.plan.answer.request
         np.testing.assert_allclose([request.start, request.goal], [start, goal], atol=1e-9)

@@ -242,7 +242,7 @@ def test_report_of_a_solved_plan_is_ok_and_holds_its_summary_to_the_last_bit(pla
 def test_report_of_an_unusual_plan_is_a_warning(plan: Planned) -> None:
     report = to_plan_report(replace(plan, remarks=("time ran out", "unlike")), STAMP)
     assert report.level == DiagnosticStatus.WARN
-    assert report.message == "time ran out; unlike"
+    assert report.message == f"{plan.message}; time ran out; unlike"
 
 
 def test_report_states_the_control_law_of_the_primitive_used(plan: Planned) -> None:

@@ -108,7 +108,7 @@ class BasisStore:
         naturalness: float,
         width: int = 0,
         *,
-        is_paced: bool = True,
+        is_time_scaled: bool = True,
         shortest: bool = False,
     ) -> MotionBasis:
         """A basis of a segment.
@@ -122,21 +122,21 @@ class BasisStore:
         width : int
             0: the components of the primitive (B-splines alone if the options say so); 1: with
             B-splines of every joint added; 2: B-splines alone, without a prediction.
-        is_paced : bool
+        is_time_scaled : bool
             Whether motions have the time scaling that is predicted.
         shortest : bool
             Whether the shortest duration is searched. There, and where motions may be far from the
-            expected one, a paced motion has starts beside the expected weights.
+            expected one, a scaled motion has starts beside the expected weights.
         """
         options = self._options
-        has_starts = is_paced and (shortest or naturalness < NEAR_EXPECTED)
+        has_starts = is_time_scaled and (shortest or naturalness < NEAR_EXPECTED)
         primitive = segment.primitive
         if width == 2 or options.basis == "bspline":
             zero = np.zeros(self._splines(primitive.n_joints).basis.n_weights)
             tables = self._splines(primitive.n_joints)
             return MotionBasis(tables, zero, None, 0, (zero,))
         expected, ends = segment.expected, (segment.start.positions, segment.goal.positions)
-        if is_paced and expected.pace.any():
+        if is_time_scaled and expected.pace.any():
             # The basis of a motion with its own time scaling is not known in advance.
             tables = Tables(primitive.paced_basis(*ends, expected.pace))
         else:

@@ -1,10 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Candidates: motions that were found for a request, sampled and checked."""
+"""Candidates: motions for a request, sampled and checked, however they were found."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, repeat
@@ -45,6 +44,9 @@ _MAX_REFINEMENTS = 8
 # Violation of a path constraint that counts as rounding.
 _ROUNDING = 1e-6
 
+OPTIMISED, JOINED, SLOW = "optimised", "joined", "slow"
+"""How a motion was found: optimised, by joining segments, or with rests, without optimisation."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -68,8 +70,6 @@ class Candidate:
         Comparison with the limits.
     collisions : tuple of Collision
         Collisions; not computed if limits are violated.
-    solved_at : float
-        When it was found, by the clock of `time.perf_counter` [s].
     target_errors : tuple of float
         Largest distances from the targets [rad or m].
     violation : Violation
@@ -90,6 +90,8 @@ class Candidate:
         Corners of a collision-free path, if one is known but no valid motion near it.
     n_stops : int
         Number of rests of a slow motion between the targets.
+    how : {'optimised', 'joined', 'slow'}
+        How it was found.
     """
 
     request: Request
@@ -100,7 +102,6 @@ class Candidate:
     trajectory: Trajectory
     check: LimitCheck
     collisions: tuple[Collision, ...]
-    solved_at: float
     target_errors: tuple[float, ...]
     violation: Violation
     duration: float
@@ -111,6 +112,7 @@ class Candidate:
     refusal: str = ""
     corners: FloatArray | None = None
     n_stops: int = 0
+    how: str = OPTIMISED
 
     @property
     def meets_bodies(self) -> bool:
@@ -211,7 +213,6 @@ def checked(
         trajectory,
         check,
         collisions,
-        time.perf_counter(),
         tuple(errors),
         violation,
         duration,
@@ -235,29 +236,22 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
     budget : Budget
         The evaluations and the time for it.
     """
+    found = _solved(context, request, setting, budget)
+    longest = max(request.duration, setting.duration)
+    is_free = setting.is_timed and not setting.is_shortest and context.options.timing == AUTO
+    if is_free and found.duration > longest and not budget.is_over():
+        return _solved(context, request, lasting(setting, longest), budget)
+    return found
+
+
+def _solved(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
+    """The solution of a program whose constraints are refined by the validator."""
     refined = program = compile_program(context, request, setting)
-    n_starts, passes, touched = context.options.n_starts, 0, False
-
-    def is_feasible(solution: Solution) -> bool:
-        return solution.infeasibility <= setting.solver.feasible
-
+    n_starts, passes, was_touched = context.options.n_starts, 0, False
     starts: Sequence[_Start] = list(zip(program.starts[:n_starts], repeat(None)))
     for _ in range(_MAX_REFINEMENTS):
-        solutions = list[Solution]()
-        for x, memory in starts:
-            # Among clearance constraints, the first solution that meets them is enough.
-            is_clear = program.has_clearances and solutions and is_feasible(solutions[-1])
-            if is_clear or (solutions and budget.is_over()):
-                break
-            most = max(min(setting.solver.max_iterations, budget.evaluations), 1)
-            limited = replace(setting.solver, max_iterations=most)
-            solutions.append(solve(program, x, limited, memory, budget.is_late))
-            passes += solutions[-1].iterations
-            budget.evaluations -= solutions[-1].iterations
-        best = solutions[0]
-        if len(solutions) > 1:
-            best = min(solutions, key=lambda one: (not is_feasible(one), rank_of(one.cost)))
-        solved_at = time.perf_counter()
+        best, n_passes = _best_of(program, starts, setting, budget)
+        passes += n_passes
         motions = motions_at(context, request, setting, program, best.unknowns)
         found = checked(context, request, setting.bases, motions)
         is_wrong = bool(found.check.violations or found.collisions or found.strayed)
@@ -265,28 +259,46 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
             break
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.
-        refined = program.refined(
-            _findings(found, touches=not touched), bool(found.check.violations)
-        )
+        is_beyond = bool(found.check.violations)
+        refined = program.refined(_findings(found, touches=not was_touched), is_beyond)
         is_longer = refined.lower.size != program.lower.size
-        is_cut = is_longer and bool(found.check.violations)
+        is_cut = is_longer and is_beyond
         if refined is program or not (best.converged or is_cut):
             break
         if not is_cut:
-            touched = not found.check.violations and (touched or bool(found.check.touched))
+            was_touched = not is_beyond and (was_touched or bool(found.check.touched))
         starts = _continued(program, best, is_longer, is_cut, n_starts)
         program = refined
-    if setting.is_timed and not setting.is_shortest and context.options.timing == AUTO:
-        longest = max(request.duration, setting.duration)
-        if found.duration > longest and not budget.is_over():
-            return attempt(context, request, lasting(setting, longest), budget)
     return replace(
         found,
         solution=_described(program, setting, best, motions, passes),
         naturalness=setting.naturalness,
-        solved_at=solved_at,
         has_clearances=refined.has_clearances,
     )
+
+
+def _best_of(
+    program: MotionProgram, starts: Sequence[_Start], setting: Setting, budget: Budget
+) -> tuple[Solution, int]:
+    """The best solution from some starts, and the evaluations of all of them."""
+
+    def is_feasible(solution: Solution) -> bool:
+        return solution.infeasibility <= setting.solver.feasible
+
+    solutions = list[Solution]()
+    for x, memory in starts:
+        # Among clearance constraints, the first solution that meets them is enough.
+        is_clear = program.has_clearances and solutions and is_feasible(solutions[-1])
+        if is_clear or (solutions and budget.is_over()):
+            break
+        most = max(min(setting.solver.max_iterations, budget.evaluations), 1)
+        limited = replace(setting.solver, max_iterations=most)
+        solutions.append(solve(program, x, limited, memory, budget.is_late))
+        budget.evaluations -= solutions[-1].iterations
+    best = solutions[0]
+    if len(solutions) > 1:
+        best = min(solutions, key=lambda one: (not is_feasible(one), rank_of(one.cost)))
+    return best, sum(one.iterations for one in solutions)
 
 
 def motions_at(

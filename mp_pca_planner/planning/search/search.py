@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search for a motion: what is tried for a goal, read from top to bottom.
 
-`ORDER` lists the stages for one request; the first valid candidate ends them. If no request has a
-valid one, a slow motion is searched.
+`ORDER` lists the stages for one request; the first valid candidate ends them.
 A stage is a function of a case and a budget, whose result is None if it does not apply.
 """
 
@@ -11,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from operator import attrgetter
 
 import numpy as np
@@ -20,8 +18,7 @@ from ...motion.validation import LimitCheck
 from ..context import Budget, Context
 from ..motion import cost_of, rank_of
 from ..objectives import effort
-from ..options import DEMONSTRATED, OPTIMAL, REAL_TIME
-from ..plan import NOT_SOLVED
+from ..options import DEMONSTRATED, REAL_TIME
 from ..program.bases import NEAR_EXPECTED, MotionBasis
 from ..program.setting import (
     MAX_STRETCH,
@@ -35,7 +32,17 @@ from ..program.setting import (
 )
 from ..request import Request
 from ..time_scaling import slowdown
-from .candidate import Candidate, Violation, attempt, checked, collides, sampled
+from .candidate import (
+    JOINED,
+    OPTIMISED,
+    SLOW,
+    Candidate,
+    Violation,
+    attempt,
+    checked,
+    collides,
+    sampled,
+)
 from .detours import along_path, missing_planner
 from .stop_and_go import slow_motion
 
@@ -201,6 +208,8 @@ class Case:
         Whether paths are tried before descent from the expected motion.
     found : tuple of Candidate
         The candidates of the stages so far.
+    has_fallback : bool
+        Whether an earlier request has a motion that may be executed.
     """
 
     context: Context
@@ -210,6 +219,20 @@ class Case:
     may_detour: bool = False
     starts_at_path: bool = False
     found: tuple[Candidate, ...] = ()
+    has_fallback: bool = False
+
+    @property
+    def best(self) -> Candidate | None:
+        """The candidate of the least violation."""
+        return min(self.found, key=attrgetter("violation"), default=None)
+
+    def with_candidate(self, candidate: Candidate) -> Case:
+        """The case with the candidate of a further stage, which knows all evaluations."""
+        if candidate.how != OPTIMISED:
+            passes = sum(one.solution.iterations for one in self.found)
+            solution = replace(candidate.solution, iterations=passes)
+            candidate = replace(candidate, solution=solution)
+        return replace(self, found=(*self.found, candidate))
 
 
 def first_case(context: Context, request: Request, budget: Budget) -> Case:
@@ -225,7 +248,7 @@ def first_case(context: Context, request: Request, budget: Budget) -> Case:
     if request.mode:
         bases = tuple(
             [
-                context.bases.basis(one, request.naturalness, is_paced=False)
+                context.bases.basis(one, request.naturalness, is_time_scaled=False)
                 for one in request.segments
             ]
         )
@@ -263,7 +286,7 @@ def _joined(
     for share in _PASSING_SHARES:
         for _ in range(_MAX_STRETCHES):
             motions = joined_motion(request, bases, durations, share)
-            found.append(checked(context, request, bases, motions))
+            found.append(replace(checked(context, request, bases, motions), how=JOINED))
             if not found[-1].check.violations or budget.is_over():
                 return min(found, key=attrgetter("violation"))
             longer = stretched(request, found[-1].check, durations, MAX_STRETCH)
@@ -271,37 +294,6 @@ def _joined(
                 break
             durations = longer
     return min(found, key=attrgetter("violation"))
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What the report is made of.
-
-    Attributes
-    ----------
-    best : Candidate
-        The motion.
-    is_slow : bool
-        Whether it is a slow motion.
-    found : tuple of Candidate
-        The best candidate of each request that was tried.
-    optimised : Candidate or None
-        The motion of several segments that was optimised in vain.
-    ran_out : bool
-        Whether time, rather than the work of its stages, ended the search.
-    is_shortest : bool
-        Whether the shortest duration was searched.
-    mode : str
-        Mode of joining segments, see :class:`.Plan`.
-    """
-
-    best: Candidate
-    is_slow: bool
-    found: tuple[Candidate, ...]
-    optimised: Candidate | None
-    ran_out: bool
-    is_shortest: bool
-    mode: str
 
 
 def path_first(case: Case, budget: Budget) -> Candidate | None:
@@ -357,10 +349,16 @@ def path_after(case: Case, budget: Budget) -> Candidate | None:
 
 def joined(case: Case, budget: Budget) -> Candidate | None:
     """The expected motion of several segments, joined within the limits if possible."""
-    if case.joined is None:
+    return case.joined
+
+
+def slow(case: Case, budget: Budget) -> Candidate | None:
+    """A motion with rests, within the limits, where there is no other for any request so far."""
+    is_hopeless = case.best is not None and case.best.is_hopeless
+    if case.has_fallback or is_hopeless or budget.is_cancelled():
         return None
-    passes = sum(one.solution.iterations for one in case.found)
-    return replace(case.joined, solution=replace(NOT_SOLVED, iterations=passes))
+    paths = (one.corners for one in case.found if one.corners is not None)
+    return slow_motion(case.context, case.request, next(paths, None), budget)
 
 
 ORDER: tuple[Callable[[Case, Budget], Candidate | None], ...] = (
@@ -368,11 +366,15 @@ ORDER: tuple[Callable[[Case, Budget], Candidate | None], ...] = (
     descent,
     path_after,
     joined,
+    slow,
 )
 """What is tried for one request, in this order; the first valid candidate ends it."""
 
+# Stages that go on when time has run out: they take hardly any.
+_WITHOUT_TIME = (joined, slow)
 
-def search(context: Context, requests: Iterable[Request], budget: Budget) -> Outcome:
+
+def search(context: Context, requests: Iterable[Request], budget: Budget) -> Candidate:
     """The best motion for one of several alternative requests.
 
     Parameters
@@ -384,43 +386,36 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Out
     budget : Budget
         The time for all of it.
     """
-    every, found, tried = list[Candidate](), list[Candidate](), []
-    slow = None
-    requests = iter(requests)
+    best: Candidate | None = None
     for request in requests:
-        tried.append(request)
         case = first_case(context, request, budget)
+        case = replace(case, has_fallback=best is not None and best.is_valid)
         for stage in ORDER:
-            # Once time has run out, no further motion is optimised; joining takes hardly any.
-            if case.found and case.joined is None and budget.is_over():
-                break
+            is_known = best is not None or case.best is not None
+            if is_known and budget.is_over() and stage not in _WITHOUT_TIME:
+                continue
             candidate = stage(case, budget)
             if candidate is not None:
-                case = replace(case, found=(*case.found, candidate))
+                case = case.with_candidate(candidate)
                 if candidate.is_valid:
                     break
-        found.append(min(case.found, key=attrgetter("violation")))
-        every += case.found
+        best = _better(context, best, case.best)
         # Further configurations of a pose are for where the most natural one has no motion.
-        if (request.pose is not None and found[-1].is_valid) or budget.is_over():
+        is_enough = best.is_valid and (request.pose is not None and best.how != SLOW)
+        if is_enough or budget.is_cancelled() or (budget.is_over() and best.is_valid):
             break
-    best = found[0]
-    if len(found) > 1:  # slow motions and detours have no costs yet
-        found = [with_costs(context, one) for one in found]
-        best = min(found, key=lambda one: (one.violation, rank_of(one.solution.cost)))
-    if not (best.is_valid or best.is_hopeless or budget.is_cancelled()):
-        slow = slow_motion(context, chain(tried, requests), best, every, budget)
-        best = slow or best
-    optimised, mode = None, ""
-    if request.mode:
-        is_joined = best is slow or len(case.found) > 1 or request.mode == REAL_TIME
-        mode = REAL_TIME if is_joined else OPTIMAL
-        optimised = case.found[0] if is_joined and request.mode == OPTIMAL else None
-    is_slow = best is slow
-    if not np.isfinite(best.solution.objective_cost):
-        best = with_costs(context, best)
-    is_shortest = case.first.is_shortest
-    return Outcome(best, is_slow, tuple(found), optimised, budget.was_cut_off, is_shortest, mode)
+    assert best is not None, "a goal has a request"
+    return with_costs(context, best)
+
+
+def _better(context: Context, one: Candidate | None, other: Candidate | None) -> Candidate:
+    """The better of the candidates of two requests; of slow motions, the first."""
+    if one is None or other is None:
+        (only,) = (found for found in (one, other) if found is not None)
+        return only
+    # Slow motions and detours have no costs yet.
+    both = with_costs(context, one), with_costs(context, other)
+    return min(both, key=lambda one: (one.violation, one.how == SLOW, rank_of(one.solution.cost)))
 
 
 def with_costs(context: Context, found: Candidate) -> Candidate:

@@ -9,7 +9,7 @@ time within its limits of acceleration and jerk.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -27,11 +27,10 @@ from ...robot.model import Robot
 from ..context import Budget, Context, check_duration
 from ..motion import Motion, Tables
 from ..options import SHORTEST
-from ..plan import MotionSolution
 from ..program.bases import MotionBasis
 from ..request import Request
 from ..time_scaling import least_duration, slowdown
-from .candidate import Candidate, checked, sampled
+from .candidate import SLOW, Candidate, checked, sampled
 from .detours import corners_of, paths
 
 # Shares of the limits of acceleration and jerk for braking, tried in turn. Hard braking needs least
@@ -329,24 +328,16 @@ Corners = tuple[FloatArray, ...]
 
 
 def slow_motion(
-    context: Context,
-    requests: Iterable[Request],
-    failed: Candidate,
-    earlier: Sequence[Candidate],
-    budget: Budget,
+    context: Context, request: Request, path: FloatArray | None, budget: Budget
 ) -> Candidate | None:
-    """Find a slow motion for the first request that has one.
+    """The slow motion of a request.
 
     Parameters
     ----------
-    context : Context
-        Robot, limits and options of the planner.
-    requests : iterable of Request
-        Requests for one goal, with several configurations or several primitives.
-    failed : Candidate
-        The best of the candidates that failed.
-    earlier : sequence of Candidate
-        All of them, with corners of paths that are known.
+    context, request
+        Of the planner; the request.
+    path : array, shape (n_corners, n_joints), or None
+        Corners of a collision-free path, if one is known.
     budget : Budget
         The time for further paths.
 
@@ -356,28 +347,15 @@ def slow_motion(
         The motion, within the limits and without collisions; None if there is none with the
         requested duration.
     """
-    done = list[JointState]()
-    for request in requests:
-        if request.goal in done:  # requests for one configuration differ in their primitives only
+    for usual in _usual_durations(context, request):
+        try:
+            found = _around(context, request, usual, path, budget)
+        except (GoalError, TrajectoryError):
             continue
-        done.append(request.goal)
-        path = next(
-            (
-                c.corners
-                for c in earlier
-                if c.request.goal is request.goal and c.corners is not None
-            ),
-            None,
-        )
-        for usual in _usual_durations(context, request):
-            try:
-                found = _around(context, request, failed, usual, path, budget)
-            except (GoalError, TrajectoryError):
-                continue
-            if found.collisions or found.strayed:
-                continue
-            if request.duration_is_free or found.duration <= float(usual.sum()) * (1.0 + 1e-9):
-                return found
+        if found.collisions or found.strayed:
+            continue
+        if request.duration_is_free or found.duration <= float(usual.sum()) * (1.0 + 1e-9):
+            return found
     return None
 
 
@@ -394,7 +372,6 @@ def _usual_durations(context: Context, request: Request) -> list[FloatArray]:
 def _around(
     context: Context,
     request: Request,
-    failed: Candidate,
     usual: FloatArray,
     path: FloatArray | None,
     budget: Budget,
@@ -402,8 +379,8 @@ def _around(
     """The slow motion of a request, around obstacles if paths are known or found."""
     none = np.zeros((0, context.robot.n_joints))
     if path is not None:
-        return _slow(context, request, failed, usual, (path[1:-1],))
-    found = _slow(context, request, failed, usual, (none,) * len(request.segments))
+        return _slow(context, request, usual, (path[1:-1],))
+    found = _slow(context, request, usual, (none,) * len(request.segments))
     if not (request.mode and found.collisions):  # paths of one segment were searched before
         return found
     corners = []
@@ -414,15 +391,13 @@ def _around(
             return found
         corners.append(corners_of(context, around, budget)[1:-1])
     try:
-        other = _slow(context, request, failed, usual, tuple(corners))
+        other = _slow(context, request, usual, tuple(corners))
     except (GoalError, TrajectoryError):
         return found
     return other if other.is_valid else found
 
 
-def _slow(
-    context: Context, request: Request, failed: Candidate, usual: FloatArray, corners: Corners
-) -> Candidate:
+def _slow(context: Context, request: Request, usual: FloatArray, corners: Corners) -> Candidate:
     """The slow motion that rests at all targets and corners.
 
     Raises
@@ -447,8 +422,7 @@ def _slow(
         raise TrajectoryError(str(check.violations[0]))
     bases = tuple(MotionBasis.fixed(Tables(motion.basis)) for motion in motions)
     found = checked(context, request, bases, motions)
-    solution = _not_optimised(failed.solution)
-    return replace(found, solution=solution, n_stops=sum(map(len, corners)))
+    return replace(found, n_stops=sum(map(len, corners)), how=SLOW)
 
 
 def _route(
@@ -478,16 +452,3 @@ def _durations(
         durations[0] = route.step * np.ceil(durations[0] / route.step - 1e-9)
     check_duration(context, "the slow motion would take", float(durations.sum()))
     return legs * np.repeat(durations / least, counts)
-
-
-def _not_optimised(failed: MotionSolution) -> MotionSolution:
-    """The result of the solver for a slow motion; its costs are computed in the report."""
-    unknown = float("nan")
-    return replace(
-        failed,
-        weights=np.zeros(0),
-        objective_cost=unknown,
-        effort_cost=unknown,
-        naturalness_cost=0.0,
-        converged=False,
-    )

@@ -180,7 +180,7 @@ def test_refining_a_detour_keeps_clear_of_the_obstacle():
     world = mp.World([mp.Obstacle("post", mp.Box((0.04, 0.04, 1.2), (0.354, -0.399, 0.14)))])
     model = CollisionModel(ROBOT, world=world)
     plan = Planner(ROBOT, [arm_primitive()], LIMITS, PATIENT, model).plan(goal, start)
-    assert plan.is_executable and plan.correction > 0.0
+    assert plan.is_executable and plan.facts["correction"] > 0.0
     found = refine(plan.motions, ROBOT, LIMITS, model, time_price=3.0)
     assert found.gain > 0.01
     assert least(found, world) > 0.0

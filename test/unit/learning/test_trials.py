@@ -16,12 +16,13 @@ pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory):
+def planned(tmp_path_factory):
+    """A planner and its plan."""
     urdf = mp.config_file("human_arm.urdf")
     path = tmp_path_factory.mktemp("bag") / "motions.mcap"
     motions = mp.load_demonstrations(mp.write_example_recording(path, 6), robot=urdf)
     planner = mp.Planner(mp.Robot.from_file(urdf), mp.MovementPrimitive.fit(motions))
-    return planner.plan(start=motions[0].positions[0], goal={"elbow": -0.8})
+    return planner, planner.plan(start=motions[0].positions[0], goal={"elbow": -0.8})
 
 
 def effort_on(robot):
@@ -32,15 +33,15 @@ def effort_on(robot):
     return effort
 
 
-def refined(plan):
-    return refine(plan.motions, plan.planner.robot, plan.planner.limits)
+def refined(planner, plan):
+    return refine(plan.motions, planner.robot, planner.limits)
 
 
 @pytest.fixture(scope="module")
-def wrong_effort(plan):
+def wrong_effort(planned):
     """Effort on a robot with other masses than the model, and friction."""
     factors = 1.0 + 0.3 * np.random.default_rng(0).uniform(-1.0, 1.0, (4, 1))
-    robot = plan.planner.robot
+    robot = planned[0].robot
     changed = robot.with_link_inertias(np.repeat(factors[: len(robot.link_inertias.links)], 4, 1))
 
     def effort(trajectory):
@@ -50,38 +51,40 @@ def wrong_effort(plan):
     return effort
 
 
-def test_trials_are_valid_and_the_cheapest_is_kept_without_noise(plan):
+def test_trials_are_valid_and_the_cheapest_is_kept_without_noise(planned):
+    planner, plan = planned
     costs, tried = [], []
 
     def run(trajectory):
-        assert not check_limits(trajectory, plan.planner.robot, plan.planner.limits).violations
+        assert not check_limits(trajectory, planner.robot, planner.limits).violations
         tried.append(trajectory)
         costs.append(abs(trajectory.positions[len(trajectory.times) // 3]).sum())
         return costs[-1]
 
-    best = improve_by_trials(plan, run, 26)
+    best = improve_by_trials(planner, plan, run, 26)
     assert len(costs) == 26 and min(costs) < costs[0]
     assert best.cost == pytest.approx(min(costs)) == pytest.approx(run(best.trajectory))
     assert best.planned_cost == pytest.approx(costs[0]) and best.noise < 1e-12
     assert best.trajectory.duration == pytest.approx(plan.duration)
 
 
-def test_trials_improve_on_the_refinement_on_a_robot_unlike_its_model(plan, wrong_effort):
-    best = improve_by_trials(plan, wrong_effort, 60)
-    known = min(wrong_effort(one.trajectory) for one in (plan, refined(plan)))
+def test_trials_improve_on_the_refinement_on_a_robot_unlike_its_model(planned, wrong_effort):
+    best = improve_by_trials(*planned, wrong_effort, 60)
+    known = min(wrong_effort(one.trajectory) for one in (planned[1], refined(*planned)))
     assert wrong_effort(best.trajectory) < 0.995 * known
     assert best.cost == pytest.approx(wrong_effort(best.trajectory))
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.1])
-def test_noise_does_not_displace_the_best_known_motion(plan, noise):
+def test_noise_does_not_displace_the_best_known_motion(planned, noise):
     """On the robot of the model, the refinement is the best: no noise makes it be dropped."""
-    effort, known = effort_on(plan.planner.robot), refined(plan)
+    planner, plan = planned
+    effort, known = effort_on(planner.robot), refined(*planned)
     ends = []
     for seed in range(5):
         rng = np.random.default_rng(seed)
         best = improve_by_trials(
-            plan, lambda x, rng=rng: effort(x) * (1.0 + noise * rng.normal()), 24, seed
+            planner, plan, lambda x, rng=rng: effort(x) * (1.0 + noise * rng.normal()), 24, seed
         )
         ends.append(effort(best.trajectory))
         assert 0.2 * noise < best.noise / best.cost < 2.5 * noise
@@ -89,8 +92,8 @@ def test_noise_does_not_displace_the_best_known_motion(plan, noise):
     assert np.median(ends) == pytest.approx(effort(known.trajectory), rel=1e-3)
 
 
-def test_what_can_not_be_learned_from_is_refused(plan):
+def test_what_can_not_be_learned_from_is_refused(planned):
     with pytest.raises(LearningError, match="finite"):
-        improve_by_trials(plan, lambda _: float("nan"))
+        improve_by_trials(*planned, lambda _: float("nan"))
     with pytest.raises(LearningError, match="n_trials must be at least 12, got 4"):
-        improve_by_trials(plan, lambda _: 1.0, 4)
+        improve_by_trials(*planned, lambda _: 1.0, 4)

@@ -184,7 +184,11 @@ def test_motion_of_least_effort_goes_around_the_body():
         bare = Planner(robot, [primitive], limits, options, collision=False).plan(*request)
         plan = Planner(robot, [primitive], limits, options, model).plan(*request)
         assert plan.status == SOLVED
-        assert plan.start_error == 0.0 and plan.goal_error == 0.0 and not plan.limit_check.touched
+        assert (
+            plan.facts["start_error"] == 0.0
+            and plan.goal_error == 0.0
+            and not plan.limit_check.touched
+        )
         through = deepest_in_chest(bare.trajectory) < -0.01
         n_through += through
         assert deepest_in_chest(plan.trajectory) > 0.0
@@ -220,7 +224,7 @@ def test_what_components_cannot_avoid_splines_do(model, naturalness):
     assert {one.links for one in model.collisions(through.trajectory)} == {("base", "c")}
     plan = chain_planner(model, naturalness=naturalness).plan(JointGoal(goal, 1.5), start)
     assert plan.is_executable
-    assert plan.correction > 0.0 or plan.n_components_used == 0
+    assert plan.facts["correction"] > 0.0 or plan.facts["n_components_used"] == 0
     look = always_looking()
     assert min(min(look(q)) for q in interpolate(plan.trajectory).q) > 0.0
 

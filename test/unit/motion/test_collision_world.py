@@ -82,7 +82,7 @@ def test_planned_motions_keep_the_margin_from_obstacles_on_their_path() -> None:
             n_around += 1
             assert clearance(plan.trajectory, world) >= 0.01
             assert "kept apart" in plan.message
-            assert plan.start_error == plan.goal_error == 0.0
+            assert plan.facts["start_error"] == plan.goal_error == 0.0
     assert n_around >= 3
 
 

@@ -83,7 +83,7 @@ def test_detour_avoids_what_descent_does_not(post):
     plan = planner.plan(goal, start)
     assert plan.status == "solved"
     assert "near a collision-free path" in plan.message
-    assert plan.correction > 0.0
+    assert plan.facts["correction"] > 0.0
     urdf = config_file("human_arm.urdf")
     referee = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene)
     collision, _ = referee.contacts(plan.trajectory)

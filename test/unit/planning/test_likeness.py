@@ -50,17 +50,17 @@ def test_other_requests_get_less_effort_in_no_more_time(i):
     plan = planned(unlike(i))
     shown = planned(unlike(i), naturalness=1.0, timing="demonstrated")
     assert plan.status == SOLVED and plan.in_span_score > 3.0
-    assert plan.naturalness == pytest.approx((3.0 / plan.in_span_score) ** 3)
+    assert plan.facts["naturalness"] == pytest.approx((3.0 / plan.in_span_score) ** 3)
     assert plan.effort_cost < shown.effort_cost
     assert plan.trajectory.duration <= shown.trajectory.duration * (1.0 + 1e-9)
 
 
 def test_what_is_given_counts():
     plan = planned(unlike(), naturalness=1.0, timing="demonstrated")
-    assert plan.naturalness == 1.0
+    assert plan.facts["naturalness"] == 1.0
     plan = planned(unlike(), duration=2.5)
     assert plan.trajectory.duration == pytest.approx(2.5)
-    assert plan.naturalness < 1.0
+    assert plan.facts["naturalness"] < 1.0
 
 
 def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():
@@ -81,5 +81,4 @@ def test_a_detour_is_not_slower_than_the_demonstrations(tmp_path):
         plans.append(planned(ends, collision, timing=timing))
     free, shown = plans
     assert "near a collision-free path" in free.message
-    assert free.message.startswith("motion found: effort")
     assert free.trajectory.duration <= shown.trajectory.duration

@@ -170,7 +170,7 @@ def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
     assert rests == (None in (*times, None)[:2])
     if rests:
         assert plan.status == STOPPED_EARLY
-        assert plan.message.startswith("time ran out (max_solve_time = 1e-09 s) before a motion")
+        assert "time ran out (max_solve_time = 1e-09 s) before a motion" in plan.message
     ends = np.cumsum([motion.duration for motion in plan.motions])
     for end, time, target in zip(ends, times or [None] * 3, targets, strict=True):
         assert time is None or end == pytest.approx(time, abs=1e-9)

@@ -255,8 +255,10 @@ def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
 # Figures of plans
 
 
-def plan_between(start: int, goal: int, shares: tuple[float, ...] = (), scale: float = 1.0) -> Plan:
-    """A plan of the arm between ends of demonstrations, stretched about their mean."""
+def plan_between(
+    start: int, goal: int, shares: tuple[float, ...] = (), scale: float = 1.0
+) -> tuple[Plan, Planner]:
+    """A plan between ends of demonstrations, stretched about their mean, and its planner."""
     robot, shown = arm_robot(), arm_primitive()
     ends = shown.boundary_states[[start, goal], [0, 3]]
     q0, q1 = ends.mean(axis=0) + scale * (ends - ends.mean(axis=0))
@@ -264,13 +266,13 @@ def plan_between(start: int, goal: int, shares: tuple[float, ...] = (), scale: f
     planner = Planner(robot, [shown], robot.limits(wide))
     places = [JointState(robot.joint_names, q0 + x * (q1 - q0)) for x in (*shares, 1.0)]
     goal_state = places if shares else places[0]
-    return planner.plan(goal_state, JointState(robot.joint_names, q0))
+    return planner.plan(goal_state, JointState(robot.joint_names, q0)), planner
 
 
 def test_plan_shows_its_vias_where_it_passes_them() -> None:
-    found = plan_between(0, 0, shares=(0.4,))
+    found, planner = plan_between(0, 0, shares=(0.4,))
     with styled_figure() as figure:
-        panels = plan_figure(figure, found)
+        panels = plan_figure(figure, found, planner)
         assert all_legends_inside(figure)
     motion = found.trajectory
     for joint, (above, *_) in enumerate(panels):
@@ -285,9 +287,9 @@ def test_plan_shows_its_vias_where_it_passes_them() -> None:
 
 
 def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
-    found, primitive = plan_between(3, 3), arm_primitive()
+    (found, planner), primitive = plan_between(3, 3), arm_primitive()
     with styled_figure() as figure:
-        panels = plan_figure(figure, found)
+        panels = plan_figure(figure, found, planner)
     ends = primitive.boundary_states[:, [0, 3]]
     away = np.linalg.norm((ends - ends[3]) / (ends.std(axis=0) + 1e-3), axis=(1, 2))
     nearest = np.argsort(away)[:MAX_BEHIND]
