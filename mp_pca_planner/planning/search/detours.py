@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -61,12 +62,9 @@ _TOLERANCE, _FEASIBLE = 1e-3, 1e-4
 
 
 def missing_planner() -> str:
-    """What is missing for the search; empty if OMPL can be imported."""
-    try:
-        require("ompl.base", "", "the search for detours")
-    except MissingDependencyError as error:
-        return str(error)
-    return ""
+    """What is missing for the search; empty if OMPL is installed. It is not imported for this."""
+    missing = MissingDependencyError("ompl", "", "the search for detours")
+    return "" if find_spec("ompl") else str(missing)
 
 
 def along_path(context: Context, request: Request, budget: Budget) -> Candidate | None:

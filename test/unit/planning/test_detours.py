@@ -93,7 +93,7 @@ def test_detour_avoids_what_descent_does_not(post):
 
 
 def test_without_the_library_descent_goes_on_where_a_path_would_be_searched(post, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ompl.base", None)
+    monkeypatch.setitem(sys.modules, "ompl", None)
     scene, planner, start, goal = post
     plan = planner.plan(goal, start)
     urdf = config_file("human_arm.urdf")
@@ -104,7 +104,7 @@ def test_without_the_library_descent_goes_on_where_a_path_would_be_searched(post
 
 
 def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ompl.base", None)
+    monkeypatch.setitem(sys.modules, "ompl", None)
     primitive = arm_primitive()
     start, goal = primitive.boundary_states[0, [0, 3]]
     scene = write_scene(tmp_path / "scene0001.yaml", [WALL])
