@@ -10,6 +10,7 @@ at all of its points. To add one, write a class as :class:`Upright` and add its 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -129,12 +130,12 @@ CONSTRAINTS: dict[str, Callable[[str], PathConstraint]] = {"upright": _upright}
 
 
 def path_constraints(text: str, what: str, robot: Robot) -> tuple[PathConstraint, ...]:
-    """Read constraints: ``NAME=VALUE``, separated by semicolons; none of an empty text.
+    """Read constraints: ``NAME=VALUE`` or ``NAME:VALUE:…``, separated by semicolons.
 
     Parameters
     ----------
     text : str
-        The text, such as ``upright=gripper,15``.
+        The text, such as ``upright=gripper,15`` or ``upright:gripper:15``; none if empty.
     what : str
         Name of the option in messages.
     robot : Robot
@@ -149,7 +150,8 @@ def path_constraints(text: str, what: str, robot: Robot) -> tuple[PathConstraint
     """
     found = []
     for part in filter(None, (part.strip() for part in text.split(";"))):
-        name, _, value = (word.strip() for word in part.partition("="))
+        name, *words = (word.strip() for word in re.split("[=:]", part))
+        value = ",".join(words)
         if name not in CONSTRAINTS:
             raise GoalError(f"{what}: {unknown_name('constraint', name, tuple(CONSTRAINTS))}")
         try:
