@@ -176,10 +176,7 @@ def find_mesh(resource: str, folders: Sequence[Path]) -> MeshContent:
     with reading(f"mesh '{printable(resource):.200}'", WorldError):
         path = _find_file(resource, folders)
     if path is None:
-        raise WorldError(
-            f"mesh '{printable(resource):.200}' was not found: name the folder that holds "
-            f"{_package_of(resource)} by --package-dirs (package_dirs in Python and of the node)"
-        )
+        raise WorldError(f"mesh '{printable(resource):.200}' was not found: {_advice(resource)}")
     return read_mesh(path, resource)
 
 
@@ -198,11 +195,18 @@ def package_folders(given: Sequence[Path], urdf: Path | None = None) -> list[Pat
     return folders
 
 
-def _package_of(resource: str) -> str:
-    """The package of a mesh in words, for a message."""
-    scheme, mark, rest = resource.partition("://")
-    name = rest.partition("/")[0]
-    return f"the package '{printable(name):.100}'" if mark and scheme == "package" else "it"
+def _advice(resource: str) -> str:
+    """What to do about a mesh that was not found."""
+    scheme, _, rest = resource.rpartition("://")
+    if Path(rest).is_absolute():
+        return "its path is of another machine; write one relative to the URDF, or package://"
+    what = "it"
+    if scheme == "package":
+        what = f"the package '{printable(rest.partition('/')[0]):.100}'"
+    return (
+        f"name the folder that holds {what} by --package-dirs (package_dirs in Python and of the "
+        "node)"
+    )
 
 
 def _find_file(resource: str, folders: Sequence[Path]) -> Path | None:

@@ -329,3 +329,10 @@ def test_mesh_of_a_package_is_found(tmp_path, monkeypatch, folder):
     shutil.rmtree(package)
     with pytest.raises(RobotError, match=r"holds the package 'somebody' by --package-dirs"):
         CollisionModel(robot, package_dirs=folders)
+
+
+def test_path_of_another_machine_is_said_to_be_one():
+    mesh = '<mesh filename="file:///home/user/ws/install/arm/share/arm/meshes/base.stl"/>'
+    robot = mp.Robot(URDF.replace(f'<sphere radius="{RADIUS}"/>', mesh, 1))
+    with pytest.raises(RobotError, match="its path is of another machine; write one relative to"):
+        CollisionModel(robot)
