@@ -18,7 +18,6 @@ from tqdm import tqdm
 from ..arrays import short
 from ..exceptions import PlannerError, RobotError, quote_names, unknown_name
 from ..files import check_writable, write_whole
-from ..motion.trajectory import check_format
 from .terminal import say
 
 # Only for type checking: these imports take a second, and some commands need neither.
@@ -162,6 +161,8 @@ def check_motion_file(path: Path | None, *, force: bool) -> None:
         If its format is unknown, or it could not be written.
     """
     if path is not None:
+        from ..recordings.trajectory_files import check_format
+
         check_format(path)
         check_writable(path, overwrite=force)
 

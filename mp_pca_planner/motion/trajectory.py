@@ -1,11 +1,9 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""A sampled joint motion, the result of planning, and its files."""
+"""A sampled joint motion, the result of planning."""
 
 from __future__ import annotations
 
-import io
-import json
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -17,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray, frozen_array, set_frozen, unique_names
-from ..exceptions import PlannerError, TrajectoryError, require
-from ..files import write_whole
+from ..exceptions import TrajectoryError, require
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,16 +141,8 @@ class Trajectory:
             If the format is unknown, the file exists and may not be overwritten, or it can't be
             written.
         """
-        path = Path(path)
-        content = {".csv": _csv, ".json": _json, ".npz": _npz}.get(path.suffix)
-        if content is not None:
-            write_whole(path, content(self), overwrite=overwrite)
-            return
-        check_format(path)
-        # Imported late, because `motion` must not depend on `recordings` at import.
-        from ..recordings.bags import write_joint_trajectory
-
-        write_joint_trajectory(path, self, overwrite=overwrite)
+        files = import_module("..recordings.trajectory_files", __package__)
+        files.save_trajectory(self, Path(path), overwrite=overwrite)
 
     def to_message(self, *, with_efforts: bool = False) -> Any:
         """Convert the trajectory to a ``trajectory_msgs/JointTrajectory``.
@@ -170,46 +159,6 @@ class Trajectory:
         TrajectoryError
             If efforts are requested and the trajectory has none.
         """
-        names = ("rclpy.serialization", "trajectory_msgs.msg")
-        serialization, messages = (require(name, "ros", "a message") for name in names)
-        from ..ros.serialised import serialize_trajectory
-
-        content = serialize_trajectory(self, with_efforts=with_efforts)
-        return serialization.deserialize_message(content, messages.JointTrajectory)
-
-
-def check_format(path: Path) -> None:
-    """Reject a file whose ending is not that of a trajectory format."""
-    from ..recordings.bags import FORMAT_OF_SUFFIX
-
-    formats = (".csv", ".json", ".npz", *FORMAT_OF_SUFFIX)
-    if path.suffix not in ("", *formats):
-        raise PlannerError(
-            f"the output '{path}' must end in {', '.join(formats)}, "
-            "or have no ending for the folder of a rosbag2"
-        )
-
-
-def _csv(trajectory: Trajectory) -> bytes:
-    blocks = trajectory.columns()
-    names = [f"{joint}.{kind}" for kind in list(blocks)[1:] for joint in trajectory.joint_names]
-    table, header = np.column_stack(list(blocks.values())), ",".join(["time", *names])
-    text = io.StringIO()
-    # 17 digits restore every number exactly.
-    np.savetxt(text, table, "%.17g", delimiter=",", header=header, comments="")
-    return text.getvalue().encode()
-
-
-def _json(trajectory: Trajectory) -> bytes:
-    columns = {name: values.tolist() for name, values in trajectory.columns().items()}
-    return json.dumps({"joint_names": trajectory.joint_names, **columns}, indent=2).encode()
-
-
-def _npz(trajectory: Trajectory) -> bytes:
-    buffer = io.BytesIO()
-    np.savez(
-        buffer,
-        joint_names=np.array(trajectory.joint_names),
-        **trajectory.columns(),  # type: ignore[arg-type]  # its stub takes bool only
-    )
-    return buffer.getvalue()
+        require("trajectory_msgs.msg", "ros", "a message")
+        messages = import_module("..ros.serialised", __package__)
+        return messages.trajectory_message(self, with_efforts=with_efforts)

@@ -58,8 +58,9 @@ class JointOrder:
         expected = (*values[0].shape[: n_dims - 1], len(self.to_pin))
         for x in values:
             if x.shape != expected or x.ndim != n_dims:
+                shape = ", ".join([*["any"] * (n_dims - 1), str(expected[-1])])
                 raise RobotError(
-                    f"values of the joints must have the shape {expected}, got {x.shape}"
+                    f"values of the joints must all have the shape ({shape}), got {x.shape}"
                 )
         return [self.sorted(x) for x in values]
 

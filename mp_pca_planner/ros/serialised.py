@@ -12,12 +12,18 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import TrajectoryError
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
+
+
+def trajectory_message(trajectory: Trajectory, *, with_efforts: bool) -> JointTrajectory:
+    """The message of a trajectory, see :meth:`.Trajectory.to_message`."""
+    content = serialize_trajectory(trajectory, with_efforts=with_efforts)
+    return deserialize_message(content, JointTrajectory)
 
 
 def serialize_trajectory(
