@@ -25,7 +25,14 @@ from subprocess import Popen
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from support.node_setup import URDF, RobotClient, joint_states, processor_time, running_node
+from support.node_setup import (
+    URDF,
+    RobotClient,
+    joint_states,
+    processor_time,
+    resident_megabytes,
+    running_node,
+)
 from support.tables import benchmark_parser, show
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
@@ -61,6 +68,7 @@ def main() -> None:
     found, loads = at_rest(ends[: arguments.goals])
     with user_among(arguments.obstacles, ends[0]) as user:
         answers = [user.arrive(end) for end in ends[1 : arguments.goals + 1]]
+        loads.append(f"resident memory of node, planner and watcher: {user.memory} MB")
     found["goal to trajectory, among obstacles"] = latencies(answers)
     with user_among(arguments.obstacles, ends[0], "-p", f"duration:={DURATION}") as user:
         for end in ends[1 : arguments.motions + 1]:
@@ -129,10 +137,10 @@ def user_among(n_obstacles: int, start: np.ndarray, *words: str) -> Iterator[Use
     """The user of a node and a simulated robot that stands among obstacles."""
     limits = [f"limits.{j}.{key}:={value}" for j in JOINT_NAMES for key, value in LIMITS.items()]
     given = [word for one in ("collision:=true", *limits) for word in ("-p", one)]
-    with running_node(*given, *words), simulated_robot(start), GoalClient() as client:
+    with running_node(*given, *words) as node, simulated_robot(start), GoalClient() as client:
         client.wait_for_node()
         client.wait_for_diagnostics(lambda values: values["model"] != "none")
-        user = User(client)
+        user = User(client, node)
         user.surround(n_obstacles)
         yield user
 
@@ -140,12 +148,18 @@ def user_among(n_obstacles: int, start: np.ndarray, *words: str) -> Iterator[Use
 class User:
     """Sends goals, stops and obstacles, and measures when trajectories come."""
 
-    def __init__(self, client: GoalClient) -> None:
+    def __init__(self, client: GoalClient, node: Popen[str]) -> None:
         self._client, self._robot = client, Robot.from_file(URDF, JOINT_NAMES)
+        self._node = node
         topic = f"{client.planner}/obstacles"
         self._obstacles = client.node.create_publisher(MarkerArray, topic, LATCHED)
         client.wait(lambda: self._obstacles.get_subscription_count() > 0, TIMEOUT, "not met")
         self._stamp = 0
+
+    @property
+    def memory(self) -> str:
+        """Resident memory of each process of the node [MB]."""
+        return ", ".join(f"{megabytes:.0f}" for megabytes in resident_megabytes(self._node))
 
     def surround(self, n: int) -> None:
         """Place boxes around the robot, away from its motions."""

@@ -237,9 +237,9 @@ def add_request(parser: argparse.ArgumentParser) -> None:
     )
     motion.add_argument(
         "--constraint",
-        metavar="NAME=VALUE;…",
+        metavar="NAME:VALUE…;…",
         default="",
-        help="constraints on every configuration, such as upright=FRAME,DEGREES: the z axis of a "
+        help="constraints on every configuration, such as upright:FRAME:DEGREES: the z axis of a "
         "frame stays within that angle of the vertical",
     )
     motion.add_argument(

@@ -213,7 +213,7 @@ def watch(
     while len(found) < n_goals:
         found.append(outcomes.get(timeout=60.0))
         if len(found) % (n_goals // 100) == 0:
-            memory.append(resident_megabytes(node))
+            memory.append(resident_megabytes(node)[0])
     return found, memory
 
 

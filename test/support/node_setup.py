@@ -144,16 +144,25 @@ def silent_node(name: str) -> Iterator[Node]:
         rclpy.try_shutdown(context=context)
 
 
+def processes_of(node: Popen[str]) -> list[int]:
+    """The process of a node, and its workers."""
+    children = Path(f"/proc/{node.pid}/task/{node.pid}/children").read_text(encoding="ascii")
+    return [node.pid, *map(int, children.split())]
+
+
 def processor_time(node: Popen[str]) -> float:
-    """CPU time of all threads of the node [s]."""
-    fields = Path(f"/proc/{node.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    """CPU time of the node and its workers [s]."""
+    ticks = 0
+    for process in processes_of(node):
+        text = Path(f"/proc/{process}/stat").read_text(encoding="ascii")
+        ticks += sum(map(int, text.rpartition(")")[2].split()[11:13]))
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
-def resident_megabytes(node: Popen[str]) -> float:
-    """Resident memory of the node [MB]."""
-    pages = Path(f"/proc/{node.pid}/statm").read_text(encoding="ascii").split()[1]
-    return int(pages) * os.sysconf("SC_PAGE_SIZE") / 1e6
+def resident_megabytes(node: Popen[str]) -> list[float]:
+    """Resident memory of the node and of its workers [MB]."""
+    pages = [int(Path(f"/proc/{x}/statm").read_text().split()[1]) for x in processes_of(node)]
+    return [n * os.sysconf("SC_PAGE_SIZE") / 1e6 for n in pages]
 
 
 def print_latencies(latencies: np.ndarray, solve_times: np.ndarray) -> None:
