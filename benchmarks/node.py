@@ -68,7 +68,8 @@ def main() -> None:
     found, loads = at_rest(ends[: arguments.goals])
     with user_among(arguments.obstacles, ends[0]) as user:
         answers = [user.arrive(end) for end in ends[1 : arguments.goals + 1]]
-        loads.append(f"resident memory of node, planner and watcher: {user.memory} MB")
+        what = "the node, Python's resource tracker, the planner and the watcher"
+        loads.append(f"resident memory of {what}: {user.memory} MB")
     found["goal to trajectory, among obstacles"] = latencies(answers)
     with user_among(arguments.obstacles, ends[0], "-p", f"duration:={DURATION}") as user:
         for end in ends[1 : arguments.motions + 1]:
