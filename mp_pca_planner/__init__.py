@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .motion.goal import PoseGoal as PoseGoal
     from .motion.goal import SequenceGoal as SequenceGoal
     from .motion.trajectory import Trajectory as Trajectory
+    from .planning.context import Budget as Budget
     from .planning.options import PlannerOptions as PlannerOptions
     from .planning.path_constraints import Upright as Upright
     from .planning.plan import Plan as Plan
@@ -72,6 +73,7 @@ _NAMES = {
     "motion.goal": ("JointGoal", "JointState", "Pose", "PoseGoal", "SequenceGoal"),
     "motion.trajectory": ("Trajectory",),
     "planning.path_constraints": ("Upright",),
+    "planning.context": ("Budget",),
     "planning.options": ("PlannerOptions",),
     "planning.plan": ("Plan",),
     "planning.planner": ("Planner",),

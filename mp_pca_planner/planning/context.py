@@ -128,6 +128,12 @@ class Budget:
     ------
     GoalError
         If the time is not a positive number.
+
+    Examples
+    --------
+    >>> import mp_pca_planner as mp
+    >>> mp.Budget(0.2).is_over()
+    False
     """
 
     def __init__(

@@ -215,13 +215,12 @@ class Plan:
     def summary(self) -> dict[str, str | float | int]:
         """Scalar facts, by the names of the package's public interface.
 
-        Beside the attributes and those of the solution: `considered` (primitives near the request),
-        `naturalness` (the ρ used), `expected_error` (RMS difference in path to expect between the
-        predicted motion and what would be demonstrated [rad or m]), `deviation_score` (RMS
-        deviation of the weights from the expected ones, in standard deviations),
-        `n_components_used`, `correction` (RMS of what B-splines add [rad or m]), `limit_violation`,
-        `start_error`, `via_error` [rad or m], `clearance` [m] from `nearest_obstacle`, if there is
-        one near, and in words `effort_parts`, `limits` and `collision`.
+        Beside the attributes and those of the solution: `naturalness` (the ρ used),
+        `expected_error` (RMS difference in path to expect between the predicted motion and what
+        would be demonstrated [rad or m]), `correction` (RMS of what B-splines add [rad or m]),
+        `limit_violation`, `start_error`, `via_error` [rad or m], `clearance` [m] from
+        `nearest_obstacle`, if there is one near, and in words `effort_parts`, `limits` and
+        `collision`.
         """
         several: dict[str, str | float | int] = {}
         if self.mode:

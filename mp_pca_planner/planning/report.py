@@ -51,7 +51,7 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
         When planning began, by the clock of `time.perf_counter` [s].
     """
     solve_time, request, trajectory = time.perf_counter() - began, best.request, best.trajectory
-    correction, deviation, n_components = _of_weights(best)
+    correction = _correction(best)
     score, outside, error = _of_predictions(context, best)
     nearest = _nearest_obstacle(context.collision, trajectory)
     status, message = INFEASIBLE, _refusal(context, best, budget, score)
@@ -70,11 +70,8 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
         collisions = "not checked, because limits are violated"
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
     facts: dict[str, str | float | int] = {
-        "considered": max(segment.considered for segment in request.segments),
         "naturalness": best.naturalness,
         "expected_error": error,
-        "deviation_score": deviation,
-        "n_components_used": n_components,
         "correction": correction,
         "start_error": float(start_error),
         "via_error": max(best.target_errors[:-1], default=0.0),
@@ -342,34 +339,16 @@ def _of_predictions(context: Context, best: Candidate) -> tuple[float, str, floa
     return score, "; ".join(named[:_N_NAMED]), float(error)
 
 
-def _of_weights(best: Candidate) -> tuple[float, float, int]:
-    """What the weights of a motion say, the largest of its segments.
-
-    Returns
-    -------
-    correction : float
-        RMS of what B-splines add to components [rad or m]; 0 without B-splines.
-    deviation : float
-        RMS deviation of the components' weights from the expected ones, in standard deviations; NaN
-        without components.
-    n_components : int
-        Number of principal components.
-    """
-    correction, deviation, n_components = 0.0, float("nan"), 0
+def _correction(best: Candidate) -> float:
+    """RMS of what B-splines add to components [rad or m], the largest of the segments."""
+    found, phases = 0.0, np.linspace(0.0, 1.0, 101)
     for basis, motion in zip(best.bases, best.motions, strict=True):
-        n, n_weights = basis.n_components, basis.expected.size
-        n_components = max(n, n_components)
-        if n:
-            assert basis.precision is not None
-            off = motion.weights[:n] - basis.expected[:n]
-            own = float(np.sqrt(off @ basis.precision[:n, :n] @ off / n))
-            deviation = own if np.isnan(deviation) else max(deviation, own)
-        if n < n_weights:
-            shape, phases = basis.tables.basis.shape, np.linspace(0.0, 1.0, 101)
-            only = np.where(np.arange(n_weights) < n, 0.0, 1.0)
-            added = shape(only * motion.weights, phases) - shape(0.0 * only, phases)
-            correction = max(correction, float(np.sqrt(np.mean(added**2))))
-    return correction, deviation, n_components
+        if basis.n_components < motion.weights.size:
+            only, shape = motion.weights.copy(), basis.tables.basis.shape
+            only[: basis.n_components] = 0.0
+            added = shape(only, phases) - shape(0.0 * only, phases)
+            found = max(found, float(np.sqrt(np.mean(added**2))))
+    return found
 
 
 def motion_remarks(score: float, check: LimitCheck | None, outside: str = "") -> list[str]:

@@ -39,8 +39,6 @@ class RequestSegment:
         The pose to reach, if the target is one.
     stops : bool
         Whether the motion rests at the target, or ends there.
-    considered : int
-        Number of primitives that it was chosen from, see :meth:`.Selector.choose`.
     primitive : MovementPrimitive
         The primitive of the motion.
     expected : ConditionalDistribution
@@ -53,7 +51,6 @@ class RequestSegment:
     goal: JointState
     pose: Pose | None
     stops: bool
-    considered: int
     primitive: MovementPrimitive
     expected: ConditionalDistribution
     duration: float

@@ -184,7 +184,7 @@ def _requests(
 ) -> tuple[Request, ...]:
     """Requests for one configuration, which differ in their primitives."""
     pose = goal.pose if isinstance(goal, PoseGoal) else None
-    considered, contenders = selector.choose(here.positions, there.positions, goal.duration)
+    _, contenders = selector.choose(here.positions, there.positions, goal.duration)
     # Several primitives are tried for one configuration, but not in the search for the shortest
     # duration, nor for each of several configurations.
     one_each = pose is not None or (goal.duration is None and context.options.timing == SHORTEST)
@@ -195,9 +195,7 @@ def _requests(
     timing = timing_for(context.options, score)
     for one in contenders[: 1 if one_each else None]:
         duration = one.expected.duration
-        segment = RequestSegment(
-            here, there, pose, True, len(considered), one.primitive, one.expected, duration
-        )
+        segment = RequestSegment(here, there, pose, True, one.primitive, one.expected, duration)
         found.append(Request((segment,), groups, "", naturalness, timing))
     return tuple(found)
 
@@ -286,15 +284,14 @@ def _sequence(
     check_duration(context, "the sequence would take", sum(durations))
     check_duration(context, "a segment of the sequence would take", min(durations))
     segments = []
-    for i, (considered, _) in enumerate(ranked):
-        pose, first = targets[i], considered[0]
+    for i, (_, (first, *_)) in enumerate(ranked):
+        pose = targets[i]
         segments.append(
             RequestSegment(
                 states[i],
                 states[i + 1],
                 pose if isinstance(pose, Pose) else None,
                 stops[i],
-                len(considered),
                 first.primitive,
                 first.expected,
                 durations[i],
@@ -395,7 +392,7 @@ def _through(
 
 
 def in_order(state: JointState, names: Sequence[str]) -> JointState:
-    """The present state of the named joints alone, in their order.
+    """The start of the named joints alone, in their order.
 
     Raises
     ------
@@ -407,8 +404,7 @@ def in_order(state: JointState, names: Sequence[str]) -> JointState:
     missing = [name for name in names if name not in state.joint_names]
     if missing:
         raise GoalError(
-            f"the present state lacks {quote_names(missing)}; it has "
-            f"{quote_names(state.joint_names)}"
+            f"the start lacks {quote_names(missing)}; it has {quote_names(state.joint_names)}"
         )
     index = [state.joint_names.index(name) for name in names]
     return JointState(

@@ -103,14 +103,13 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
     n_contested = 0
     for motion in arm_demonstrations(6, 9):
         start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
-        compiled, contenders = Selector(robot, primitives).choose(start.positions, goal.positions)
+        _, contenders = Selector(robot, primitives).choose(start.positions, goal.positions)
         plan = planner.plan(JointGoal(goal), start)
         names = [c.primitive.name for c in contenders]
         named = [planner.plan(JointGoal(goal, primitive=name), start) for name in names]
         cheapest = min(named, key=lambda one: one.solution.cost)
         assert plan.primitive == cheapest.primitive
         assert plan.solution.cost == pytest.approx(cheapest.solution.cost, rel=1e-6)
-        assert plan.facts["considered"] == len(compiled)
         n_contested += len(names) > 1
     assert n_contested
 
@@ -134,8 +133,6 @@ def test_the_only_primitive_is_not_compiled_to_be_chosen() -> None:
     robot = arm_robot()
     motion = arm_demonstrations(6, 9)[0]
     start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
-    plan = Planner(robot, [arm_primitive()], robot.limits(), PATIENT).plan(JointGoal(goal), start)
-    assert plan.summary()["considered"] == 1
     (one,), _ = Selector(robot, [arm_primitive()]).choose(start.positions, goal.positions)
     assert np.isnan(one.cost)
 
