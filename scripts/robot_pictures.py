@@ -44,7 +44,9 @@ def picture(name: str, browser: object) -> Image.Image:
             tab.goto(page.url)
             tab.get_by_text("Motion found").wait_for(state="attached")
             tab.evaluate(OVERLAY)
-            tab.evaluate("() => document.querySelectorAll('#caption, #pointer').forEach(x => x.remove())")
+            tab.evaluate(
+                "() => document.querySelectorAll('#caption, #pointer').forEach(x => x.remove())"
+            )
             time.sleep(12.0)  # the scene fades in
             shot = tab.screenshot()
             tab.close()
