@@ -252,7 +252,8 @@ class CollisionModel:
         q : array, shape (n_configurations, n_joints)
             Positions of the robot's joints in its order.
         """
-        return bool(np.any(self.near(q, 0.0).bounds < CONTACT))
+        entries = np.nonzero(~(self.body_pairs.bounds(q, CONTACT) > CONTACT))
+        return bool(np.any(~(self.body_pairs.distances(q, *entries) >= CONTACT)))
 
     def check(self, distances: FloatArray, *, hulls: bool = False) -> Callable[[FloatArray], bool]:
         """A function like `collides`: whether any pair is nearer than its margin and a distance.
