@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 
-from ..ros.client import GoalClient, NoAnswerError, check_node_name
 from .common import print_json
 from .options import add_node
 from .terminal import DONE, FAILED, PROGRAM, complain, say
@@ -31,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Call a service of the node, and print its answer; returns the exit status."""
+    from ..ros.client import GoalClient, NoAnswerError, check_node_name
+
     check_node_name(arguments.namespace, arguments.node)
     program = f"{PROGRAM} {arguments.command}"
     try:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 from ..arrays import short
 from ..exceptions import PlannerError, RobotError, quote_names, unknown_name
@@ -112,6 +111,8 @@ def plain(content: Any) -> Any:
 @contextmanager
 def progress_bar(description: str, unit: str) -> Iterator[Progress]:
     """A progress bar on stderr, if that is a terminal; called with (done, total)."""
+    from tqdm import tqdm
+
     bars: list[tqdm[Any]] = []
 
     def update(done: int, total: int) -> None:

@@ -7,30 +7,24 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from typing import Any
-
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
-from sensor_msgs.msg import JointState as JointStateMessage
-from trajectory_msgs.msg import JointTrajectory
+from typing import TYPE_CHECKING, Any
 
 from ..arrays import read_numbers
 from ..exceptions import GoalError, quote_names
 from ..execution.outcomes import MotionOutcome
 from ..motion.goal import JointState
-from ..ros.client import (
-    READY,
-    GoalClient,
-    NoAnswerError,
-    check_node_name,
-    is_served,
-    report_values,
-)
-from ..ros.goals import to_pose_message, to_sequence_message
 from .common import print_json, reported, show
 from .goal_arguments import joint_values, pose, sequence_goal
 from .options import add_node, add_targets, number
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
+
+# Arguments are checked before ROS is imported.
+if TYPE_CHECKING:
+    from geometry_msgs.msg import PoseStamped
+    from sensor_msgs.msg import JointState as JointStateMessage
+    from trajectory_msgs.msg import JointTrajectory
+
+    from ..ros.client import GoalClient
 
 _MARGIN = 30.0  # s from the end of the motion to its report, where --wait is not given
 _DESCRIPTION = """\
@@ -83,6 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
+    from ..ros.client import GoalClient, NoAnswerError, check_node_name
+
     check_node_name(arguments.namespace, arguments.node)
     try:
         with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
@@ -95,6 +91,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> int:
     """Send a goal, and print the node's report and what became of the motion."""
+    from diagnostic_msgs.msg import DiagnosticStatus
+
+    from ..ros.client import READY, is_served, report_values
+
     # The stamp distinguishes the report from those of other goals.
     stamp = message.header.stamp
     stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
@@ -123,6 +123,8 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
 
 
 def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> PoseStamped:
+    from ..ros.goals import to_pose_message
+
     for option in ("via", "primitive", "degrees"):
         if getattr(arguments, option):
             raise GoalError(f"--{option} is for joint goals, and is not accepted with --goal-pose")
@@ -133,6 +135,10 @@ def _joint_message(
     arguments: argparse.Namespace, client: GoalClient
 ) -> JointStateMessage | JointTrajectory:
     """The message of a goal and its vias, all of them positions of the same joints."""
+    from sensor_msgs.msg import JointState as JointStateMessage
+
+    from ..ros.goals import to_sequence_message
+
     if arguments.frame:
         raise GoalError("--frame is for --goal-pose, and is not accepted with joint positions")
     unit = math.pi / 180.0 if arguments.degrees else 1.0

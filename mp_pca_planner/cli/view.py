@@ -12,8 +12,6 @@ from pathlib import Path
 
 from ..primitives.library import load_primitives
 from ..robot.world import World
-from ..view.content import read_content
-from ..view.page import ViewPage
 from .common import robot_of
 from .options import add_robot_files, limits_given, whole
 from .terminal import DONE, flush, say
@@ -45,6 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit status."""
     primitives = load_primitives(arguments.primitives)
     robot_of(arguments.robot, primitives)
+    # After the files were read: it takes a second.
+    from ..view.content import read_content
+    from ..view.page import ViewPage
+
     content = read_content(arguments.robot, primitives, arguments.package_dirs)
     given = limits_given(arguments, content.robot)
     robot = content.robot.with_drives(given)
