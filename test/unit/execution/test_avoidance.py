@@ -169,6 +169,34 @@ def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node
     assert node.outcomes[-1] in ("stopped", "arrived", "not_followed")
 
 
+def test_held_robot_is_stopped_at_once_as_it_may_move_on_at_any_time(node):
+    node.ask(GOAL, duration=9.0)
+    node.run(0.8)
+    node.robot.faults.held = True
+    node.run(2.0)
+    node.use_world(ball_at(place_on_motion(node, 0.6)))
+    node.run(0.1)
+    assert len(node.sent) == 2 and node.server.execution.is_stop
+    node.robot.faults.held = False
+    node.run(5.0)
+    assert np.abs(node.commanded - GOAL).max() > 0.5
+
+
+def test_goal_whose_motion_would_begin_behind_an_obstacle_is_refused(node):
+    node._planning_time = 1.2, 1.2
+    node.ask_sequence(HALF, START)  # sequences are expected to take as long
+    node.run(8.0)
+    node._planning_time = 0.02, 0.02
+    node.ask(GOAL, duration=4.0)
+    node.run(0.5)
+    node.ask_sequence(HALF, START)
+    node.run(0.005)
+    node.use_world(ball_at(place_on_motion(node, 0.34)))
+    node.run(0.05)
+    assert node.statuses == ["served", "served", "refused"]
+    assert "before another motion could begin" in node.plan_reports[-1].message
+
+
 def test_motion_around_an_obstacle_does_not_begin_behind_it(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.5)

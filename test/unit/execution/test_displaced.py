@@ -92,6 +92,12 @@ def test_a_stream_of_goals_does_not_make_a_motion_slower_and_slower():
     assert durations and max(durations) <= 2.0 * DURATION
 
 
+def test_motion_that_was_displaced_often_is_bounded_by_the_planned_one():
+    slow = RunningMotion(minimum_jerk_motion(JOINTS, START, START + SHIFT, 6.0), 0.5, False, 1.0)
+    goal = JointState(JOINTS, START + SHIFT + 0.01)
+    assert displaced(slow, goal, ROBOT, LIMITS, PERIOD) is None
+
+
 def test_goal_that_no_displacement_reaches_within_the_limits_gets_none():
     assert adapt(LIMITS.upper + 0.1 - START - SHIFT) is None
 

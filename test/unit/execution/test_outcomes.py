@@ -214,6 +214,16 @@ def test_robot_that_moves_long_after_the_end_of_a_stop_has_lost_it(world):
     assert world.is_lost
 
 
+def test_stop_at_whose_end_servos_follow_slowly_is_not_lost(world):
+    world.stop()
+    world.run(DURATION)
+    end = world.current
+    for _ in range(20):
+        world.now += PERIOD
+        seen = Following(end, How.ON_TIME, world.now, world.now - end.began, 1.0, 0.01, "b", False)
+        assert not world.execution.is_lost(seen, world.now)
+
+
 # Answers of a controller
 
 

@@ -370,12 +370,12 @@ def test_motion_of_primitives_that_went_is_not_displaced(planner: GoalPlanner) -
 
 def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
     class Forbidden:
-        """A constraint that no configuration keeps."""
+        """A constraint that a motion breaks once."""
 
         frame = "wrist"
 
         def values(self, robot: Robot, q: np.ndarray) -> tuple[np.ndarray, None]:
-            return -np.ones((len(q), 1)), None
+            return np.where(np.arange(len(q)) == len(q) // 2, -1.0, 1.0)[:, None], None
 
     first = planner.plan(request(measured={"grip": 0.02}))
     assert isinstance(first, Planned) and planner.model is not None
@@ -401,6 +401,21 @@ def test_motion_that_leads_elsewhere_is_planned_and_takes_no_longer_than_a_displ
     # Without time to plan, the displaced motion is used.
     hasty = planner.plan(PlanRequest(3, goal, on(running), {}, running, 0.0))
     assert isinstance(hasty, Planned) and "continued" in hasty.message
+
+
+@pytest.mark.parametrize("is_of_goal", [True, False])
+def test_end_of_a_motion_is_displaced_to_a_near_goal_and_that_of_a_stop_is_not(
+    planner: GoalPlanner, is_of_goal: bool
+) -> None:
+    first = planner.plan(request(measured={"grip": 0.02}))
+    assert isinstance(first, Planned)
+    motion, known = first.trajectory, {"is_of_goal": True} if is_of_goal else {}
+    running = RunningMotion(
+        motion, motion.duration, True, motion.duration, first.primitives, **known
+    )
+    goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.02))
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
+    assert ("continued" in getattr(found, "message", "")) == is_of_goal
 
 
 @pytest.mark.parametrize(("change", "is_continued"), [(None, False), (0.3, True)])

@@ -430,6 +430,23 @@ def test_motion_that_a_controller_does_not_accept_never_started(either):
     assert "check that the controller is active" in report.message and report.progress == 0.0
 
 
+def test_stop_after_a_motion_that_was_rejected_is_on_the_one_before(either):
+    either.ask(GOAL, duration=2.0)
+    either.run(0.8)
+    before = either.server.execution.motion
+    either.robot.faults.drop = 1.0
+    either.ask(START)
+    either.run(0.1)
+    sent = either.sent[-1][1]
+    either.server.hear(sent, "rejected the goal", MotionOutcome.NEVER_STARTED)
+    either.robot.faults.drop = 0.0
+    assert either.tracker.motion is before
+    assert "on its path" in either.stop()
+    either.run(3.0)
+    assert either.verdict().is_clean
+    assert either.outcomes[1] == "never_started"
+
+
 def test_robot_that_something_else_moves_does_not_follow(either):
     either.ask(GOAL, duration=4.0)
     either.run(1.0)

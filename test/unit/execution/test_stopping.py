@@ -13,13 +13,18 @@ from hypothesis import strategies as st
 from support.arm import JOINTS, arm_robot
 from support.dense import assert_keeps, minimum_jerk_motion, spline
 
+from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.motions import PublishedMotion
+from mp_pca_planner.execution.parameters import Settings
+from mp_pca_planner.execution.states import MeasuredStates
 from mp_pca_planner.execution.stopping import (
     braking_ends,
     ends_on_path,
+    find_stop,
     stop_on_path,
     stops_at_points,
 )
+from mp_pca_planner.execution.tracking import Tracker
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import check_limits
@@ -141,7 +146,7 @@ def test_stops_at_a_point_pass_the_check_of_all_instants(seed):
         "max_velocity": rng.uniform(0.5, 3.0),
         "max_acceleration": rng.uniform(2.0, 20.0),
         "max_jerk": rng.uniform(50.0, 500.0),
-        "max_effort": rng.uniform(15.0, 60.0),
+        "max_effort": rng.uniform(5.0, 20.0),
     }
     limits = ROBOT.limits(dict.fromkeys(JOINTS, limit))
     v = rng.uniform(-1.0, 1.0, 4) * limits.velocity
@@ -181,6 +186,21 @@ def test_stop_at_a_point_is_as_short_as_an_acceleration_allows(speed):
 def test_stop_at_a_point_does_not_exist_where_none_keeps_the_limits():
     state = JointState(JOINTS, LIMITS.upper - 1e-3, np.full(4, 1.5))
     assert stop_at_point([state], braking_ends(state), ROBOT, LIMITS) is None
+
+
+def test_stop_of_a_silent_robot_is_allowed_from_wherever_it_may_have_been_held():
+    now = 0.2
+    measured = MeasuredStates(lambda: now, lambda: now)
+    tracker = Tracker(measured, lambda: now)
+    tracker.expect(JOINTS)
+    tracker.publish(curved())
+    measured.receive(JOINTS, curved().state(now).positions)
+    now = 0.9
+    error, limits = GoalError("its states are old"), LIMITS
+    said, stop = find_stop(error, tracker, ROBOT, limits, Settings())
+    assert "not known whether the robot stops" in said and stop.last_point_only
+    states = [curved().state(place) for place in np.linspace(0.2, 0.9, 6)]
+    assert_is_allowed_from(states, stop.sent, limits)
 
 
 class CountingRobot:
