@@ -208,11 +208,9 @@ def _minimise(
     last_step: float,
     max_steps: int,
 ) -> tuple[FloatArray, float]:
-    """Joint positions of consecutive frames within the limits, and their cost.
-
-    Gauss-Newton steps: the damping grows tenfold while one would raise the cost, and falls tenfold
-    otherwise.
-    """
+    """Joint positions of consecutive frames within the limits, and their cost."""
+    # Gauss-Newton steps: the damping grows tenfold while one would raise the cost, and falls
+    # tenfold otherwise.
     q = np.clip(q, problem.lower, problem.upper)
     cost, gradient, matrices = _linearised(problem, frames, q, weight)
     damping = _MIN_DECREASE

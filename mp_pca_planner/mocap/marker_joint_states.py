@@ -111,11 +111,9 @@ class MarkerSource:
         return states, residuals
 
     def _in_base_frame(self, robot: Robot, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Measured positions in the base frame, and distances of the markers on the base [m].
-
-        Their shapes are (n_frames, n_markers, 3), NaN where the pose of the base is unknown, and
-        (n_frames, n_base_markers).
-        """
+        """Measured positions in the base frame, and distances of the markers on the base [m]."""
+        # Their shapes are (n_frames, n_markers, 3), NaN where the pose of the base is unknown, and
+        # (n_frames, n_base_markers).
         n_base, points, measured = len(self.on_base), np.empty((0, 3)), positions
         if n_base:
             places = np.array([marker.position for marker in self.on_base])

@@ -196,11 +196,10 @@ class MarkerTrajectories:
 
 
 class _Samples(NamedTuple):
-    """Recorded poses of one body.
+    """Recorded poses of one body."""
 
-    The header stamps and times of reception [ns], shape (n_samples, 2); the positions [m] and
-    quaternions (x, y, z, w), which may be 0, shape (n_samples, 7); the frame in which they are.
-    """
+    # The header stamps and times of reception [ns], shape (n_samples, 2); the positions [m] and
+    # quaternions (x, y, z, w), which may be 0, shape (n_samples, 7); the frame in which they are.
 
     stamps: IntArray
     poses: FloatArray
@@ -374,11 +373,9 @@ def _assemble(bodies: Mapping[str, _Samples]) -> tuple[IntArray, dict[str, Float
 
 
 def _resampled(times: IntArray, poses: FloatArray, new_times: IntArray) -> FloatArray:
-    """Interpolated poses between samples that are near each other, NaN at other times.
-
-    Quaternions are interpolated number by number. Between near samples the result is that of a
-    rotation, once they are on the same side and normalised.
-    """
+    """Interpolated poses between samples that are near each other, NaN at other times."""
+    # Quaternions are interpolated number by number. Between near samples the result is that of a
+    # rotation, once they are on the same side and normalised.
     usable = _has_position(poses)
     times, first = np.unique(times[usable], return_index=True)
     poses = poses[usable][first]

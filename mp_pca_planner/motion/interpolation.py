@@ -27,12 +27,9 @@ GRID_PERIOD = 1e-3
 
 @cache
 def _coefficients() -> FloatArray:
-    """Coefficients, by rising power of the phase, of the six Hermite functions and derivatives.
-
-    The shape is (4, 6, 6).
-    Column i belongs to the quintic that is one in boundary value i of (q, q', q'' at 0, q, q', q''
-    at 1) and zero in the five others.
-    """
+    """Coefficients, by rising power of the phase, of the six Hermite functions and derivatives."""
+    # The shape is (4, 6, 6). Column i belongs to the quintic that is one in boundary value i of (q,
+    # q', q'' at 0, q, q', q'' at 1) and zero in the five others.
     values = [
         [1.0, 0.0, 0.0, -10.0, 15.0, -6.0],
         [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],

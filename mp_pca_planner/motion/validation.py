@@ -241,11 +241,9 @@ def _near_limits(lowest: FloatArray, highest: FloatArray, limits: JointLimits) -
 def _near_effort_limits(
     slopes: FloatArray, steps: FloatArray, at_points: FloatArray, limits: JointLimits
 ) -> NDArray[np.bool_]:
-    """Segments whose efforts may be near or beyond a limit.
-
-    An instant is at most half a step from a point, where the effort is known, and between them
-    it changes at most as fast as the bounds of its slopes allow.
-    """
+    """Segments whose efforts may be near or beyond a limit."""
+    # An instant is at most half a step from a point, where the effort is known, and between them it
+    # changes at most as fast as the bounds of its slopes allow.
     tau = np.abs(at_points)
     values = np.maximum(tau[:-1], tau[1:]) + 0.5 * steps[:, None] * slopes
     return np.asarray(~np.all(values < (1.0 - LIMIT_NEAR) * limits.effort, axis=1))

@@ -126,10 +126,8 @@ def _check_count(n_triangles: int) -> None:
 
 
 def _collada(content: bytes) -> MeshContent:
-    """The triangles of the scene of a COLLADA file in metres, with plain colours.
-
-    The upward axis of the file is not applied, as in RViz. Textures are not read.
-    """
+    """The triangles of the scene of a COLLADA file in metres, with plain colours."""
+    # The upward axis of the file is not applied, as in RViz. Textures are not read.
     import collada
 
     if b"<!DOCTYPE" in content:
@@ -324,10 +322,8 @@ def solid_of(vertices: FloatArray, triangles: Triangles) -> MeshSolid:
 
 
 def _distinct(rows: NDArray[Any]) -> tuple[Triangles, NDArray[np.bool_]]:
-    """An order in which equal rows are neighbours, and which of them differ from those before.
-
-    Unlike `np.unique` of rows, this does not keep the lock of the interpreter.
-    """
+    """An order in which equal rows are neighbours, and which of them differ from those before."""
+    # Unlike `np.unique` of rows, this does not keep the lock of the interpreter.
     order = np.lexsort(rows.T)
     in_order = rows[order]
     is_new = np.ones(len(order), dtype=bool)

@@ -39,11 +39,9 @@ def read_scene(path: str | Path) -> World:
 
 
 def _text_world(text: str) -> World:
-    """The world of a ``.scene`` file: words and numbers, and names that end with their line.
-
-    An object is a name, its pose, the number of its shapes, each with a pose and a colour, and its
-    subframes, which are not needed. Files of older releases lack pose and subframes.
-    """
+    """The world of a ``.scene`` file: words and numbers, and names that end with their line."""
+    # An object is a name, its pose, the number of its shapes, each with a pose and a colour, and
+    # its subframes, which are not needed. Files of older releases lack pose and subframes.
     if text.split()[-1:] != ["."]:
         raise WorldError("it ends before the final '.'")
     _, *objects = re.split(r"^\*", text.rstrip()[:-1], flags=re.MULTILINE)

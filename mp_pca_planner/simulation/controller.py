@@ -152,10 +152,8 @@ def splines(
 
 
 def _polynomials(lengths: FloatArray, values: FloatArray, given: BoolArray) -> FloatArray:
-    """Coefficients by rising power of the phase, shape (n_segments, 6, 3 n_joints).
-
-    The last axis holds those of the positions, velocities and accelerations.
-    """
+    """Coefficients by rising power of the phase, shape (n_segments, 6, 3 n_joints)."""
+    # The last axis holds those of the positions, velocities and accelerations.
     n_segments, n_joints = len(lengths), values.shape[2]
     _, has_v, has_a = (given[:-1] & given[1:]).T
     scale = np.stack([np.ones_like(lengths), lengths, lengths**2], axis=1)[:, :, None]

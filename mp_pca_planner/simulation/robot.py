@@ -423,11 +423,9 @@ class SimulatedRobot:
 
 
 def _smoothed(filters: list[float], target: float) -> list[float]:
-    """The next values of three filters with time constants of 50 ms, for about 0.4 s in all.
-
-    The first two derivatives of the last one are bounded. A step of the speed scaling would be a
-    step of the velocity, which no planner can prevent.
-    """
+    """The next values of three filters with time constants of 50 ms, for about 0.4 s in all."""
+    # The first two derivatives of the last one are bounded. A step of the speed scaling would be a
+    # step of the velocity, which no planner can prevent.
     share, before, result = PERIOD / 0.05, target, []
     for value in filters:
         before = value + share * (before - value)
