@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
@@ -40,15 +41,6 @@ _THIN, _SMALLEST = 1e-6, 1e-7
 _CONVEX_SHARE = 1.0 - 1e-3
 # Faces of a hull that may meet in a corner: Coal rejects more.
 _MOST_FACES = 255
-# The corners of a box by their coordinates, and its triangles.
-_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
-_SIDES = np.array(
-    [
-        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
-        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
-    ],
-    dtype=np.intp,
-)
 
 Triangles = NDArray[np.intp]
 
@@ -290,14 +282,13 @@ class MeshSolid:
         points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
         for corner in self.corners:
             points.append(corner)
-        # No list of each face: so many start a search for garbage, which stops all threads.
         for face in zip(*self.faces.T.tolist(), strict=True):
             faces.append(coal.Triangle(*face))
         return coal.Convex(points, faces)
 
 
-# A robot is built anew for each change of a parameter or of the primitives, and Coal keeps the lock
-# of the interpreter while it builds the tree of a mesh: equal meshes share theirs.
+# A robot is built anew for each change of a parameter or of the primitives, and building the tree
+# of a mesh takes time: equal meshes share theirs.
 _SOLIDS: WeakValueDictionary[bytes, MeshSolid] = WeakValueDictionary()
 
 
@@ -323,7 +314,7 @@ def solid_of(vertices: FloatArray, triangles: Triangles) -> MeshSolid:
 
 def _distinct(rows: NDArray[Any]) -> tuple[Triangles, NDArray[np.bool_]]:
     """An order in which equal rows are neighbours, and which of them differ from those before."""
-    # Unlike `np.unique` of rows, this does not keep the lock of the interpreter.
+    # Twice as fast as `np.unique` of rows.
     order = np.lexsort(rows.T)
     in_order = rows[order]
     is_new = np.ones(len(order), dtype=bool)
@@ -332,36 +323,45 @@ def _distinct(rows: NDArray[Any]) -> tuple[Triangles, NDArray[np.bool_]]:
 
 
 def _solid(vertices: FloatArray, triangles: Triangles) -> MeshSolid:
-    from scipy.spatial import ConvexHull, QhullError
-
+    """A mesh with its convex hull; a surface without volume gets a small thickness."""
     axes = _axes(vertices)
     local = vertices @ axes
     low, high = local.min(axis=0), local.max(axis=0)
     is_flat = high - low <= max(_THIN * (high[0] - low[0]), _SMALLEST)
-    # A surface without volume gets a small thickness.
-    thick_low = np.where(is_flat, 0.5 * (low + high - THICKNESS), low)
-    thick_high = np.where(is_flat, 0.5 * (low + high + THICKNESS), high)
-    points = local
-    if is_flat[2]:
+    middle = 0.5 * (low + high)
+    low = np.where(is_flat, middle - 0.5 * THICKNESS, low)
+    high = np.where(is_flat, middle + 0.5 * THICKNESS, high)
+    box, points = np.array(list(product(*zip(low, high, strict=True)))), local
+    if is_flat[1]:
+        points = box
+    elif is_flat[2]:
         points = np.concatenate([local, local])
-        points[: len(local), 2], points[len(local) :, 2] = thick_low[2], thick_high[2]
-    is_convex = bool(is_flat[1])
-    corners, faces = np.where(_CORNERS, thick_high, thick_low), _SIDES
-    if not is_flat[1]:
-        try:
-            hull = ConvexHull(points)
-        except QhullError:  # nearly flat
-            hull = None
-        # Else the box around it takes the place of the hull.
-        if hull is not None and np.bincount(hull.simplices.ravel()).max() <= _MOST_FACES:
-            used, indices = np.unique(hull.simplices, return_inverse=True)
-            corners, faces = points[used], indices.reshape(-1, 3).astype(np.intp)
-            a, b, c = np.moveaxis(corners[faces], 1, 0)
-            inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-            faces[inward] = faces[inward, ::-1]
-            size = _area(local, triangles) * THICKNESS if is_flat[2] else _volume(local, triangles)
-            is_convex = bool(size >= _CONVEX_SHARE * hull.volume)
+        points[: len(local), 2], points[len(local) :, 2] = low[2], high[2]
+    # Where there is no hull that Coal accepts, the box around it takes its place.
+    hull = _hull(points) or _hull(box)
+    assert hull is not None  # a box has a volume
+    corners, faces, volume = hull
+    size = _area(local, triangles) * THICKNESS if is_flat[2] else _volume(local, triangles)
+    is_convex = bool(is_flat[1] or size >= _CONVEX_SHARE * volume)
     return MeshSolid(vertices, triangles, corners @ axes.T, faces, is_convex)
+
+
+def _hull(points: FloatArray) -> tuple[FloatArray, Triangles, float] | None:
+    """Corners, faces and volume of the convex hull of points; None if they are nearly flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return None
+    if np.bincount(hull.simplices.ravel()).max() > _MOST_FACES:
+        return None
+    used, indices = np.unique(hull.simplices, return_inverse=True)
+    corners, faces = points[used], indices.reshape(-1, 3).astype(np.intp)
+    a, b, c = np.moveaxis(corners[faces], 1, 0)
+    inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward, ::-1]
+    return corners, faces, float(hull.volume)
 
 
 def _axes(vertices: FloatArray) -> FloatArray:
