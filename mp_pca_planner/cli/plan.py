@@ -194,11 +194,11 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         robot = robot_of(arguments.robot, primitives, locked=locked)
     given = limits_given(arguments, robot)
     robot = robot.with_drives(given)
+    goal, options = planned_goal(arguments, robot), _options(arguments, robot)
     limits, (collision, remarks) = robot.limits(given), _collision(arguments, robot, primitives)
-    goal = planned_goal(arguments, robot)
     from ..planning.planner import Planner  # after the arguments and files were read
 
-    planner = Planner(robot, primitives, limits, _options(arguments, robot), collision or False)
+    planner = Planner(robot, primitives, limits, options, collision or False)
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
     frame = arguments.frame or robot.end_effector
     notes = tuple(filter(None, (*remarks, limits_file_note(arguments.limits))))
