@@ -24,7 +24,7 @@ _TYPICAL: Rgb = (140, 140, 140)
 _BENT: Rgb = (204, 121, 167)
 _SLIDERS = (
     "Each slider adds more or less of one component to a typical demonstration, in standard "
-    "deviations; the bar is the component's share of the differences. Grey: before. Pink: after."
+    "deviations; the percentage is its share of the differences. Grey: before. Pink: after."
 )
 
 
@@ -131,7 +131,7 @@ class ComponentsPanel:
                 slider = gui.add_slider(label, -ends, ends, 0.1, 0.0)
                 self._stage.on_change(slider, self._on_slider)
                 self._sliders[k] = slider
-                self._widgets += [slider, gui.add_html(part("padded_bar", shares[k]))]
+                self._widgets.append(slider)
             left = len(names) - len(self._sliders)
             if left:
                 text = f"{left} smaller components are not shown."

@@ -66,6 +66,7 @@ class ViewPage:
         self.components.set_open(name == COMPONENTS)
         self.world.set_open(name == WORLD)
         # Obstacles change the plan.
+        self._verdict.visible = name in (PLAN, WORLD)
         self.plan.set_open(name in (PLAN, WORLD), with_handle=name == PLAN)
 
     def _add_panels(self) -> None:
@@ -74,14 +75,18 @@ class ViewPage:
         gui.configure_theme(
             control_width="large", show_logo=False, show_share_button=False, brand_color=_BRAND
         )
+        # Beside the scene, which it must not cover.
+        gui.main_panel.dock_right()
         start, goal = content.ends or first_ends(content.primitives[0], content.limits)
         stage.arrange(np.array([start, goal]))
+        gui.add_html(part("page_style"))
         self._marks = gui.add_html("")
         names = (PLAN, COMPONENTS, WORLD)
         tabs = gui.add_button_group("Tabs", names)
         stage.on_click(tabs, lambda: self.open(tabs.value))
         if stage.shapes.notes:
-            gui.add_html(part("lines", stage.shapes.notes[:3]))
+            gui.add_html(part("folded", "Some shapes are missing", stage.shapes.notes))
+        self._verdict = gui.add_html("")
         self.player = Player(stage, ShownMotion(np.zeros(1), start[None]))
         self._folders = {name: gui.add_folder(None) for name in names}
         with self._folders[PLAN]:
@@ -89,12 +94,15 @@ class ViewPage:
                 content.robot, content.primitives, content.limits, content.collision
             )
             request = ViewRequest(start, goal, world=content.world)
-            self.plan = PlanPanel(stage, self.player, planner, request)
+            self.plan = PlanPanel(stage, self.player, planner, request, self._verdict)
         with self._folders[COMPONENTS]:
             self.components = ComponentsPanel(stage, self.player, content.primitives)
         with self._folders[WORLD]:
             self.world = WorldPanel(
-                stage, content.world, lambda world: self.plan.submit(world=world)
+                stage,
+                content.world,
+                lambda: self.plan.motion,
+                lambda world: self.plan.submit(world=world),
             )
         self.open(PLAN)
 

@@ -14,15 +14,8 @@ import viser
 
 from ..arrays import FloatArray
 from ..motion.goal import Pose
-from ..planning.options import AUTO, TIMINGS
-from .planning import (
-    FIXED,
-    InteractivePlanner,
-    PlanAnswer,
-    ViewRequest,
-    answer_html,
-    limit_shares,
-)
+from ..planning.options import AUTO
+from .planning import InteractivePlanner, PlanAnswer, ViewRequest, answer_html
 from .robot_shapes import DrawnRobot, Rgb, add_paths, show_paths
 from .stage import Player, ShownMotion, Stage, part
 from .worker import NewestFirst
@@ -31,12 +24,11 @@ NAME = "Plan"
 _TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."
 _CONTINUE, _RESET = "At the goal", "Reset"
 _NATURALNESS = (AUTO, "0", "0.01", "0.1", "1", "10")
-_OBJECTIVES = ("effort", "energy", "jerk", "straightness")
 _FORMATS = {"CSV": "motion.csv", "JSON": "motion.json", "Bag (.mcap)": "motion.mcap"}
 _GOAL: Rgb = (0, 158, 115)
 _SHORT: Rgb = (230, 159, 0)
 _REJECTED: Rgb = (217, 53, 43)
-_PATH: Rgb = (0, 114, 178)
+_PATH: Rgb = (148, 87, 235)
 
 
 class PlanPanel:
@@ -52,6 +44,8 @@ class PlanPanel:
         Used by one thread of this panel only.
     request : ViewRequest
         The first request.
+    verdict : viser.GuiHtmlHandle
+        Where the answer is stated.
 
     Attributes
     ----------
@@ -67,7 +61,9 @@ class PlanPanel:
         player: Player,
         planner: InteractivePlanner,
         request: ViewRequest,
+        verdict: viser.GuiHtmlHandle,
     ) -> None:
+        self._verdict = verdict
         self._stage, self._player, self._planner = stage, player, planner
         self._is_open = False
         self._home = request.start, request.goal
@@ -77,17 +73,11 @@ class PlanPanel:
         self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
         self._ghost.show(request.goal)
         self._path = add_paths(scene, "/plan/path", _PATH, 5.0)
-        self.handle = scene.add_transform_controls(
-            "/handle", scale=0.16 * stage.size, disable_rotations=True, depth_test=False
-        )
+        self.handle = stage.add_handle("/handle", disable_rotations=True)
         stage.on_drag(self.handle, self._on_handle)
         gui = stage.server.gui
         gui.add_html(part("lines", [_TEXT]))
-        self._verdict = gui.add_html("")
         self._add_goal()
-        self._add_settings()
-        with gui.add_folder("Limits used"):
-            self._bars = gui.add_html("")
         self._formats = gui.add_button_group("Save as", tuple(_FORMATS))
         self._formats.on_click(self._on_save)
         self._worker = NewestFirst[ViewRequest](self._serve, self._on_failure)
@@ -101,10 +91,10 @@ class PlanPanel:
         self._draw_paths()
         self.handle.visible = with_handle
         if is_open:
-            self._player.show(self._motion)
+            self._player.show(self.motion)
 
     @property
-    def _motion(self) -> ShownMotion:
+    def motion(self) -> ShownMotion:
         """The newest motion that may be executed; the start before there is one."""
         answer = self.answer
         if answer is None or answer.plan is None or answer.problem:
@@ -145,34 +135,14 @@ class PlanPanel:
                 slider = gui.add_slider(f"{name} [{unit}]", low, high, 0.001, value)
                 stage.on_change(slider, self._on_joints)
                 self._sliders.append(slider)
+        text = "0: least cost alone; more: more like the demonstrations; auto: 1 near them"
+        naturalness = gui.add_dropdown("Naturalness ρ", _NATURALNESS, initial_value=AUTO, hint=text)
+        stage.on_change(naturalness, lambda: self._on_naturalness(naturalness.value))
         hint = "Continue from the goal, or go back to the beginning"
         ends = gui.add_button_group("Start", (_CONTINUE, _RESET), hint=hint)
         stage.on_click(
             ends, lambda: self._on_swap() if ends.value == _CONTINUE else self._on_reset()
         )
-
-    def _add_settings(self) -> None:
-        gui = self._stage.server.gui
-        with gui.add_folder("How", expand_by_default=False):
-            text = "0: least cost alone; more: more like the demonstrations; auto: 1 near them"
-            naturalness = gui.add_dropdown(
-                "Naturalness ρ", _NATURALNESS, initial_value=AUTO, hint=text
-            )
-            objective = gui.add_dropdown("Least", _OBJECTIVES)
-            timing = gui.add_dropdown("Duration", (*TIMINGS, FIXED), initial_value=AUTO)
-            duration = gui.add_number("Seconds", 1.0, min=0.1, max=60.0, step=0.1, visible=False)
-
-        def on_change() -> None:
-            duration.visible = timing.value == FIXED
-            self.submit(
-                naturalness=None if naturalness.value == AUTO else float(naturalness.value),
-                objective=objective.value,
-                timing=timing.value,
-                duration=float(duration.value),
-            )
-
-        for widget in (naturalness, objective, timing, duration):
-            self._stage.on_change(widget, on_change)
 
     def _on_save(self, event: viser.GuiEvent[Any]) -> None:
         """Send the motion as a file to the browser that asked; none that must not be executed."""
@@ -211,6 +181,9 @@ class PlanPanel:
         self._place_handle(goal)
         self.submit(goal=goal, pose=None)
 
+    def _on_naturalness(self, value: str) -> None:
+        self.submit(naturalness=None if value == AUTO else float(value))
+
     def _on_swap(self) -> None:
         self._player.seek(0.0)
         self.submit(start=self._request.goal)
@@ -224,9 +197,10 @@ class PlanPanel:
     def _place_handle(self, q: FloatArray | None = None) -> None:
         """Put the handle onto the end effector in a configuration, by default at the goal."""
         goal = self._request.goal if q is None else q
-        self.handle.position, self.handle.wxyz = self._stage.shapes.frame_pose(
-            goal, self._stage.frame
-        )
+        place, turn = self._stage.shapes.frame_pose(goal, self._stage.frame)
+        # Where only the position counts, the arrows are the axes of the scene.
+        self.handle.position = place
+        self.handle.wxyz = turn if self._turns.value else np.array([1.0, 0.0, 0.0, 0.0])
 
     def _serve(self, request: ViewRequest) -> None:
         # In the planning thread: only what is under the lock changes the page.
@@ -249,17 +223,12 @@ class PlanPanel:
             self._say(PlanAnswer(request, request.goal, None, problem, 0.0))
 
     def _say(self, answer: PlanAnswer) -> None:
-        self.answer, plan = answer, answer.plan
+        self.answer = answer
         if answer.request.pose is not None:
             self._request = replace(self._request, goal=answer.goal)
             for slider, q in zip(self._sliders, answer.goal, strict=True):
                 slider.value = float(np.clip(round(q, 3), slider.min, slider.max))
         self._verdict.content = answer_html(answer)
-        if plan is None or answer.problem:
-            self._bars.content = part("lines", ["no motion"])
-        else:
-            shares = limit_shares(plan.trajectory, self._stage.limits)
-            self._bars.content = part("bars", plan.trajectory.joint_names, shares)
 
     def _draw(self, answer: PlanAnswer) -> None:
         self._ghost.show(answer.goal)
@@ -268,7 +237,7 @@ class PlanPanel:
         if answer.request.is_final and answer.distance:
             self._place_handle(answer.goal)
         if self._is_open and not answer.problem:
-            self._player.show(self._motion)
+            self._player.show(self.motion)
 
     def _draw_paths(self) -> None:
         """Draw the paths of the newest answer while the plan is shown; red if it is rejected."""

@@ -15,11 +15,8 @@ from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
 from ..motion.collision import CollisionModel
 from ..motion.goal import JointGoal, JointState, Pose
-from ..motion.interpolation import interpolate
-from ..motion.trajectory import Trajectory
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
-from ..planning.objectives import objective_by_name
-from ..planning.options import AUTO, TIMINGS, PlannerOptions
+from ..planning.options import PlannerOptions
 from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
@@ -28,12 +25,6 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from ..robot.world import World
 from .stage import BAD, GOOD, WARNING, part
-
-LIKE_SCORE = 1.5
-"""In-span score up to which a request is like the demonstrations; about 1 is usual."""
-
-FIXED = "fixed"
-"""Timing of a request with a duration of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +41,6 @@ class ViewRequest:
         The pose to reach.
     naturalness : float, optional
         See :class:`.PlannerOptions`.
-    objective : str
-        One of :data:`.OBJECTIVES`.
-    timing : str
-        One of :data:`.TIMINGS`, or 'fixed'.
-    duration : float
-        Duration of a fixed timing [s].
     world : World
         The obstacles.
     is_final : bool
@@ -66,9 +51,6 @@ class ViewRequest:
     goal: FloatArray
     pose: Pose | None = None
     naturalness: float | None = None
-    objective: str = "effort"
-    timing: str = AUTO
-    duration: float = 1.0
     world: World = field(default_factory=World)
     is_final: bool = False
 
@@ -134,7 +116,6 @@ class InteractivePlanner:
         """Plan the motion of a request; a goal that can't be served is an answer, too."""
         began = time.perf_counter()
         start = JointState(self.robot.joint_names, request.start)
-        options = request.naturalness, request.objective, request.timing
         reached, distance = request.goal, 0.0
         plan = None
         problem = ""
@@ -142,9 +123,8 @@ class InteractivePlanner:
             self._use_world(request.world)
             if request.pose is not None:
                 reached, distance = self._nearest(request.pose, request.goal)
-            duration = request.duration if request.timing == FIXED else None
-            goal = JointGoal(JointState(self.robot.joint_names, reached), duration)
-            plan = self._planner(*options).plan(goal, start)
+            goal = JointGoal(JointState(self.robot.joint_names, reached))
+            plan = self._planner(request.naturalness).plan(goal, start)
             reached = plan.trajectory.positions[-1]
             problem = "" if plan.is_executable else plan.message
             plan = plan if plan.motions else None
@@ -174,50 +154,9 @@ class InteractivePlanner:
         elif self.collision.world is not world:
             self.collision.set_world(world)
 
-    def _new_planner(self, naturalness: float | None, objective: str, timing: str) -> Planner:
-        options = PlannerOptions(
-            objectives=((1.0, objective_by_name(objective, self.robot)),),
-            timing=timing if timing in TIMINGS else AUTO,
-            naturalness=naturalness,
-            max_solve_time=self._max_solve_time,
-        )
+    def _new_planner(self, naturalness: float | None) -> Planner:
+        options = PlannerOptions(naturalness=naturalness, max_solve_time=self._max_solve_time)
         return Planner(self.robot, self.primitives, self.limits, options, self.collision)
-
-
-def in_span_words(score: float) -> str:
-    """How near a request is to the demonstrations, in words."""
-    if score <= LIKE_SCORE:
-        return "like the demonstrations"
-    if score <= UNUSUAL_IN_SPAN_SCORE:
-        return "at the edge of the demonstrations"
-    return "unlike the demonstrations: the motion may also look unlike them"
-
-
-def limit_shares(trajectory: Trajectory, limits: JointLimits) -> dict[str, FloatArray]:
-    """Largest share of each limit that a motion uses, by quantity.
-
-    Returns
-    -------
-    shares : dict of array, shape (n_joints,)
-        1 is at the limit; 0 where there is none. Positions count from the middle of their range.
-        Only quantities with a limit, and always the position.
-    """
-    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
-    low, high = np.where(bounded, [limits.lower, limits.upper], [[-1.0], [1.0]])
-    dense = interpolate(trajectory)
-    away = np.abs(dense.q - 0.5 * (low + high)).max(axis=0)
-    shares = {"position": np.where(bounded, away / (0.5 * (high - low)), 0.0)}
-    values = {
-        "velocity": (dense.v, limits.velocity),
-        "acceleration": (dense.a, limits.acceleration),
-        "jerk": (dense.jerk, limits.jerk),
-    }
-    if trajectory.efforts is not None:
-        values["torque"] = trajectory.efforts, limits.effort  # the effort is a cost of the motion
-    for name, (value, limit) in values.items():
-        if np.any(np.isfinite(limit)):
-            shares[name] = np.abs(value).max(axis=0) / limit
-    return shares
 
 
 def answer_html(answer: PlanAnswer) -> str:
@@ -235,14 +174,7 @@ def answer_html(answer: PlanAnswer) -> str:
             plan.message,
             WARNING if unlike or plan.status != "solved" else GOOD,
         )
-    score = f"{in_span_words(plan.in_span_score)} (score {plan.in_span_score:.1f})"
-    rows = [
-        ("Primitive", plan.primitive),
-        ("Duration", f"{plan.duration:.2f} s"),
-        ("Effort", _effort(plan)),
-        ("The goal is", score),
-        ("Planned in", f"{1e3 * answer.seconds:.0f} ms"),
-    ]
+    rows = [("Primitive", plan.primitive), ("Planned in", f"{1e3 * answer.seconds:.0f} ms")]
     return head + part("rows", rows)
 
 
@@ -251,8 +183,3 @@ def _shortfall(answer: PlanAnswer) -> str:
     if answer.distance < 5e-4:
         return "no configuration has this orientation here; the motion goes to the nearest pose"
     return f"the motion goes to the nearest pose, {1e3 * answer.distance:.0f} mm from the handle"
-
-
-def _effort(plan: Plan) -> str:
-    effort = plan.effort_cost
-    return f"{effort:.4g} N²m²s" if np.isfinite(effort) else "unknown: inertias are missing"

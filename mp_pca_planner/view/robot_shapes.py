@@ -32,9 +32,9 @@ Rgb = tuple[int, int, int]
 # Faces of a mesh above which its convex hull is drawn; browsers without a GPU need that.
 _MAX_FACES = 40_000
 
-# Size of a ghost as a multiple of the robot's, whose surface would flicker with an equal one.
-_GHOST_GROWTH = 1.02
-_GHOST_OPACITY = 0.35
+# Size of a ghost as a multiple of the robot's, inside which it is where both have the same place.
+_GHOST_SIZE = 0.97
+_GHOST_OPACITY = 0.45
 
 _PLAIN: Colour = (0.76, 0.79, 0.83, 1.0)
 
@@ -59,10 +59,10 @@ class RobotShape:
 
     @property
     def hull(self) -> Any:
-        """The convex hull of the mesh, a little larger than that, as the surface of a ghost."""
+        """The convex hull of the mesh, a little smaller, as the surface of a ghost."""
         solid = solid_of(np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces))
         hull = trimesh.Trimesh(solid.corners, solid.faces, process=False)
-        hull.vertices = hull.centroid + _GHOST_GROWTH * (hull.vertices - hull.centroid)
+        hull.vertices = hull.centroid + _GHOST_SIZE * (hull.vertices - hull.centroid)
         return hull
 
 
@@ -160,14 +160,23 @@ class RobotShapes:
         return found.parentJoint, position, turn
 
     def corners(self, q: FloatArray) -> FloatArray:
-        """Lowest and highest coordinates of all shapes, shape (2, 3) [m]."""
+        """Corners of the boxes around all shapes, shape (n_corners, 3) [m]."""
         self.placements(q)
-        points = [
-            np.array(self._data.oMi[s.joint].act(np.asarray(corner)))
-            for s in self.shapes
-            for corner in product(*s.mesh.bounds.T)
-        ]
-        return np.array([np.min(points, axis=0), np.max(points, axis=0)])
+        return np.array(
+            [
+                self._data.oMi[shape.joint].act(np.asarray(corner))
+                for shape in self.shapes
+                for corner in product(*shape.mesh.bounds.T)
+            ]
+        )
+
+    def gap(self, q: FloatArray, point: FloatArray) -> float:
+        """Distance of a point, shape (3,), from the boxes around all shapes [m]; 0 inside."""
+        self.placements(q)
+        places = [self._data.oMi[shape.joint].actInv(point) for shape in self.shapes]
+        bounds = [shape.mesh.bounds for shape in self.shapes]
+        away = [x - np.clip(x, *ends) for x, ends in zip(places, bounds, strict=True)]
+        return float(np.linalg.norm(away, axis=1).min())
 
 
 def _pose(places: Sequence[Any]) -> tuple[FloatArray, FloatArray]:

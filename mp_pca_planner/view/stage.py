@@ -24,16 +24,17 @@ from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .robot_shapes import DrawnRobot, RobotShapes
 
-GOOD, WARNING, BAD, GREY = "#009E73", "#E69F00", "#D9352B", "#8C8C8C"
+GOOD, WARNING, BAD = "#009E73", "#E69F00", "#D9352B"
 """Colours of verdicts, legible on light and on dark."""
 
 LOG = logging.getLogger("mp_pca_planner.view")
 """Log of the page."""
 
-# From what it sees to a camera, in diagonals of that.
-_DIRECTION = np.array([0.75, -0.65, 0.35])
+# From what it sees to the camera, whose vertical field of view is narrow [rad]; the robot fills at
+# most this share of the scene, which is about as wide as high.
+_DIRECTION, _FIELD, _FILLED = np.array([0.75, -0.65, 0.35]), 0.6, 0.75
 
-_SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
+_HANDLE_LENGTH = 90.0  # on the screen [pixels]
 _PERIOD = 1.0 / 30.0  # between two configurations [s]
 _SLIDER_STEPS = 4  # the slider follows every so many
 _COMPLAINT_TIME = 10.0  # for which an error is shown, and not repeated [s]
@@ -46,8 +47,7 @@ def part(macro: str, *content: Any) -> str:
 
 @cache
 def _macros() -> Any:
-    colours = {"GOOD": GOOD, "WARNING": WARNING, "BAD": BAD, "GREY": GREY}
-    return environment().get_template("view.html", globals=colours).module
+    return environment().get_template("view.html").module
 
 
 class Stage:
@@ -92,8 +92,8 @@ class Stage:
     def arrange(self, configurations: FloatArray) -> None:
         """Put the robot into the first configuration, and the camera where it sees all of them."""
         self.drawn.show(configurations[0])
-        corners = np.array([self.shapes.corners(q) for q in configurations])
-        low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+        corners = np.concatenate([self.shapes.corners(q) for q in configurations])
+        low, high = corners.min(axis=0), corners.max(axis=0)
         self.size = size = float(np.linalg.norm(high - low))
         scene = self.server.scene
         scene.set_up_direction("+z")
@@ -104,18 +104,34 @@ class Stage:
         cell = 10.0 ** np.floor(np.log10(size)) / 2.0
         scene.add_grid(
             "/ground",
-            width=4.0 * size,
-            height=4.0 * size,
+            width=2.0 * size,
+            height=2.0 * size,
             cell_size=cell,
             section_size=2.0 * cell,
-            # Between the backgrounds of the light and of the dark page.
-            cell_color=(165, 168, 172),
-            section_color=(140, 143, 148),
+            # Thin, and between the backgrounds of the light and of the dark page.
+            cell_color=(160, 165, 170),
+            section_color=(160, 165, 170),
+            cell_thickness=0.4,
+            section_thickness=0.7,
             position=(0.0, 0.0, min(float(low[2]), 0.0)),
         )
-        aim = 0.5 * (low + high) - np.array([0.0, 0.0, 0.12 * size])
+        aim = 0.5 * (low + high)
+        back = _DIRECTION / np.linalg.norm(_DIRECTION)
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right /= np.linalg.norm(right)
+        x, y, z = np.array([right, np.cross(back, right), back]) @ (corners - aim).T
+        away = z + np.maximum(np.abs(x), np.abs(y)) / (_FILLED * np.tan(0.5 * _FIELD))
         camera = self.server.initial_camera
-        camera.position, camera.look_at = aim + size * _DIRECTION, aim
+        camera.position, camera.look_at, camera.fov = aim + away.max() * back, aim, _FIELD
+
+    def add_handle(self, name: str, **more: Any) -> viser.TransformControlsHandle:
+        """Add a handle to drag, of the same size at any distance.
+
+        What takes a finger is 4.5 times as wide as the lines.
+        """
+        return self.server.scene.add_transform_controls(
+            name, _HANDLE_LENGTH, line_width=6.0, fixed=True, depth_test=False, **more
+        )
 
     def path(self, positions: FloatArray) -> FloatArray:
         """Positions of the end effector along configurations, shape (n_steps, 3) [m]."""
@@ -215,8 +231,6 @@ class Playback:
         The motion.
     time : float
         Present time in the motion [s].
-    speed : float
-        Seconds of the motion per second.
     is_playing : bool
         Whether the clock runs. It starts again after the end, with a rest between.
     """
@@ -225,7 +239,7 @@ class Playback:
     """Rest at the end of the motion before it starts again [s]."""
 
     def __init__(self, motion: ShownMotion) -> None:
-        self.motion, self.time, self.speed, self.is_playing = motion, 0.0, 1.0, True
+        self.motion, self.time, self.is_playing = motion, 0.0, True
         self._rested = 0.0
 
     @property
@@ -254,7 +268,7 @@ class Playback:
         if not self.is_playing:
             return False
         if self.time < self.motion.duration:
-            self.time = min(self.time + self.speed * elapsed, self.motion.duration)
+            self.time = min(self.time + elapsed, self.motion.duration)
             self._rested = 0.0
             return True
         self._rested += elapsed
@@ -281,11 +295,8 @@ class Player:
         gui = stage.server.gui
         self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
         self._slider: Any = gui.add_slider("Time [%]", 0, 100, 1, 0)
-        with gui.add_folder("Playback", expand_by_default=False):
-            self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
         stage.on_click(self._button, lambda: self.play(not self.playback.is_playing))
         stage.on_change(self._slider, lambda: self.seek(0.01 * self._slider.value))
-        stage.on_change(self._speed, self._on_speed)
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
@@ -314,9 +325,6 @@ class Player:
         """End the thread."""
         self._closed.set()
         self._thread.join()
-
-    def _on_speed(self) -> None:
-        self.playback.speed = float(self._speed.value)
 
     def _draw(self) -> None:
         with self._stage.server.atomic():

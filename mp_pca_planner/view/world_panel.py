@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray
 from ..robot.world import Box, Cylinder, Obstacle, Shape, Sphere, World
 from .robot_shapes import Rgb, add_mesh, surface
-from .stage import Stage, part
+from .stage import ShownMotion, Stage, part
 
 NAME = "World"
 _NOTHING = "none"
 _TEXT = (
-    "Add an obstacle and drag it: the plan avoids it. Click another one, or choose it, to move it."
+    "Add an obstacle: the plan avoids it. Drag its arrows. Click another one to choose it."
 )
 _OBSTACLE: Rgb = (150, 128, 104)
 _CHOSEN: Rgb = (230, 159, 0)
@@ -204,6 +204,8 @@ class WorldPanel:
         The scene.
     world : World
         The obstacles at the beginning.
+    get_motion : callable
+        Returns the present plan, on whose path new obstacles are put.
     react : callable
         Called with the world when a person changes it.
 
@@ -213,8 +215,14 @@ class WorldPanel:
         The handle of the chosen obstacle.
     """
 
-    def __init__(self, stage: Stage, world: World, react: Callable[[World], None]) -> None:
-        self._stage, self._react = stage, react
+    def __init__(
+        self,
+        stage: Stage,
+        world: World,
+        get_motion: Callable[[], ShownMotion],
+        react: Callable[[World], None],
+    ) -> None:
+        self._stage, self._get_motion, self._react = stage, get_motion, react
         self._editor, self._is_open = WorldEditor(world), False
         self._drawn = DrawnWorld(stage, self._on_picked)
         gui = stage.server.gui
@@ -224,9 +232,7 @@ class WorldPanel:
         self._sizes: list[Any] = []
         self._folder = gui.add_folder(None)
         remove = gui.add_button("Remove", icon=viser.Icon.TRASH, color="gray")
-        self.handle = stage.server.scene.add_transform_controls(
-            "/obstacle_handle", scale=0.14 * stage.size, depth_test=False, visible=False
-        )
+        self.handle = stage.add_handle("/obstacle_handle", visible=False)
         stage.on_drag(self.handle, lambda _: self._on_moved())
         stage.on_click(kinds, lambda: self._on_add(kinds.value))
         stage.on_click(remove, self._on_remove)
@@ -241,15 +247,22 @@ class WorldPanel:
         self._place_handle()
 
     def _on_add(self, kind: str) -> None:
-        stage = self._stage
-        position = stage.shapes.frame_pose(stage.drawn.configuration, stage.frame)[0]
-        # Beside the end effector, away from the base.
-        out = position[:2] / max(float(np.linalg.norm(position[:2])), 1e-6)
-        position[:2] += 0.15 * stage.size * out
-        name = self._editor.add(kind, position.round(2), max(round(0.06 * stage.size, 2), 0.02))
+        size = max(round(0.06 * self._stage.size, 2), 0.02)
+        name = self._editor.add(kind, self._free_place(size).round(3), size)
         self._draw(name)
         self._choose(name)
         self._react(self._editor.world)
+
+    def _free_place(self, size: float) -> FloatArray:
+        """A place on the path, free at its ends; without one, beside the base."""
+        stage, positions = self._stage, self._get_motion().positions
+        path = stage.path(positions)
+        places = [path[int(share * len(path))] for share in (0.5, 0.4, 0.6, 0.3, 0.7)]
+        around = 0.35 * stage.size * np.array([[0, 1], [0, -1], [1, 0], [-1, 0]])
+        places += [np.append(place, 0.5 * size) for place in around]
+        ends = positions[[0, -1]]
+        free = (x for x in places if min(stage.shapes.gap(q, x) for q in ends) > size)
+        return np.asarray(next(free, places[-1]))
 
     def _on_remove(self) -> None:
         name = self._choice.value

@@ -91,11 +91,9 @@ def test_the_clock_stops_at_the_end_rests_and_starts_again():
     assert playback.advance(Playback.REST) and playback.share == 0.0
 
 
-def test_the_speed_scales_time_and_a_pause_stops_it():
+def test_a_pause_stops_the_clock():
     playback = Playback(ramp())
-    playback.speed = 0.25
-    playback.advance(1.0)
-    assert playback.time == 0.25
+    playback.advance(0.25)
     playback.is_playing = False
     assert not playback.advance(1.0) and playback.time == 0.25
 
