@@ -95,29 +95,31 @@ def read_content(
 
 
 def typical_demonstration(primitive: MovementPrimitive) -> int:
-    """Index of the whole motion with the least mean distance from all others.
+    """Index of the whole motion with the least mean distance from the other ones.
 
     The mean of different motions need not be like any of them: the mean of raising an arm and of
-    lowering it hardly moves. A demonstration moves as people do. Whole motions are those of the
-    longer half both in time and in joint space: fragments of motions are short.
+    lowering it hardly moves. A demonstration moves as people do. A fragment takes less than half
+    the time of long motions, or joints move less than half as far.
     """
-    n = len(primitive.durations)
-    ends = primitive.boundary_states[:, [0, 3]].reshape(n, -1)
-    extents = np.array([_extent(primitive, i) for i in range(n)])
-    times = primitive.durations
-    is_short = (extents < np.median(extents)) | (times < np.median(times))
-    shapes = primitive.weights / np.sqrt(np.maximum(primitive.explained_variance, 1e-12))
+    durations, extents = primitive.durations, _extents(primitive)
+    long = [np.quantile(values, 0.9) for values in (durations, extents)]
+    whole = np.flatnonzero((durations >= 0.5 * long[0]) & (extents >= 0.5 * long[1]))
+    if not len(whole):
+        whole = np.arange(len(durations))
+    ends = primitive.boundary_states[whole][:, [0, 3]].reshape(len(whole), -1)
+    shapes = primitive.weights[whole] / np.sqrt(np.maximum(primitive.explained_variance, 1e-12))
     spread = ends.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
     places = np.hstack([ends / spread, shapes])
     others = places[:: max(1, len(places) // _N_COMPARED)]
     distances = [np.linalg.norm(others - place, axis=1).sum() for place in places]
-    return int(np.argmin(distances if is_short.all() else np.where(is_short, np.inf, distances)))
+    return int(whole[np.argmin(distances)])
 
 
-def _extent(primitive: MovementPrimitive, index: int) -> float:
-    """How far the joints of a demonstration move, there and back or only there."""
-    times = primitive.durations[index] * np.linspace(0.0, 1.0, 11)
-    return float(np.linalg.norm(np.ptp(primitive.reproduction(index, times), axis=0)))
+def _extents(primitive: MovementPrimitive) -> FloatArray:
+    """How far the joints of each demonstration move, there and back or only there."""
+    shares = np.linspace(0.0, 1.0, 11)
+    motions = [primitive.reproduction(i, t * shares) for i, t in enumerate(primitive.durations)]
+    return np.asarray(np.linalg.norm(np.ptp(motions, axis=1), axis=1))
 
 
 def first_ends(primitive: MovementPrimitive, limits: JointLimits) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from ..motion.collision import CollisionModel
 from ..motion.goal import JointGoal, JointState, Pose
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.options import PlannerOptions
-from ..planning.plan import Plan
+from ..planning.plan import ALREADY_THERE, STOPPED_EARLY, Plan
 from ..planning.planner import Planner
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive
@@ -126,8 +126,8 @@ class InteractivePlanner:
             goal = JointGoal(JointState(self.robot.joint_names, reached))
             plan = self._planner(request.naturalness).plan(goal, start)
             reached = plan.trajectory.positions[-1]
-            problem = "" if plan.is_executable else plan.message
-            plan = plan if plan.motions else None
+            is_served = plan.is_executable or plan.status == ALREADY_THERE
+            problem = "" if is_served else plan.message
         except PlannerError as error:
             problem = str(error)
         seconds = time.perf_counter() - began
@@ -160,22 +160,22 @@ class InteractivePlanner:
 
 
 def answer_html(answer: PlanAnswer) -> str:
-    """The verdict and the figures of an answer."""
+    """The verdict on an answer, and what is unusual about it."""
     plan = answer.plan
     if plan is None or answer.problem:
         return part("verdict", "No motion", answer.problem, BAD)
+    if plan.status == ALREADY_THERE:
+        return part("verdict", "Already there", "the goal is the start", GOOD)
     if answer.distance > 0.0:
         head = part("verdict", "Out of reach", _shortfall(answer), WARNING)
     else:
         unlike = plan.in_span_score > UNUSUAL_IN_SPAN_SCORE
-        head = part(
-            "verdict",
-            "Motion found" if plan.status == "solved" else "Motion found, not optimal",
-            plan.message,
-            WARNING if unlike or plan.status != "solved" else GOOD,
-        )
-    rows = [("Primitive", plan.primitive), ("Planned in", f"{1e3 * answer.seconds:.0f} ms")]
-    return head + part("rows", rows)
+        is_fine = plan.status != STOPPED_EARLY
+        title = "Motion found" if is_fine else "Motion found, not optimal"
+        colour = WARNING if unlike or not is_fine else GOOD
+        head = part("verdict", title, plan.message, colour)
+    found = f"with the primitive '{plan.primitive}' in {1e3 * answer.seconds:.0f} ms"
+    return head + part("lines", [*plan.remarks, found])
 
 
 def _shortfall(answer: PlanAnswer) -> str:

@@ -34,7 +34,9 @@ LOG = logging.getLogger("mp_pca_planner.view")
 # most this share of the scene, which is about as wide as high.
 _DIRECTION, _FIELD, _FILLED = np.array([0.75, -0.65, 0.35]), 0.6, 0.75
 
-_HANDLE_LENGTH = 90.0  # on the screen [pixels]
+HANDLE_LENGTH = 90.0
+"""Length of the arrows of handles on the screen [pixels]."""
+
 _PERIOD = 1.0 / 30.0  # between two configurations [s]
 _SLIDER_STEPS = 4  # the slider follows every so many
 _COMPLAINT_TIME = 10.0  # for which an error is shown, and not repeated [s]
@@ -130,7 +132,7 @@ class Stage:
         What takes a finger is 4.5 times as wide as the lines.
         """
         return self.server.scene.add_transform_controls(
-            name, _HANDLE_LENGTH, line_width=6.0, fixed=True, depth_test=False, **more
+            name, HANDLE_LENGTH, line_width=6.0, fixed=True, depth_test=False, **more
         )
 
     def path(self, positions: FloatArray) -> FloatArray:

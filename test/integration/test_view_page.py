@@ -36,6 +36,15 @@ if chromium_path() is None:
 PICTURES = os.environ.get("VIEW_PICTURES")  # folder for screenshots
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
+# Left and upper edge of the panel, and width and height of the scene [pixels].
+EDGES = """() => {
+  let panel = document.querySelector(".mp-page");
+  while (!panel.parentElement.querySelector("canvas")) panel = panel.parentElement;
+  const box = panel.getBoundingClientRect(); return [box.left, box.top]; }"""
+SCENE = """() => {
+  const box = document.querySelector("canvas[data-engine]").getBoundingClientRect();
+  return [box.width, box.height]; }"""
+
 FOUND, REFUSED = "text=Motion found", "text=No motion"
 
 
@@ -57,9 +66,9 @@ def page() -> Iterator[ViewPage]:
         yield served
 
 
-def opened(browser: Any, page: ViewPage, text: str = FOUND) -> Any:
+def opened(browser: Any, page: ViewPage, text: str = FOUND, size: tuple[int, int] = SIZE) -> Any:
     """A tab of the browser with the page, once it shows an answer."""
-    tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+    tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
     tab.set_default_timeout(1e3 * HANG)
     tab.goto(page.url)
     tab.wait_for_selector(text)
@@ -79,24 +88,31 @@ def keep(tab: Any, name: str) -> None:
         tab.screenshot(path=str(Path(PICTURES) / f"{name}.png"))
 
 
+def swipe(tab: Any, page: ViewPage, distance: float, aside: float = 0.0) -> None:
+    """Press beside the y arrow of the goal, as many pixels aside, and move along it [m]."""
+    grip, direction = arrow_of(page)
+    start, end = (np.array(on_screen(page, grip + x * direction)) for x in (0.0, distance))
+    along = (end - start) / np.linalg.norm(end - start)
+    start = start + aside * np.array([-along[1], along[0]])
+    tab.mouse.move(*(start - 3.0))
+    tab.mouse.move(*start)
+    tab.wait_for_timeout(500)
+    tab.mouse.down()
+    tab.wait_for_timeout(200)
+    for share in np.linspace(0.0, 1.0, 12)[1:]:
+        tab.mouse.move(*(start + share * np.linalg.norm(end - start) * along))
+        tab.wait_for_timeout(30)
+    tab.mouse.up()
+    tab.wait_for_timeout(500)
+
+
 def drag(tab: Any, page: ViewPage, distance: float) -> None:
     """Drag the handle of the goal until it has moved; the scene may still be loading at first."""
-    handle, (grip, direction) = page.plan.handle, arrow_of(page)
-    before = np.array(handle.position)
+    before = np.array(page.plan.handle.position)
     deadline = time.monotonic() + HANG
-    while np.array_equal(handle.position, before):
+    while np.array_equal(page.plan.handle.position, before):
         assert time.monotonic() < deadline
-        (x, y), (to_x, to_y) = (on_screen(page, grip + x * direction) for x in (0.0, distance))
-        tab.mouse.move(x - 3.0, y)
-        tab.mouse.move(x, y)
-        tab.wait_for_timeout(500)
-        tab.mouse.down()
-        tab.wait_for_timeout(200)
-        for share in np.linspace(0.0, 1.0, 12)[1:]:
-            tab.mouse.move(x + share * (to_x - x), y + share * (to_y - y))
-            tab.wait_for_timeout(30)
-        tab.mouse.up()
-        tab.wait_for_timeout(200)
+        swipe(tab, page, distance)
 
 
 def wrist(page: ViewPage) -> np.ndarray:
@@ -137,7 +153,38 @@ def test_a_plan_is_shown_from_python():
         show(Planner(robot, [arm_primitive()]))
 
 
+@pytest.mark.parametrize("size", [SIZE, (390, 844)])
+def test_the_panel_covers_neither_the_robot_nor_its_handle(browser, page, size):
+    tab = opened(browser, page, size=size)
+    until(page.server.get_clients)
+    width, height = size
+    (panel_left, panel_top), scene = tab.evaluate(EDGES), tab.evaluate(SCENE)
+    assert scene == ([panel_left, height] if width > height else [width, panel_top])
+    points = [page.stage.shapes.corners(q) for q in page.plan.motion.positions[[0, -1]]]
+    for point in np.concatenate([*points, page.plan.handle.position[None]]):
+        x, y = on_screen(page, point)
+        assert 0.0 < x < scene[0] and 0.0 < y < scene[1]
+    keep(tab, f"plan_{width}")
+    tab.close()
+
+
 # Plans
+
+
+def test_a_finger_beside_an_arrow_drags_and_farther_away_turns_the_scene(browser, page):
+    tab = opened(browser, page, size=(390, 844))
+    until(page.server.get_clients)
+    (client,) = page.server.get_clients().values()
+    for button in tab.locator("button.mantine-Notification-closeButton").all():
+        button.click()
+    drag(tab, page, 0.06)  # all is loaded
+    for aside in (11.0, 40.0):
+        goal, seen = np.array(page.plan.handle.position), np.array(client.camera.position)
+        swipe(tab, page, -0.06, aside)
+        is_dragged = not np.array_equal(goal, page.plan.handle.position)
+        is_turned = not np.allclose(seen, client.camera.position, atol=1e-3)
+        assert (is_dragged, is_turned) == (aside < 20.0, aside > 20.0)
+    tab.close()
 
 
 def test_a_drag_of_the_handle_changes_the_plan_and_the_robot(browser, page):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mp_pca_planner.view.page import ViewPage
+from mp_pca_planner.view.stage import HANDLE_LENGTH
 
 SIZE = (1280, 800)
 """Width and height of a browser window [pixels]."""
@@ -51,10 +52,18 @@ def on_screen(page: ViewPage, point: np.ndarray) -> tuple[float, float]:
     return float(width / 2 + focal * x / z), float(height / 2 + focal * y / z)
 
 
-def arrow_of(page: ViewPage) -> tuple[np.ndarray, np.ndarray]:
-    """A point on the y arrow of the goal's handle, and its direction, each of shape (3,) [m]."""
+def handle_length(page: ViewPage, place: np.ndarray) -> float:
+    """Length of the arrows of a handle at a point of the scene, shape (3,) [m]."""
     import viser
 
-    handle = page.plan.handle
-    direction = viser.transforms.SO3(np.array(handle.wxyz)).as_matrix()[:, 1]
-    return np.array(handle.position) + 0.1 * page.stage.size * direction, direction
+    (client,) = page.server.get_clients().values()
+    camera = client.camera
+    depth = viser.transforms.SO3(camera.wxyz).as_matrix()[:, 2] @ (place - camera.position)
+    return float(HANDLE_LENGTH * depth * 2.0 * np.tan(0.5 * camera.fov) / camera.image_height)
+
+
+def arrow_of(page: ViewPage) -> tuple[np.ndarray, np.ndarray]:
+    """A point on the y arrow of the goal's handle, and its direction, each of shape (3,) [m]."""
+    place = np.array(page.plan.handle.position)
+    direction = np.array([0.0, 1.0, 0.0])
+    return place + 0.6 * handle_length(page, place) * direction, direction

@@ -113,6 +113,15 @@ def test_places_agree_with_the_kinematics_of_the_robot():
         np.testing.assert_allclose(np.linalg.norm(turns, axis=1), 1.0)
 
 
+def test_the_gap_of_a_point_is_that_of_the_moved_boxes():
+    found = shapes(part('<box size="1 2 3"/>'), part('<box size="0.2 0.2 0.8"/>'))
+    q = np.array([0.5 * np.pi])  # the arm's box lies along x, 1 m above the origin
+    assert found.gap(q, np.array([0.0, 0.0, 0.5])) == 0.0
+    assert found.gap(q, np.array([0.0, 3.0, 0.0])) == pytest.approx(2.0)
+    assert found.gap(q, np.array([0.0, 1.3, 1.9])) == pytest.approx(0.5)
+    assert found.gap(q, np.array([1.0, 0.0, 1.0])) == pytest.approx(0.5)
+
+
 def test_a_mesh_with_its_own_colours_is_not_drawn_as_metal():
     """The default of glTF is metal, which is black in a scene without an environment."""
     mesh = trimesh.creation.box()

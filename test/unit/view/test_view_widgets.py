@@ -41,9 +41,6 @@ def until(holds: Callable[[], Any]) -> None:
         time.sleep(0.01)
 
 
-# Tabs
-
-
 # Widgets
 
 
@@ -70,6 +67,30 @@ def test_a_handle_that_is_released_out_of_reach_returns_to_the_end_effector(page
     place = page.stage.path(page.plan.answer.goal[None])[0]
     until(lambda: np.allclose(page.plan.handle.position, place, atol=1e-9))
     assert page.plan.goal is not None and page.plan.answer.plan.is_executable
+
+
+@pytest.mark.parametrize("kind", ["Box", "Sphere", "Cylinder"])
+def test_a_new_obstacle_is_on_the_path_chosen_and_avoided(page, kind):
+    positions = page.plan.motion.positions
+    path = page.stage.path(positions)
+    page.open("World")
+    page.world._on_add(kind)
+    until(lambda: page.plan.is_settled and len(page.plan.answer.request.world))
+    (obstacle,) = page.plan.answer.request.world
+    place = obstacle.shapes[0].position
+    assert np.linalg.norm(path - place, axis=1).min() < 2e-3
+    assert page.world.handle.visible and not page.plan.handle.visible
+    np.testing.assert_allclose(page.world.handle.position, place)
+    answer = page.plan.answer
+    assert answer.problem == "" and answer.plan.facts["clearance"] > 0.0
+    assert f"clear of '{kind.lower()} 1'" in answer.plan.message
+    assert answer.plan.message.split(",")[0] in page.plan._verdict.content
+
+
+def test_a_goal_at_the_start_is_no_error(page):
+    page.plan._on_swap()
+    until(lambda: page.plan.is_settled and "Already there" in page.plan._verdict.content)
+    assert page.plan.answer.problem == ""
 
 
 # Threads
