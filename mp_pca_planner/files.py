@@ -76,6 +76,7 @@ def config_folder(module: Path) -> Path:
 Content = bytes | Callable[[BinaryIO], object]
 
 _WORKSPACE = ".mp_pca_planner-tmp-"
+_LFS = b"version https://git-lfs.github.com/spec/"
 # Errors of parsers on unexpected content.
 _CONTENT_ERRORS = (
     ArithmeticError,
@@ -121,13 +122,18 @@ def open_regular(path: str | Path) -> BinaryIO:
     OSError
         If it can't be opened.
     ValueError
-        If it is a folder, a pipe or a device: these may block or never end.
+        If it is a folder, a pipe or a device, which may block or never end, or a pointer of Git
+        LFS instead of the file.
     """
     # Without O_NONBLOCK, opening a pipe waits for its writer.
     file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise ValueError("it is not a regular file")
+    if file.read(len(_LFS)) == _LFS:
+        file.close()
+        raise ValueError("it is a pointer of Git LFS and not the file: run 'git lfs pull'")
+    file.seek(0)
     return file
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 interpolate = LazyModule("scipy.interpolate")
 
-TIME_COLUMNS = ("time", "t", "time_s", "timestamp", "stamp")
+TIME_COLUMNS = ("time", "t", "time_s", "timestamp", "stamp", "__time")
 """Names of a column of times [s]."""
 
 MIN_SAMPLES = 5

@@ -38,7 +38,7 @@ _EPISODES = ("episode_index", "episode", "episode_id", "demo", "trial")
 # Names of columns that count or time the samples, and of values that are not positions.
 _BOOKKEEPING = re.compile(
     r"|unnamed: \d+|index|frame|frame_index|step|task|task_index|reward|done|success|next[._].*"
-    rf"|{'|'.join(_EPISODES)}|t|(time|timestamp|stamp)(_\w+)?",
+    rf"|{'|'.join(_EPISODES)}|t|(time|timestamp|stamp)(_\w+)?|/.*/header/.*",
     re.IGNORECASE,
 )
 _QUANTITIES = "(vel|velocity|velocities|acc|accelerations?|efforts?|torques?)"
@@ -46,6 +46,7 @@ _DERIVED = re.compile(rf".*[._/]{_QUANTITIES}|{_QUANTITIES}[._/].*", re.IGNORECA
 _RATE_OF_Q = re.compile(r"(?:d+q|qd+)(_?\w+)")
 _ACTION = re.compile(r"action([._/ ].*)?", re.IGNORECASE)
 _POSITION = re.compile(r"[./](pos|position|positions)$")
+_PLOTJUGGLER = re.compile(r"/.+/([^/]+)/(position|velocity|effort)")
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw", "rx", "ry", "rz", "qx", "qy", "qz", "qw")
 _TIMING = ("episode_index", "timestamp", "frame_index")
 _VERSIONS = ("v2.", "v3.")
@@ -117,8 +118,18 @@ def _read_csv(
     chosen: Sequence[int | str] | None,
 ) -> tuple[JointStates, Episodes]:
     with reading(f"the table '{path}'", RecordingError):
-        head, _, rows = read_text(path, INPUT_LIMITS.unpacked_bytes).partition("\n")
-        header = [name.strip() for name in next(csv.reader([head.lstrip("\ufeff")]), [])]
+        text = read_text(path, INPUT_LIMITS.unpacked_bytes)
+        while text.startswith("#"):  # comments
+            text = text.partition("\n")[2]
+        head, _, rows = text.partition("\n")
+        delimiter = max(",;\t", key=head.count)
+        if delimiter != ",":
+            # Programs that separate columns so may write decimal commas.
+            head, rows = (
+                head.replace(delimiter, ","),
+                rows.replace(",", ".").replace(delimiter, ","),
+            )
+        header = [_plain_name(name.strip()) for name in next(csv.reader([head]), [])]
     if len(header) > INPUT_LIMITS.columns:
         raise RecordingError(
             f"'{path}' has {len(header):,} columns, more than the {INPUT_LIMITS.columns:,} accepted"
@@ -143,6 +154,11 @@ def _read_csv(
     counters = [lower.index(x) for x in _EPISODES if x in lower and x not in (joints or ())]
     columns, notes = _joint_columns(header, joints, (time, *counters))
     named = names_of_positions(header)
+    if not _is_number(first[time]):
+        raise RecordingError(
+            f"the times of '{path}' must be numbers of seconds, but the first one is "
+            f"'{first[time]:.30}'"
+        )
     texts = [i for i in columns if not _is_number(first[i])]
     columns = [i for i in columns if i not in texts or joints is None or named[i] in joints]
     if texts and texts[0] in columns:
@@ -171,6 +187,12 @@ def _read_csv(
     values, names = _chosen_episodes(path, values, names, chosen)
     times, episodes = _one_after_the_other(names, values[:, 0], pause)
     return states(times, values[:, 1:]), episodes
+
+
+def _plain_name(name: str) -> str:
+    """The name of a column; those of PlotJuggler, /TOPIC/JOINT/position, without the topic."""
+    found = _PLOTJUGGLER.fullmatch(name)
+    return f"{found[1]}/{found[2]}" if found else name
 
 
 def _loaded(rows: str, columns: Sequence[int] | None) -> FloatArray:
@@ -223,7 +245,8 @@ def _read_dataset(
     try:
         version, features = str(info["codebase_version"]), dict(info["features"])
         vectors = [name for name, one in features.items() if _size(one)]
-        named = [x for name in columns if name in vectors for x in _names(features[name])]
+        known = [name for name in columns if name in vectors]
+        named = [x for name in known for x in _renamed(_names(features[name]), rename, name)]
         fps, total = float(info.get("fps") or 0.0), info.get("total_episodes")
     except (AttributeError, LookupError, TypeError, ValueError):
         raise RecordingError(
@@ -239,7 +262,6 @@ def _read_dataset(
             raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
     indices, times, positions, notes = _read_parquet(path, columns, fps)
     n_values, column = positions.shape[1], ",".join(columns)
-    named = _renamed(named, rename)
     if len(named) != n_values or _is_ambiguous(named, joints):
         named, note = _given_names(column, named, n_values, joints)
         notes += (note,)
@@ -414,6 +436,13 @@ def _given_names(
         what = "doesn't name"
     if joints is None or len(joints) != n_values:
         refuse_poses(names)
+        if len(names) == n_values and "," in column:
+            last = column.rpartition(",")[2]
+            raise RecordingError(
+                f"the columns '{column}' have the same names, "
+                f"{quote_names(repeated_names(names_of_positions(names)))}: rename some, as by "
+                f"--rename '{last}/*=second_*'"
+            )
         raise RecordingError(
             f"the dataset {what} the {n_values} values of '{column}': give the names of all "
             "values, in order, as --joints"
@@ -481,13 +510,14 @@ def _is_rate_of_q(name: str, header: Sequence[str]) -> bool:
     return found is not None and f"q{found[1]}" in header
 
 
-def _renamed(header: Sequence[str], rename: Rename) -> list[str]:
+def _renamed(header: Sequence[str], rename: Rename, source: str = "") -> list[str]:
     """Columns by the new names of their joints; patterns are of the whole name, or of the joint."""
     names = []
     for name, joint in zip(header, names_of_positions(header), strict=True):
         prefix = f"{STATE}." if name.startswith(f"{STATE}.") else ""
-        new = new_name(name, rename)
-        names.append(prefix + new_name(joint, rename) if new == name and rename else new)
+        new = new_name(name, rename, source)
+        of_joint = prefix + new_name(joint, rename, source)
+        names.append(of_joint if new == name and rename else new)
     return names
 
 

@@ -37,6 +37,9 @@ _QUANTITIES = {
     for quantity in ("position", "velocity", "acceleration", "jerk", "effort")
 }
 
+_FACTORS = tuple(f"default_{rate}_scaling_factor" for rate in ("velocity", "acceleration"))
+_PLANNING = "robot_description_planning"  # the parameter of ROS that holds them
+
 _DECELERATION = ("has_deceleration_limits", "max_deceleration")
 """Keys of MoveIt's Pilz planner."""
 
@@ -142,22 +145,33 @@ def limits_file_note(path: str | Path | None) -> str:
     none.
     """
     where, notes = f"limits file '{path}'", list[str]()
-    names = (f"default_{rate}_scaling_factor" for rate in ("velocity", "acceleration"))
     with suppress(LimitsError), reading(where, LimitsError):
-        content = load_yaml(read_text(path)) if path else {"joint_limits": {}}
-        factors = {name: content[name] for name in names if name in content}
+        content = _limits_part(load_yaml(read_text(path))) if path else {"joint_limits": {}}
+        entries = content["joint_limits"]
+        stated = {**entries, **content}  # some write them among the joints
+        factors = {name: stated[name] for name in _FACTORS if name in stated}
         scaled = [f"{name} {x:g}" for name, x in factors.items() if is_number(x) and x != 1.0]
         if scaled:
             notes.append(
                 f"MoveIt's {' and '.join(scaled)} are not applied: motions use the full limits; "
                 "for slower ones, lower the limits"
             )
-        keys = {str(key) for entry in content["joint_limits"].values() for key in entry}
+        keys = {str(key) for x in entries.values() if isinstance(x, Mapping) for key in x}
         if ignored := sorted(keys - {*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES, *_DECELERATION}):
             notes.append(
                 f"{quote_names(ignored)} are ignored: limits are {quote_names(LIMIT_KEYS)}"
             )
     return f"{where}: {'; '.join(notes)}" if notes else ""
+
+
+def _limits_part(content: Any) -> Any:
+    """The mapping that holds `joint_limits`, which is deep in a parameter file of ROS 2."""
+    while isinstance(content, Mapping) and "joint_limits" not in content:
+        deeper = [content[key] for key in ("ros__parameters", _PLANNING) if key in content]
+        if len(deeper or content) != 1:
+            break
+        (content,) = deeper or content.values()
+    return content
 
 
 def given_limits(
@@ -169,8 +183,9 @@ def given_limits(
     ----------
     given :
         Limits by joint name and key; or a YAML file with a mapping ``joint_limits: {joint:
-        {max_velocity: …}}``, MoveIt's ``has_…_limits`` switches included; ``max_effort`` and
-        ``max_jerk`` are accepted too, and so are the keys of drives. ``!degrees 90`` is read, and
+        {max_velocity: …}}``, also within a parameter file of ROS 2, MoveIt's ``has_…_limits``
+        switches included; ``max_effort`` and ``max_jerk`` are accepted too, and so are the keys of
+        drives. ``!degrees 90`` is read, and
         ``max_deceleration`` bounds the acceleration, too. MoveIt's default scaling factors and
         unknown keys are ignored, see :func:`limits_file_note`.
     joint_names :
@@ -193,10 +208,10 @@ def given_limits(
     if isinstance(given, str | Path):
         where = f"limits file '{given}'"
         with reading(where, LimitsError):
-            content = load_yaml(read_text(given))
+            content = _limits_part(load_yaml(read_text(given)))
             limits = content.get("joint_limits") if isinstance(content, dict) else None
             if isinstance(limits, dict):  # YAML reads the name 1 as a number
-                limits = {str(name): entry for name, entry in limits.items()}
+                limits = {str(name): x for name, x in limits.items() if name not in _FACTORS}
     if not isinstance(limits, Mapping):
         needed = "'joint_limits' " if where != "limits" else ""
         raise LimitsError(f"{where} must hold a mapping {needed}from joint names to limits")

@@ -16,7 +16,7 @@ from typing import Any
 from rosbags.interfaces import MessageDefinitionFormat
 
 from ...exceptions import RecordingError, quote_names
-from ...files import load_yaml, read_bytes
+from ...files import load_yaml, open_regular, read_bytes, reading
 from ..joint_states import JointStates, collect_joint_states
 from .discovery import (
     METADATA,
@@ -24,7 +24,6 @@ from .discovery import (
     BagFormat,
     bag_files,
     bag_format,
-    translated_os_errors,
 )
 from .formats import ZSTD_MAGIC, ScannedFile, opened, scan_mcap, scan_rosbag1, zstd
 from .serialisation import (
@@ -98,13 +97,14 @@ class Bag:
         self.path, self.format = path, bag_format(path)
         self.notes: tuple[str, ...] = ()
         self._defined: dict[str, Types] = {}
-        if path.is_file():
-            # Errors of the file system do not count as damage of the recording.
-            with translated_os_errors(path), path.open("rb") as file:
-                file.read(1)
+        # Errors of the file system do not count as damage of the recording.
+        with reading(f"'{path}'", RecordingError):
+            for file in bag_files(path):
+                open_regular(file).close()
         with self._damage_reported():
+            named, self._disorder = _storage_files(path)
             self._files = [
-                _opened(file, stack, salvage=salvage) for file in _plain_files(path, stack)
+                _opened(file, stack, salvage=salvage) for file in _plain_files(named, stack)
             ]
         self._connections = [found for file in self._files for found in file.connections]
         counts = Counter[tuple[str, str]]()
@@ -127,11 +127,7 @@ class Bag:
             If they can't be read, wholly or in part.
         """
         keys = {(topic.name, topic.type): topic for topic in topics}
-        self.notes = ()
-        if self.path.is_dir() and not (self.path / METADATA).exists():
-            self.notes = (
-                f"{METADATA} is missing: the files are read in the order of their numbers",
-            )
+        self.notes = self._disorder
         with self._damage_reported():
             for file in self._files:
                 chosen = [x for x in file.connections if (x.topic, x.msgtype) in keys]
@@ -292,21 +288,37 @@ def _opened(file: Path, stack: ExitStack, *, salvage: bool) -> Any:
     return ScannedFile(file, scan_mcap, reader.connections) if file.suffix == ".mcap" else reader
 
 
-def _plain_files(path: Path, stack: ExitStack) -> Iterator[Path]:
-    """The storage files of a recording in order; those that are compressed as temporary files.
+def _storage_files(path: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """The storage files of a recording in order, and a note if their order is that of their names.
 
     Raises
     ------
     ValueError
-        If one is missing, or its recorder did not finish it.
+        If one is missing.
     """
-    files = bag_files(path)
+    files, why = bag_files(path), "is missing"
     if (path / METADATA).exists():
         content = load_yaml(read_bytes(path / METADATA))["rosbag2_bagfile_information"]
-        files = [path / PurePath(name).name for name in content["relative_file_paths"]]
-    missing = [file.name for file in files if not file.is_file()]
-    if missing or not files:
-        raise ValueError(f"files are missing: {quote_names(missing)}")
+        named = [path / PurePath(name).name for name in content["relative_file_paths"]]
+        missing = [file.name for file in named if not file.is_file()]
+        if not missing:
+            return named, ()
+        if len(missing) < len(named) or not files:  # else they were renamed
+            raise ValueError(f"files are missing: {quote_names(missing)}")
+        why = "names other files"
+    if not path.is_dir():
+        return files, ()
+    return files, (f"{METADATA} {why}: the files are read in the order of their numbers",)
+
+
+def _plain_files(files: Sequence[Path], stack: ExitStack) -> Iterator[Path]:
+    """Storage files; those that are compressed as temporary files.
+
+    Raises
+    ------
+    ValueError
+        If the recorder of one did not finish it.
+    """
     for file in files:
         for log in (file.with_name(f"{file.name}{end}") for end in ("-wal", "-journal")):
             if log.is_file() and log.stat().st_size:

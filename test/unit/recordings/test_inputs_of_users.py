@@ -442,3 +442,85 @@ def test_arms_of_two_topics_are_taken_together(tmp_path: Path) -> None:
     found = mp.load_demonstrations(bag, rename={"/right/joint_states/*": "right_*"}, **both)
     assert found[0].joint_names == (*NAMES, "right_a", "right_b", "right_c")
     np.testing.assert_allclose(found[0].positions[:, :3], found[0].positions[:, :2:-1], atol=0.01)
+
+
+# Files of other programs
+
+
+@pytest.mark.parametrize(
+    ("head", "separator", "decimal"),
+    [
+        ("time{}a{}b{}c", ";", "."),
+        ("time{}a{}b{}c", ";", ","),
+        ("time{}a{}b{}c", "\t", "."),
+        ("# recorded by hand\n# at 50 Hz\ntime{}a{}b{}c", ",", "."),
+        ("__time{}/joint_states/a/position{}/joint_states/b/position{}/joint_states/c/position",
+         ",", "."),
+    ],
+)  # fmt: skip
+def test_the_tables_of_spreadsheets_and_plotjuggler_are_read(
+    tmp_path: Path, head: str, separator: str, decimal: str
+) -> None:
+    (q,) = reaches(1)
+    times = np.arange(len(q)) / RATE
+    rows = [
+        separator.join(f"{x:.9f}".replace(".", decimal) for x in row)
+        for row in np.column_stack([times, q]).tolist()
+    ]
+    names = head.format(*[separator] * 3)
+    (tmp_path / "t.csv").write_text("\n".join([names, *rows]) + "\n")
+    (found,) = mp.load_demonstrations(tmp_path / "t.csv")
+    assert found.joint_names == NAMES
+    np.testing.assert_allclose(found.positions[[0, -1]], q[[0, -1]], atol=0.01)
+
+
+def test_times_of_the_calendar_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time,a\n2024-05-01T10:00:00,0.1\n2024-05-01T10:00:01,0.2\n")
+    with pytest.raises(RecordingError, match="numbers of seconds, .*'2024-05-01T10:00:00'"):
+        mp.load_demonstrations(tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.mcap", "t.db3"])
+def test_a_pointer_of_git_lfs_says_how_to_get_the_file(tmp_path: Path, name: str) -> None:
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
+    (tmp_path / name).write_text(pointer)
+    with pytest.raises(RecordingError, match=f"{name}.*git lfs pull"):
+        mp.load_demonstrations(tmp_path / name)
+
+
+def test_a_bag_whose_file_was_renamed_is_read(tmp_path: Path) -> None:
+    q = rested(reaches(2))
+    bag = write_bag(
+        tmp_path / "bag",
+        "mcap",
+        [Message(NAMES, x, t) for x, t in zip(q, stamps(len(q)).tolist(), strict=True)],
+    )
+    expected = mp.load_demonstrations(bag)
+    (file,) = bag.glob("*.mcap")
+    file.rename(bag / "reaching.mcap")  # rosbag2#2021
+    found = mp.load_demonstrations(bag)
+    assert [x.duration for x in found] == [x.duration for x in expected]
+    assert any("metadata.yaml names other files" in x for x in found.reports[0].notes)
+
+
+def test_vectors_of_two_arms_are_told_apart_by_renaming(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="pyarrow (extra 'lerobot') is not installed")
+    from pyarrow import parquet
+
+    arms = [f"observation.state.{side}_arm" for side in ("left", "right")]  # GalaxeaVLA#32
+    folder = write_dataset(tmp_path / "set", reaches(), {"motors": ["j1", "j2", "j3"]})
+    (file,) = folder.glob("data/*/*.parquet")
+    table = parquet.read_table(file)
+    values = table.column("observation.state")
+    for name in arms:
+        table = table.append_column(name, values)
+    parquet.write_table(table, file)
+    info = json.loads((folder / "meta/info.json").read_text())
+    feature = info["features"].pop("observation.state")
+    info["features"] = dict.fromkeys(arms, feature)
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    with pytest.raises(RecordingError, match="same names.*--rename 'observation.state.right_arm"):
+        mp.load_demonstrations(folder, topic=",".join(arms))
+    rename = {f"{arms[0]}/*": "left_*"}
+    found = mp.load_demonstrations(folder, topic=",".join(arms), rename=rename)
+    assert found[0].joint_names == ("left_j1", "left_j2", "left_j3", "j1", "j2", "j3")

@@ -41,6 +41,24 @@ def test_an_empty_range_is_refused():
         JointLimits(NAMES, {"a": {"min_position": 1.0, "max_position": 1.0}})
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        # moveit/moveit2#2198
+        "/**:\n  ros__parameters:\n    robot_description_planning:\n      joint_limits:\n"
+        "        default_velocity_scaling_factor: 0.1\n"
+        "        a: {has_velocity_limits: true, max_velocity: 2.0}\n",
+        # moveit/moveit#2451
+        "joint_limits:\n  default_velocity_scaling_factor: 0.1\n"
+        "  a: {has_velocity_limits: true, max_velocity: 2.0}\n",
+    ],
+)
+def test_limits_are_read_as_users_of_moveit_write_them(tmp_path, text):
+    path = write(tmp_path / "joint_limits.yaml", text)
+    assert given_limits(path, NAMES) == {"a": {"max_velocity": 2.0}}
+    assert "default_velocity_scaling_factor 0.1 are not applied" in limits_file_note(path)
+
+
 def test_a_moveit_file_is_read_with_its_switches(tmp_path):
     path = write(
         tmp_path / "joint_limits.yaml",
