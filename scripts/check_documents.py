@@ -27,8 +27,9 @@ PAGES = [
 ]
 # Their sentences are short, because they are read first.
 READ_FIRST = [
-    *(ROOT / name for name in ("README.md", "doc/index.md", "doc/install.md", "doc/limits.md")),
-    *(ROOT / f"doc/{name}.md" for name in ("troubleshooting", "concepts/method")),
+    *(ROOT / name for name in ("README.md", "SECURITY.md", "CONTRIBUTING.md")),
+    *sorted((ROOT / "doc").glob("*.md")),
+    *sorted((ROOT / "doc/concepts").glob("*.md")),
     *sorted((ROOT / "doc/guides").glob("*.md")),
     *sorted((ROOT / "doc/tutorials").glob("*.md")),
 ]
