@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     still = [f"{name}=0" for name in robot.movable_joints if name not in robot.joint_names]
     node += ["-p", f"locked_joints:={','.join(still)}"] if still else []
     simulation = ["simulate", "--robot", urdf, "--primitive", str(primitive)]
-    with _children(node, simulation), suppress(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt), _children(node, simulation):
         say("The node and a simulated robot run until Ctrl-C. Goals: mp-pca send_goal")
         flush()
         threading.Event().wait()

@@ -126,7 +126,7 @@ def parser_with(name: str) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"mp_pca_planner {__version__}")
     commands = parser.add_subparsers(
-        dest="command", metavar="COMMAND", required=True, prog=PROGRAM, help=argparse.SUPPRESS
+        dest="command", metavar="COMMAND", prog=PROGRAM, help=argparse.SUPPRESS
     )
     for command in COMMANDS:
         own = commands.add_parser(command, allow_abbrev=False)

@@ -10,7 +10,8 @@ import io
 import re
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, NoReturn
 
 from ..exceptions import PlannerError, printable
@@ -31,11 +32,18 @@ class OneLineParser(argparse.ArgumentParser):
         super().__init__(**options)
         # Lists such as -0.2,0.1 are values, too, not options.
         self._negative_number_matcher = re.compile(r"-[\d.]")
+        self._words: list[str] = []
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse arguments, which :meth:`error` looks at."""
+        self._words = list(args or ())
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Print the error and exit."""
-        what, _, words = message.partition(": ")
-        if what == "unrecognized arguments" and all(map(_is_number, words.split())):
+        if any(_is_number(one) and _is_number(next_one) for one, next_one in pairwise(self._words)):
             message = f"put quotes around the numbers of a pose, as in '0.4 0.1 0.6': {message}"
         complain(f"{self.prog}: {message} (see --help)")
         sys.exit(REFUSED)

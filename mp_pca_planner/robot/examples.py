@@ -26,6 +26,7 @@ _FILES: dict[str, tuple[str, tuple[str, ...]]] = {
         "kinova_description/robots/kinova.urdf",
         tuple(f"j2s6s200_joint_{i}" for i in range(1, 7)),
     ),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", tuple(f"joint{i}" for i in range(1, 8))),
     "z1": ("z1_description/urdf/z1.urdf", tuple(f"joint{i}" for i in range(1, 7))),
     "so100": ("so_arm_description/urdf/so100.urdf", _SO_JOINTS),
     "so101": ("so_arm_description/urdf/so101.urdf", _SO_JOINTS),

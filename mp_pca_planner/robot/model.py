@@ -161,8 +161,8 @@ class Robot:
         Parameters
         ----------
         name : str
-            `human_arm`, or with the extra 'example' `panda`, `ur3`, `ur5`, `ur10`, `kinova`, `z1`,
-            `so100` or `so101`.
+            `human_arm`, or with the extra 'example' `panda`, `ur3`, `ur5`, `ur10`, `kinova`,
+            `xarm7`, `z1`, `so100` or `so101`.
 
         Raises
         ------

@@ -67,12 +67,20 @@ def children(pid: int) -> dict[int, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_interrupted_demo_ends_its_child_processes(tmp_path, number):
+@pytest.mark.parametrize(
+    ("words", "number", "status"),
+    [
+        ((), signal.SIGTERM, 1),
+        ((), signal.SIGINT, 1),
+        ((), signal.SIGHUP, 1),
+        (("human_arm", "--node"), signal.SIGINT, 0),  # its usual end
+    ],
+)
+def test_interrupted_demo_ends_its_child_processes(tmp_path, words, number, status):
     pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
     pytest.importorskip("matplotlib", reason="matplotlib (extra 'plot') is not installed")
     environment = {**os.environ, "ROS_DOMAIN_ID": str(lease_domain("demo"))}
-    command = [sys.executable, "-m", "mp_pca_planner", "demo", "--output", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "mp_pca_planner", "demo", *words, "--output", str(tmp_path)]
 
     def unprotect() -> None:
         signal.signal(number, signal.SIG_DFL)  # the tests may run under nohup
@@ -85,7 +93,7 @@ def test_interrupted_demo_ends_its_child_processes(tmp_path, number):
             started |= children(demo.pid)
             time.sleep(0.01)
         demo.send_signal(number)
-        assert demo.wait(60.0) == 1
+        assert demo.wait(60.0) == status
     assert len(started) == 2
     assert not any(Path(f"/proc/{pid}").exists() for pid in started)
 

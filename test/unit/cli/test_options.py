@@ -18,7 +18,8 @@ from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions
 
 OF_ROS = {"planner_node", "simulate", "send_goal", "stop", "call", "demo"}
-GOAL = ("FILE", "--robot", "URDF", "--start", "0", "--goal", "0")
+GOAL_OF_PLAN = ("plan", "FILE", "--robot", "URDF", "--start", "0")
+GOAL = (*GOAL_OF_PLAN[1:], "--goal", "0")
 
 
 @pytest.mark.parametrize("name", sorted(set(COMMANDS) - OF_ROS))
@@ -122,15 +123,17 @@ def test_help_names_each_command_once(capsys: pytest.CaptureFixture[str]) -> Non
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--goal-pose", "0.1", "0.5", "0.4"], "put quotes around the numbers of a pose"),
-        (["--goal", "0,0", "--naturalness", "2"], "'2' is not a number from 0 to 1"),
+        ([*GOAL_OF_PLAN, "--goal-pose", "0.1", "0.5", "-4e-1"], "put quotes around the numbers"),
+        ([*GOAL_OF_PLAN, "--goal", "0", "--naturalness", "2"], "'2' is not a number from 0 to 1"),
+        (["send_obstacles", "1", "2"], "put quotes around the numbers"),
+        (["--json", "plan"], "unrecognized arguments: --json"),
     ],
 )
 def test_slips_of_the_hand_are_named(
     words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["plan", "p.npz", "--robot", "arm.urdf", "--start", "0,0", *words])
+        main(words)
     assert ended.value.code == 2
     assert sentence in capsys.readouterr().err
 
