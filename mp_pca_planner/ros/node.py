@@ -61,7 +61,15 @@ from .messages import (
     to_status,
     to_text,
 )
-from .nodes import EVERY, GOALS, LATCHED, LOG_PERIOD, STATES, PolledSubscription
+from .nodes import (
+    EVERY,
+    GOALS,
+    LATCHED,
+    LOG_PERIOD,
+    STATES,
+    PolledSubscription,
+    message_age,
+)
 from .obstacles import ForeignFrames, MarkerSubscription
 from .parameters import NodeParameters
 from .serialised import serialize_trajectory
@@ -311,7 +319,7 @@ class PlannerNode(Node):
             for content, facts in self._controller[1].poll():
                 stamp = to_seconds(read_stamp(content))
                 sent = stamp if stamp and self._tracker.measured.stamps.is_usable else 0.0
-                then = sent or now - _age(facts, longest)
+                then = sent or now - message_age(facts, longest)
                 self._tracker.controller.receive(partial(to_command, content), then)
         for content, facts in self._states.poll():
             try:
@@ -321,7 +329,7 @@ class PlannerNode(Node):
                 continue
             stamp = to_seconds(message.header.stamp)
             values = message.name, message.position, message.velocity
-            self._tracker.measured.receive(*values, stamp, _age(facts, longest))
+            self._tracker.measured.receive(*values, stamp, message_age(facts, longest))
 
     def _tick(self) -> None:
         """Look at the robot."""
@@ -807,12 +815,6 @@ class _Preview:
             if self._is_shown:
                 self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
             self._is_shown = False
-
-
-def _age(facts: dict[str, int], longest: float) -> float:
-    """Time since the middleware got a message [s], at most that since the last look."""
-    received = facts["received_timestamp"]
-    return min(max((time.time_ns() - received) * 1e-9, 0.0), longest) if received else 0.0
 
 
 def _is_same(one: dict[str, Any], other: dict[str, Any]) -> bool:

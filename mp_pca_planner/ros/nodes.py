@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -148,3 +149,9 @@ class PolledSubscription:
     def destroy(self) -> None:
         """End the subscription."""
         self._node.destroy_subscription(self._subscription)
+
+
+def message_age(facts: dict[str, int], longest: float) -> float:
+    """Time since the middleware got a message [s], at most that since the last look."""
+    received = facts["received_timestamp"]
+    return min(max((time.time_ns() - received) * 1e-9, 0.0), longest) if received else 0.0

@@ -31,6 +31,7 @@ from support.nodes import START as REST
 from support.patience import HANG
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.ros import controller
 
@@ -131,6 +132,21 @@ def use_action(bench, name):
 
 
 # Before the tests of one node: two with their robots are more than a small machine runs in time.
+@pytest.mark.parametrize("scaling", [-0.1, np.nan, 0.5])
+def test_command_with_an_impossible_speed_is_unusable(control_msgs, monkeypatch, scaling):
+    from control_msgs.msg import JointTrajectoryControllerState as State
+
+    monkeypatch.setattr(controller, "JointTrajectoryControllerState", State)
+    state = State(joint_names=JOINTS, speed_scaling_factor=scaling)
+    state.reference.positions = state.reference.velocities = [0.0] * len(JOINTS)
+    content = bytes(serialize_message(state))
+    if scaling == 0.5:
+        assert controller.to_command(content, JOINTS[:2]).rate == 0.5
+    else:
+        with pytest.raises(GoalError, match="a number that is not finite"):
+            controller.to_command(content, JOINTS[:2])
+
+
 @pytest.mark.slow
 def test_motion_is_executed_once_by_a_controller_that_listens_to_the_topic_too(
     monkeypatch, tmp_path

@@ -8,6 +8,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.planning import assemble_model
-from mp_pca_planner.ros import markers
+from mp_pca_planner.ros import markers, obstacles
 from mp_pca_planner.ros.markers import Frames, MarkerData, Markers, Obstacles, read_markers
 from mp_pca_planner.ros.obstacles import MarkerMessage, MarkerSubscription
 
@@ -267,7 +268,9 @@ def test_publishers_that_latch_nothing_are_not_asked_for_more_than_they_offer(
     assert publisher.n_incompatible == 0
 
 
-def test_latched_markers_are_heard_late_beside_other_publishers(nodes: tuple[Node, Node]) -> None:
+def test_latched_markers_are_heard_late_beside_other_publishers(
+    nodes: tuple[Node, Node], monkeypatch: pytest.MonkeyPatch
+) -> None:
     latched, live = Publisher(nodes[1], LATCHED), Publisher(nodes[1], BEST_EFFORT)
     latched.send(1)
     listener = Listener(*nodes)
@@ -277,3 +280,7 @@ def test_latched_markers_are_heard_late_beside_other_publishers(nodes: tuple[Nod
     listener.until_it_hears(live, 2)
     listener.until_it_hears(latched, 3)
     assert latched.n_incompatible == 0
+    # In the end, one subscription is left.
+    later = SimpleNamespace(monotonic=lambda: time.monotonic() + 60.0)
+    monkeypatch.setattr(obstacles, "time", later)
+    listener.until(lambda: nodes[1].count_subscribers("markers") == 1)

@@ -21,7 +21,8 @@ from support.domains import set_domain
 from support.nodes import ros_node
 from support.patience import HANG
 
-from mp_pca_planner.ros.nodes import PolledSubscription
+from mp_pca_planner.ros import nodes
+from mp_pca_planner.ros.nodes import PolledSubscription, message_age
 
 DEPTH = 5
 
@@ -53,3 +54,15 @@ def test_polled_messages_wait_for_the_poll_the_newest_last(node: Node) -> None:
     assert polled == [3.0, 4.0, 5.0, 6.0, 7.0]
     assert subscription.poll() == []
     executor.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("wall_clock", "age"), [(1000.25, 0.25), (4600.0, 0.4), (970.0, 0.0)], ids=str
+)
+def test_age_of_a_message_is_bounded_where_the_wall_clock_is_set(
+    monkeypatch: pytest.MonkeyPatch, wall_clock: float, age: float
+) -> None:
+    monkeypatch.setattr(nodes.time, "time_ns", lambda: round(1e9 * wall_clock))
+    facts = {"received_timestamp": 1000 * 10**9}
+    assert message_age(facts, 0.4) == pytest.approx(age)
+    assert message_age({"received_timestamp": 0}, 0.4) == 0.0  # a middleware that does not say
