@@ -230,55 +230,54 @@ def given_limits(
 
 
 def _read_entry(name: str, entry: Any, where: str, *, is_file: bool = False) -> dict[str, float]:
+    """Limits and drives of a joint by key; infinite ones where a limit is switched off."""
     if not isinstance(entry, Mapping):
         raise LimitsError(
             f"{where}: joint '{name}' must be a mapping of limits, got {shown(entry, 40)}"
         )
-    values: dict[str, float] = {}
-    if is_file:
-        entry = _of_moveit(entry)
     # MoveIt's Setup Assistant writes 0 beside a limit that is switched off.
-    off = [quantity for switch, quantity in _QUANTITIES.items() if entry.get(switch) is False]
+    off = tuple(quantity for switch, quantity in _QUANTITIES.items() if entry.get(switch) is False)
+    values = {key: _absent(key) for key in LIMIT_KEYS if key.endswith(off)}
+    valid = (*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES)
     for key, value in entry.items():
         what = f"{where}: {key} of joint '{name}'"
-        if key in DRIVE_KEYS:
+        if key in _QUANTITIES:
+            if not isinstance(value, bool):
+                raise LimitsError(f"{what} must be true or false")
+        elif key in DRIVE_KEYS:
             check_number(value, what, LimitsError, 0.0, 1e9)
             values[key] = float(value)
         elif key in LIMIT_KEYS:
-            if key.endswith(tuple(off)):
-                continue
-            if not (is_number(value) or isinstance(value, float)):
-                raise LimitsError(f"{what} is {shown(value, 40)}, not a number")
-            number, is_end = float(value), key.endswith("position")
-            # Ratios to smaller limits overflow.
-            if np.isnan(number) or (not is_end and number < 1e-9):
-                expected = "a number" if is_end else "a positive number from 1e-09 on"
-                raise LimitsError(
-                    f"{what} is {number:g}, but it must be {expected} (set it in a limits file or "
-                    "by a parameter; .inf means no limit)"
-                )
-            values[key] = number
-        elif key not in _QUANTITIES:
-            valid = (*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES)
-            # A limit with a misspelt name must not be missing without a word.
-            if is_file and not get_close_matches(str(key), valid[: -len(_QUANTITIES)], cutoff=0.85):
-                continue
+            if key not in values:
+                values[key] = _limit(value, what, is_end=key.endswith("position"))
+        # A limit with a misspelt name must not be missing without a word.
+        elif not is_file or (
+            key not in _DECELERATION
+            and get_close_matches(str(key), (*LIMIT_KEYS, *DRIVE_KEYS), cutoff=0.85)
+        ):
             raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', key, valid)}")
-        elif not isinstance(value, bool):
-            raise LimitsError(f"{what} must be true or false")
-    return values | {key: _absent(key) for key in LIMIT_KEYS if key.endswith(tuple(off))}
-
-
-def _of_moveit(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """An entry whose deceleration, which is negative, bounds its acceleration."""
     has, most = (entry.get(key) for key in _DECELERATION)
-    is_off = entry.get("has_acceleration_limits") is False
-    stated = np.inf if is_off else entry.get("max_acceleration", np.inf)
-    kept = {key: value for key, value in entry.items() if key not in _DECELERATION}
-    if has is False or most is None or not isinstance(stated, int | float):
-        return kept
-    if not is_number(most):
-        raise ValueError(f"max_deceleration is {shown(most, 40)}, not a number")
-    if is_off:
-        del kept["has_acceleration_limits"]
-    return kept | {"max_acceleration": min(float(stated), abs(float(most)))}
+    if is_file and has is not False and most is not None:
+        # Negative in MoveIt; it bounds the acceleration, too.
+        if not is_number(most):
+            raise LimitsError(
+                f"{where}: max_deceleration of joint '{name}' is {shown(most, 40)}, not a number"
+            )
+        acceleration = values.get("max_acceleration", np.inf)
+        values["max_acceleration"] = min(acceleration, abs(float(most)))
+    return values
+
+
+def _limit(value: Any, what: str, *, is_end: bool) -> float:
+    """A limit: an end of a range, or a magnitude."""
+    if not (is_number(value) or isinstance(value, float)):
+        raise LimitsError(f"{what} is {shown(value, 40)}, not a number")
+    number = float(value)
+    # Ratios to smaller limits overflow.
+    if np.isnan(number) or (not is_end and number < 1e-9):
+        expected = "a number" if is_end else "a positive number from 1e-09 on"
+        raise LimitsError(
+            f"{what} is {number:g}, but it must be {expected} (set it in a limits file or by a "
+            "parameter; .inf means no limit)"
+        )
+    return number
