@@ -313,7 +313,8 @@ def descent(case: Case, budget: Budget) -> Candidate | None:
         return None
     leads = case.may_detour and not missing_planner()
     within, found, same = budget, list[Candidate](), list[Candidate]()
-    if leads and not case.starts_at_path:
+    among = context.collision is not None and len(context.collision.world)
+    if leads and among and not case.starts_at_path:
         within = budget.part(_EVALUATIONS_OF_DESCENT)
     while True:
         candidate = attempt(context, request, setting, within)

@@ -5,10 +5,13 @@
 import numpy as np
 import pytest
 from support.arm import arm_primitive, arm_robot
+from support.arm_plans import REQUESTS
 from support.chain import ACROSS_BASE, CHAIN, NAMES, chain, fold
+from support.patience import EVER
 
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -72,3 +75,17 @@ def test_links_of_a_single_joint_are_checked():
     near = model.near(q, 1.0)
     assert near.rows.shape == (near.pairs.size, 1) and near.pairs.size
     assert Planner(arm_robot(), arm_primitive()).remarks == ()
+
+
+def test_a_motion_without_collision_is_the_one_without_the_check():
+    # Five starts take over a hundred evaluations.
+    options = PlannerOptions(naturalness=0.0, n_starts=5, max_solve_time=EVER)
+    careful, careless = (
+        Planner(arm_robot(), arm_primitive("joint"), options=options, collision=collision)
+        for collision in (True, False)
+    )
+    for start, goal in REQUESTS[12:15]:
+        plan = careless.plan(goal, start, duration=2.0)
+        assert not CollisionModel(arm_robot()).collisions(plan.trajectory)
+        positions = careful.plan(goal, start, duration=2.0).trajectory.positions
+        np.testing.assert_allclose(positions, plan.trajectory.positions, atol=1e-9)
