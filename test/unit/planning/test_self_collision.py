@@ -84,8 +84,8 @@ def test_a_motion_without_collision_is_the_one_without_the_check():
         Planner(arm_robot(), arm_primitive("joint"), options=options, collision=collision)
         for collision in (True, False)
     )
-    for start, goal in REQUESTS[12:15]:
-        plan = careless.plan(goal, start, duration=2.0)
-        assert not CollisionModel(arm_robot()).collisions(plan.trajectory)
-        positions = careful.plan(goal, start, duration=2.0).trajectory.positions
-        np.testing.assert_allclose(positions, plan.trajectory.positions, atol=1e-9)
+    start, goal = REQUESTS[13]
+    plan = careless.plan(goal, start, duration=2.0)
+    assert plan.iterations > 60 and not CollisionModel(arm_robot()).collisions(plan.trajectory)
+    positions = careful.plan(goal, start, duration=2.0).trajectory.positions
+    np.testing.assert_allclose(positions, plan.trajectory.positions, atol=1e-9)
