@@ -18,6 +18,7 @@ from ...motion.goal import JointState
 from ...motion.interpolation import GRID_PERIOD
 from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
+from ...robot.model import Robot
 from ..configurations import POSE_TOLERANCE, nearest_configuration
 from ..context import Budget, Context, check_duration
 from ..motion import Motion, rank_of, samples_of
@@ -74,10 +75,6 @@ class Candidate:
         Largest distances from the targets [rad or m].
     violation : Violation
         Violations of limits, clearances and targets, for the comparison of candidates.
-    duration : float
-        Duration of all segments [s].
-    is_valid : bool
-        Whether it may be executed and reaches the targets.
     is_hopeless : bool
         Whether bodies collide at an end of the motion that is fixed.
     has_clearances : bool
@@ -104,8 +101,6 @@ class Candidate:
     collisions: tuple[Collision, ...]
     target_errors: tuple[float, ...]
     violation: Violation
-    duration: float
-    is_valid: bool
     is_hopeless: bool
     has_clearances: bool = False
     strayed: tuple[str, ...] = ()
@@ -113,6 +108,16 @@ class Candidate:
     corners: FloatArray | None = None
     n_stops: int = 0
     how: str = OPTIMISED
+
+    @property
+    def duration(self) -> float:
+        """Duration of all segments [s]."""
+        return sum(motion.duration for motion in self.motions)
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether it may be executed and reaches the targets."""
+        return not any(self.violation)
 
     @property
     def meets_bodies(self) -> bool:
@@ -164,46 +169,25 @@ def checked(
         See :class:`Candidate`.
     """
     trajectory, check = sampled(context, motions)
-    refusal = ""
+    moving, refusal = context.options.allow_nonzero_end_velocity, ""
     try:
-        check_executable(
-            trajectory,
-            check,
-            motions[0].start,
-            allow_nonzero_end_velocity=context.options.allow_nonzero_end_velocity,
-        )
+        check_executable(trajectory, check, motions[0].start, allow_nonzero_end_velocity=moving)
     except TrajectoryError as error:
         refusal = str(error)
     trajectory = trajectory.with_efforts(check.efforts)
     collisions: tuple[Collision, ...] = ()
     if context.collision is not None and not check.violations:
         collisions = context.collision.collisions(trajectory, precisely=False)
-    errors, strayed, excess, duration = [], list[str](), 0.0, 0.0
-    for constraint in context.options.constraints:
-        values, _ = constraint.values(context.robot, trajectory.positions)
-        if values.min() < -_ROUNDING:
-            strayed.append(str(constraint))
-            excess -= float(values.min())
-    for segment, motion in zip(request.segments, motions, strict=True):
-        reached, pose = motion.goal.positions, segment.pose
-        missed = reached - segment.goal.positions
-        if pose is not None:
-            missed, _ = context.robot.pose_error(
-                pose.frame, reached, pose.position, pose.orientation
-            )
-        errors.append(float(np.abs(missed).max()))
-        duration += motion.duration
-    fixed_end = duration if request.pose is None else np.inf
-    depth, is_hopeless = 0.0, False
-    for one in collisions:
-        depth += POSE_TOLERANCE + one.penetration
-        is_hopeless = is_hopeless or one.first_time == 0.0 or one.last_time >= fixed_end
+    strayed, excess = _strayed(context, trajectory)
+    errors = _target_errors(context.robot, request, motions)
+    missed = max(errors)
     violation = (
         check.worst_excess if check.violations else 0.0,
-        depth,
+        sum(POSE_TOLERANCE + one.penetration for one in collisions),
         excess,
-        0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
+        0.0 if missed <= POSE_TOLERANCE else missed,
     )
+    end = sum(motion.duration for motion in motions) if request.pose is None else np.inf
     return Candidate(
         request,
         bases,
@@ -213,14 +197,35 @@ def checked(
         trajectory,
         check,
         collisions,
-        tuple(errors),
+        errors,
         violation,
-        duration,
-        is_valid=not any(violation),
-        is_hopeless=is_hopeless,
-        strayed=tuple(strayed),
+        is_hopeless=any(one.first_time == 0.0 or one.last_time >= end for one in collisions),
+        strayed=strayed,
         refusal=refusal,
     )
+
+
+def _strayed(context: Context, trajectory: Trajectory) -> tuple[tuple[str, ...], float]:
+    """The path constraints that points violate, and the sum of the violations."""
+    strayed, excess = [], 0.0
+    for constraint in context.options.constraints:
+        least = float(constraint.values(context.robot, trajectory.positions)[0].min())
+        if least < -_ROUNDING:
+            strayed.append(str(constraint))
+            excess -= least
+    return tuple(strayed), excess
+
+
+def _target_errors(robot: Robot, request: Request, motions: Sequence[Motion]) -> tuple[float, ...]:
+    """Largest distances of the ends of segments from their targets [rad or m]."""
+    errors = []
+    for segment, motion in zip(request.segments, motions, strict=True):
+        reached, pose = motion.goal.positions, segment.pose
+        missed = reached - segment.goal.positions
+        if pose is not None:
+            missed, _ = robot.pose_error(pose.frame, reached, pose.position, pose.orientation)
+        errors.append(float(np.abs(missed).max()))
+    return tuple(errors)
 
 
 def attempt(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
