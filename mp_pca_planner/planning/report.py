@@ -222,7 +222,7 @@ def _met(context: Context, best: Candidate) -> str:
     """Text on the collision of a motion, or of all stops beyond a goal in motion; or empty."""
     if best.collisions:
         return str(best.collisions[0])
-    end = JointState(best.trajectory.joint_names, *(x[-1] for x in best.trajectory.states))
+    end = best.motions[-1].goal
     if context.collision is None or not np.any(end.velocities):
         return ""
     met, options = "", context.options

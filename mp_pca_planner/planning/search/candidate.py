@@ -242,10 +242,10 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
         The evaluations and the time for it.
     """
     found = _solved(context, request, setting, budget)
-    longest = max(request.duration, setting.duration)
-    is_free = setting.is_timed and not setting.is_shortest and context.options.timing == AUTO
-    if is_free and found.duration > longest and not budget.is_over():
-        return _solved(context, request, lasting(setting, longest), budget)
+    if setting.is_timed and not setting.is_shortest and context.options.timing == AUTO:
+        longest = max(request.duration, setting.duration)
+        if found.duration > longest and not budget.is_over():
+            return _solved(context, request, lasting(setting, longest), budget)
     return found
 
 

@@ -208,8 +208,8 @@ class Case:
         Whether paths are tried before descent from the expected motion.
     found : tuple of Candidate
         The candidates of the stages so far.
-    has_fallback : bool
-        Whether an earlier request has a motion that may be executed.
+    earlier : Candidate or None
+        The best candidate of earlier requests.
     """
 
     context: Context
@@ -219,7 +219,12 @@ class Case:
     may_detour: bool = False
     starts_at_path: bool = False
     found: tuple[Candidate, ...] = ()
-    has_fallback: bool = False
+    earlier: Candidate | None = None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a candidate of this or an earlier request."""
+        return self.earlier is not None or bool(self.found)
 
     @property
     def best(self) -> Candidate | None:
@@ -235,13 +240,17 @@ class Case:
         return replace(self, found=(*self.found, candidate))
 
 
-def first_case(context: Context, request: Request, budget: Budget) -> Case:
+def first_case(
+    context: Context, request: Request, earlier: Candidate | None, budget: Budget
+) -> Case:
     """A request before anything was tried.
 
     Parameters
     ----------
     context, request
         Of the planner; the request.
+    earlier : Candidate or None
+        The best candidate of earlier requests.
     budget : Budget
         The time for joining segments.
     """
@@ -254,12 +263,12 @@ def first_case(context: Context, request: Request, budget: Budget) -> Case:
         )
         expected = _joined(context, request, bases, budget)
         first = sequence_setting(context, request, bases, expected.motions)
-        return Case(context, request, first, expected)
+        return Case(context, request, first, expected, earlier=earlier)
     first = expected_setting(context, request)
     if context.collision is None or not context.collision.pairs:
-        return Case(context, request, first)
+        return Case(context, request, first, earlier=earlier)
     at_path = _starts_at_path(context, request, first)
-    return Case(context, request, first, may_detour=True, starts_at_path=at_path)
+    return Case(context, request, first, may_detour=True, starts_at_path=at_path, earlier=earlier)
 
 
 def _starts_at_path(context: Context, request: Request, first: Setting) -> bool:
@@ -356,7 +365,8 @@ def joined(case: Case, budget: Budget) -> Candidate | None:
 def slow(case: Case, budget: Budget) -> Candidate | None:
     """A motion with rests, within the limits, where there is no other for any request so far."""
     is_hopeless = case.best is not None and case.best.is_hopeless
-    if case.has_fallback or is_hopeless or budget.is_cancelled():
+    has_fallback = case.earlier is not None and case.earlier.is_valid
+    if has_fallback or is_hopeless or budget.is_cancelled():
         return None
     paths = (one.corners for one in case.found if one.corners is not None)
     return slow_motion(case.context, case.request, next(paths, None), budget)
@@ -389,18 +399,16 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
     """
     best: Candidate | None = None
     for request in requests:
-        case = first_case(context, request, budget)
-        case = replace(case, has_fallback=best is not None and best.is_valid)
+        case = first_case(context, request, best, budget)
         for stage in ORDER:
-            is_known = best is not None or case.best is not None
-            if is_known and budget.is_over() and stage not in _WITHOUT_TIME:
+            if case.is_known and budget.is_over() and stage not in _WITHOUT_TIME:
                 continue
             candidate = stage(case, budget)
             if candidate is not None:
                 case = case.with_candidate(candidate)
                 if candidate.is_valid:
                     break
-        best = _better(context, best, case.best)
+        best = _best(context, [one for one in (best, case.best) if one is not None])
         # Further configurations of a pose are for where the most natural one has no motion.
         is_enough = best.is_valid and (request.pose is not None and best.how != SLOW)
         if is_enough or budget.is_cancelled() or (budget.is_over() and best.is_valid):
@@ -409,14 +417,11 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
     return with_costs(context, best)
 
 
-def _better(context: Context, one: Candidate | None, other: Candidate | None) -> Candidate:
-    """The better of the candidates of two requests; of slow motions, the first."""
-    if one is None or other is None:
-        (only,) = (found for found in (one, other) if found is not None)
-        return only
-    # Slow motions and detours have no costs yet.
-    both = with_costs(context, one), with_costs(context, other)
-    return min(both, key=lambda one: (one.violation, one.how == SLOW, rank_of(one.solution.cost)))
+def _best(context: Context, found: Sequence[Candidate]) -> Candidate:
+    """The best of the candidates of some requests; of slow motions, the first."""
+    if len(found) > 1:  # slow motions and detours have no costs yet
+        found = [with_costs(context, one) for one in found]
+    return min(found, key=lambda one: (one.violation, one.how == SLOW, rank_of(one.solution.cost)))
 
 
 def with_costs(context: Context, found: Candidate) -> Candidate:
