@@ -375,7 +375,7 @@ def test_pose_goal_that_cannot_be_read_is_refused_with_a_reason(client: NodeClie
     pose.header.frame_id = "world"
     assert_refused(client.send(pose), "'world'", "upper_arm", "empty frame_id", "fixed_frames")
     pose.header.frame_id = ""
-    pose.pose.orientation.w = 0.0
+    pose.pose.orientation.w = 0.5
     assert_refused(client.send(pose), "length 1")
     pose.pose.orientation.w, pose.pose.position.x = 1.0, float("nan")
     assert_refused(client.send(pose), "nan")
