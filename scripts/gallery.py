@@ -64,11 +64,13 @@ def write_figures(folder: Path) -> None:
         recording_figure(figure, few.recordings.reports[0])
     with picture(folder / "primitive.png", force=True) as figure:
         shown = np.array([motion.time_normalised(PHASES.size) for motion in found.recordings])
-        title = "Demonstrations, mean shape and components"
+        title = "Demonstrations and components"
         primitive_figure(figure, found.primitive, shown, title)
     with picture(folder / "motion.png", force=True) as figure:
         plan_figure(figure, found.plan(), found.planner())
-    for file in folder.glob("*.png"):  # a few colours make small files
+    for file in (
+        folder / f"{name}.png" for name in ("recording", "primitive", "motion")
+    ):  # a few colours make small files
         Image.open(file).convert("RGB").quantize(64).save(file, optimize=True)
 
 

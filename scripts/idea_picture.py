@@ -12,7 +12,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from gallery import example
+from gallery import GOAL, example
 
 from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.plotting.style import LINES, palette_line, picture
@@ -34,7 +34,8 @@ def main() -> None:
     joint = int(np.abs(components[0]).max(axis=0).argmax())
     motions = [one.time_normalised(N_PHASES)[:, joint] for one in known.recordings[:N_SHOWN]]
     shapes = [q - (q[0] + rise * (q[-1] - q[0])) for q in motions]
-    planned = known.plan().trajectory
+    goal = GOAL | {primitive.joint_names[joint]: -1.0}  # far from the start
+    planned = known.planner().plan(start=known.start, goal=goal).trajectory
     start, goal = planned.positions[[0, -1], joint]
     with picture(path, force=True) as figure:
         figure.set_size_inches(9.0, 2.4)

@@ -19,10 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import viser
 from PIL import Image
 from scipy.interpolate import CubicSpline
-from support.view_browser import chromium, on_screen
+from support.view_browser import chromium, handle_length, on_screen
 
 from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.primitives.primitive import MovementPrimitive
@@ -44,8 +43,8 @@ CAMERA, AIM, VIEW = (2.6, -0.45, 1.6), (0.25, 0.03, 0.17), 0.51
 GOAL_SHIFT = (-0.1, 0.25, 0.0)
 BOX = Box((0.2, 0.1, 0.42), (0.88, 0.05, 0.21))
 BOX_PLACE = (0.57, 0.05, 0.21)
-# Where handles are gripped, as shares of their size: the square between x and y, the arrow of x.
-SQUARE, ARROW = np.array([0.255, 0.255, 0.0]), np.array([0.9, 0.0, 0.0])
+# Where handles are gripped, as shares of their length: the square between x and y, the arrow of x.
+SQUARE, ARROW = np.array([0.255, 0.255, 0.0]), np.array([0.7, 0.0, 0.0])
 # From the right of the robot over the middle to its left, the hand downwards [rad].
 WAY = np.array(
     [
@@ -118,9 +117,9 @@ class Camera:
             self.take()
 
     def drag(self, handle: Any, grip: np.ndarray, shift: np.ndarray, n: int = 24) -> None:
-        """Drag a handle by a point, in its own axes [m], as far as a shift [m], in n frames."""
-        turn = viser.transforms.SO3(np.array(handle.wxyz)).as_matrix()
-        place = np.array(handle.position) + turn @ grip
+        """Drag a handle by a point, as shares of its length, by a shift [m], in n frames."""
+        place = np.array(handle.position)
+        place += grip * handle_length(self.page, place)
         self.point(place)
         self._grab(handle, place, shift)
         for share in eased(n):
@@ -168,6 +167,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with ViewPage(panda(), port=0) as page, chromium() as browser:
         page.player.seek(0.0)
+        page.server.gui.main_panel.float()  # it is hidden: the scene fills the picture
         view = page.server.initial_camera
         view.position, view.look_at, view.fov = CAMERA, AIM, VIEW
         window = {"width": SIZE[0], "height": SIZE[1]}
@@ -189,10 +189,9 @@ def main() -> None:
 def film(camera: Camera) -> list[Image.Image]:
     """The frames of the story."""
     page = camera.page
-    size = page.stage.size
     camera.say("1. Drag the goal: the plan follows")
     camera.take(3)
-    camera.drag(page.plan.handle, SQUARE * 0.16 * size, np.array(GOAL_SHIFT))
+    camera.drag(page.plan.handle, SQUARE, np.array(GOAL_SHIFT))
     camera.take(3)
     camera.say("2. The motion plays")
     camera.play()
@@ -205,7 +204,7 @@ def film(camera: Camera) -> list[Image.Image]:
     camera.point(np.array(BOX.position))
     camera.click()
     shift = np.array(BOX_PLACE) - BOX.position
-    camera.drag(page.world.handle, ARROW * 0.14 * size, shift)
+    camera.drag(page.world.handle, ARROW, shift)
     camera.take(3)
     camera.play()
     camera.take(8)

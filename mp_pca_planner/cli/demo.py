@@ -138,7 +138,7 @@ def _pipeline(folder: Path) -> int:
         rows, motions = _serve(robot, home, ends, check)
     say(*text_table(rows, header=_HEADER).splitlines(), "", f"4. Drawing into {folder}")
     with picture(folder / "primitive.png", force=True) as figure:
-        primitive_figure(figure, primitive, title="Demonstrations, mean shape and components")
+        primitive_figure(figure, primitive, title="Demonstrations and components")
     if motions:
         with picture(folder / "motion.png", force=True) as figure:
             title = "Motion to the first goal"

@@ -1,43 +1,40 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of motions and plans: positions, velocities, accelerations, torques over time."""
+"""Figures of motions and plans: a row for each joint, and the path of the hand beside them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray, by_name
-from ..exceptions import PlannerError
-from ..motion.interpolation import quintics
+from ..exceptions import PlannerError, printable
 from ..motion.trajectory import Trajectory
-from ..planning.motion import Motion
 from ..planning.plan import Plan
 from ..primitives.differences import PHASES
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
-from ..robot.model import Robot
+from ..robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
 from .style import (
     COLOURS,
     LINES,
     MAX_BEHIND,
-    MIN_EFFORT_SPAN,
     MIN_SPAN,
     NEAR_LIMIT,
-    REACHED_LIMIT,
     STYLES,
+    Line,
     add_header,
-    joint_panels,
-    label_left,
     line,
     styled_figure,
 )
-from .text import unit_of
+from .text import Unit, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,12 +42,30 @@ if TYPE_CHECKING:
 
     from ..planning.planner import Planner
 
-QUANTITIES = ("positions", "velocities", "accelerations", "efforts")
-"""Plotted quantities of a motion, from top to bottom."""
+Curve = tuple[FloatArray, FloatArray]
+"""Times [s] and positions [rad or m], of shapes (n_times,) and (n_times, n_joints)."""
 
-Curve = tuple[str, FloatArray, FloatArray]
-"""A name in `LINES`, times [s] and positions [rad or m], of shapes (n_times,) and
-(n_times, n_joints)."""
+
+@dataclass(frozen=True, eq=False)
+class HandPath:
+    """The way of the end effector, and what stands beside it.
+
+    Attributes
+    ----------
+    frame : str
+        The link.
+    path : array, shape (n_steps, 3)
+        Its positions in the base frame [m].
+    behind : sequence of array, shape (n_phases, 3)
+        Those along demonstrations [m].
+    world : World
+        The obstacles; those attached to links are not drawn.
+    """
+
+    frame: str
+    path: FloatArray
+    behind: Sequence[FloatArray]
+    world: World
 
 
 def motion_figure(
@@ -59,11 +74,12 @@ def motion_figure(
     title: str,
     limits: JointLimits | None = None,
     prismatic: Collection[str] = (),
-    curves: Sequence[Curve] = (),
+    behind: Sequence[Curve] = (),
     vias: Collection[float] = (),
     warnings: Sequence[str] = (),
-) -> list[list[Axes]]:
-    """Plot motions of the same joints, with a column of panels per joint.
+    hand: HandPath | None = None,
+) -> list[Axes]:
+    """Plot motions of the same joints: a row of positions for each joint, and the hand's path.
 
     Parameters
     ----------
@@ -74,22 +90,23 @@ def motion_figure(
     title : str
         Title of the figure.
     limits : JointLimits, optional
-        Limits of the same joints, drawn if the motions are near them. Accelerations have panels if
-        one of their limits is reached.
+        Limits of the same joints. Those of the position are lines where the motion comes near them;
+        the shares that the first motion uses of the others are stated.
     prismatic : collection of str
         Joints that are measured in metres; the others are shown in degrees.
-    curves : sequence of Curve
+    behind : sequence of Curve
         Curves behind the positions, such as demonstrations.
     vias : collection of float
         Times at which the first motion passes its vias [s].
     warnings : sequence of str
         Warnings above the panels.
+    hand : HandPath, optional
+        The path of the hand, drawn from above and from the side.
 
     Returns
     -------
-    panels : list of list of Axes
-        By joint, the Axes of positions, velocities, accelerations if a limit is reached, and
-        efforts if they are known.
+    rows : list of Axes
+        Those of each joint.
 
     Raises
     ------
@@ -97,121 +114,161 @@ def motion_figure(
         If the motions have one point each.
     """
     first = next(iter(motions.values()))
-    names = first.joint_names
     duration = max(motion.duration for motion in motions.values())
     if duration == 0.0:
         raise PlannerError("a motion of one point can't be drawn: at least two are needed")
-    quantities = [q for q in QUANTITIES if _is_shown(q, motions.values(), limits)]
     n = len(COLOURS)
     entries = [line(x, COLOURS[i % n], STYLES[i % len(STYLES)]) for i, x in enumerate(motions)]
-    panels, drawn_limits = joint_panels(figure, names, len(quantities)), 0
-    for name, column in zip(names, panels, strict=True):
-        for axes, quantity in zip(column, quantities, strict=True):
-            factor, label = _scale(quantity, [name], prismatic)
-            for entry, motion in zip(entries, motions.values(), strict=True):
-                values = getattr(motion, quantity)
-                if values is not None:
-                    joint = motion.joint_names.index(name)
-                    axes.plot(motion.times, factor * values[:, joint], **entry)
-            axes.set(xlabel="time [s]", ylabel=label)
-            drawn_limits += _show_limits(axes, quantity, name, limits, prismatic)
-            axes.set_xlim(0.0, duration)
-            if not prismatic:
-                label_left(axes)
-        factor, _ = _scale("positions", [name], prismatic)
-        _show_behind(column[0], curves, factor, names.index(name))
+    rows, views = _panels(figure, first.n_joints, hand is not None)
+    has_limits = False
+    for joint, (name, axes) in enumerate(zip(first.joint_names, rows, strict=True)):
+        unit = unit_of([name], prismatic)
+        for times, positions in behind:
+            axes.plot(times, unit.factor * positions[:, joint], **LINES["behind"])
+        for entry, motion in zip(entries, motions.values(), strict=True):
+            positions = motion.positions[:, motion.joint_names.index(name)]
+            axes.plot(motion.times, unit.factor * positions, **entry)
         for via in vias:
-            passed = np.interp(via, first.times, first.positions[:, names.index(name)])
-            column[0].plot(via, factor * passed, **LINES["via"] | {"label": None})
-        for axes in column[:-1]:
-            axes.set_xlabel("")
-            axes.tick_params(labelbottom=False)
-    beside = [*(["limit"] if drawn_limits else []), *dict.fromkeys(curve[0] for curve in curves)]
-    beside += ["via"] if vias else []
-    header = [*entries, *(LINES[kind] for kind in beside)]
+            passed = np.interp(via, first.times, first.positions[:, joint])
+            axes.plot(via, unit.factor * passed, **LINES["via"])
+        axes.set_title(printable(name), loc="left", fontsize="medium")
+        axes.set(ylabel=unit.name, xlim=(0.0, duration))
+        has_limits |= _show_limits(axes, first, joint, limits, unit)
+    rows[-1].set_xlabel("time [s]")
+    if hand is not None:
+        _show_hand(views, hand, entries[0])
+    beside = {"limit": has_limits, "behind": bool(behind), "via": bool(vias)}
+    header = [*entries, *(LINES[kind] for kind, is_drawn in beside.items() if is_drawn)]
+    header += [LINES["obstacle"]] if hand is not None and len(hand.world) else []
     add_header(figure, title, [*header, *(LINES["warning"] | {"label": x} for x in warnings)])
-    return panels
+    return rows
 
 
-def _is_shown(quantity: str, motions: Iterable[Trajectory], limits: JointLimits | None) -> bool:
-    """Whether a quantity is known; of accelerations, whether a motion reaches their limits."""
-    if quantity != "accelerations":
-        return any(getattr(motion, quantity) is not None for motion in motions)
-    if limits is None:
-        return False
-    largest = max(np.max(np.abs(m.accelerations) / limits.acceleration) for m in motions)
-    return bool(largest > REACHED_LIMIT)
-
-
-def _show_behind(axes: Axes, curves: Sequence[Curve], factor: float, joint: int) -> None:
-    """Draw curves behind the positions of a joint, in an extended range of values."""
-    low, high = axes.get_ylim()
-    for kind, times, positions in curves:
-        values = factor * positions[:, joint]
-        axes.plot(times, values, **LINES[kind] | {"label": None})
-        margin = 0.05 * (high - low)
-        low, high = min(low, values.min() - margin), max(high, values.max() + margin)
-    axes.set_ylim(low, high)
-
-
-def _scale(quantity: str, names: Sequence[str], prismatic: Collection[str]) -> tuple[float, str]:
-    """Factor from SI units, and label of the axis."""
-    unit = unit_of(names, prismatic)
-    return {
-        "positions": (unit.factor, f"position [{unit.name}]"),
-        "velocities": (unit.factor, f"velocity [{unit.speed}]"),
-        "accelerations": (unit.factor, f"acceleration [{unit.speed}²]"),
-        "efforts": (1.0, unit.torque),  # the effort is a cost of the motion
-    }[quantity]
+def _panels(figure: Figure, n_joints: int, has_hand: bool) -> tuple[list[Axes], list[Axes]]:
+    """A row for each joint, and beside them two views of the hand; sets the size of the figure."""
+    figure.set_size_inches(12.0 if has_hand else 8.0, max(1.25 * n_joints, 5.0) + 0.4)
+    parts = figure.subfigures(1, 1 + has_hand, width_ratios=[3, 2][: 1 + has_hand], squeeze=False)
+    rows = parts[0, 0].subplots(n_joints, 1, sharex=True, squeeze=False)[:, 0]
+    return list(rows), list(parts[0, 1].subplots(2, 1)) if has_hand else []
 
 
 def _show_limits(
-    axes: Axes,
-    quantity: str,
-    name: str,
-    limits: JointLimits | None,
-    prismatic: Collection[str],
-) -> int:
-    """Set the range of values, and draw the limits of a joint that are near.
+    axes: Axes, motion: Trajectory, joint: int, limits: JointLimits | None, unit: Unit
+) -> bool:
+    """Set the range of positions, draw limits that are near, state the others and their shares.
 
-    Returns the number of limits drawn.
+    Returns whether a limit was drawn.
     """
-    factor, _ = _scale(quantity, [name], prismatic)
     low, high = axes.dataLim.intervaly
-    least = MIN_EFFORT_SPAN if quantity == "efforts" else MIN_SPAN
-    span = max(high - low, factor * least)
+    span = max(high - low, unit.factor * MIN_SPAN)
     low, high = (low + high - span) / 2, (low + high + span) / 2
-    reach = low - NEAR_LIMIT * span, high + NEAR_LIMIT * span
-    bounds = factor * _bounds(limits, quantity, name)
-    near = [bound for bound in bounds if reach[0] < bound < reach[1]]
-    for bound in near:
-        axes.axhline(bound, **LINES["limit"])
+    near = []
+    if limits is not None:
+        i = limits.joint_names.index(motion.joint_names[joint])
+        ends = unit.factor * np.array([limits.lower[i], limits.upper[i]])
+        near = [x for x in ends if low - NEAR_LIMIT * span < x < high + NEAR_LIMIT * span]
+        for end in near:
+            axes.axhline(end, **LINES["limit"])
+        words = [_most_used(motion, joint, limits, i, unit)]
+        if len(near) < 2 and np.isfinite(ends).any():
+            low_text, high_text = (unit.text(x) for x in (limits.lower[i], limits.upper[i]))
+            words.append(f"range {low_text} to {high_text} {unit.name}")
+        text = "; ".join(filter(None, words))
+        axes.set_title(text, loc="right", fontsize="small", fontweight="normal")
     axes.set_ylim(min([low, *near]) - 0.08 * span, max([high, *near]) + 0.08 * span)
-    return len(near)
+    return bool(near)
 
 
-def _bounds(limits: JointLimits | None, quantity: str, name: str) -> FloatArray:
-    """Lower and upper limit of a joint; none without limits."""
-    if limits is None:
-        return np.array([])
-    joint = limits.joint_names.index(name)
-    if quantity == "positions":
-        return np.array([limits.lower[joint], limits.upper[joint]])
-    magnitudes = {
-        "velocities": limits.velocity,
-        "accelerations": limits.acceleration,
-        "efforts": limits.effort,
+def _most_used(motion: Trajectory, joint: int, limits: JointLimits, i: int, unit: Unit) -> str:
+    """The limit of a joint, but its range, of which a motion uses most; empty without any."""
+    values = {
+        "velocity": (motion.velocities, limits.velocity),
+        "acceleration": (motion.accelerations, limits.acceleration),
+        unit.torque.split(" [")[0]: (motion.efforts, limits.effort),
     }
-    magnitude = float(magnitudes[quantity][joint])
-    return np.array([-magnitude, magnitude])
+    shares = {
+        name: 100.0 * float(np.abs(value[:, joint]).max()) / limit[i]
+        for name, (value, limit) in values.items()
+        if value is not None and np.isfinite(limit[i])
+    }
+    name = max(shares, key=lambda x: shares[x], default="")
+    return f"{shares[name]:.0f} % of the {name} limit" if name else ""
 
 
-def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> list[list[Axes]]:
-    """Plot a plan, with a column of panels per joint.
+def _show_hand(views: Sequence[Axes], hand: HandPath, planned: Line) -> None:
+    """Draw the path of the hand and the obstacles from above and from the side that shows most."""
+    obstacles = [obstacle for obstacle in hand.world if not obstacle.frame]
+    side = int(np.argmax(np.ptp(hand.path[:, :2], axis=0)))
+    for axes, plane, where in zip(views, ([0, 1], [side, 2]), ("above", "the side"), strict=True):
+        for obstacle in obstacles:
+            for outline in outlines(obstacle, plane):
+                axes.fill(*outline.T, **LINES["obstacle"] | {"linewidth": 1.0})
+            x, y = _middle(obstacle)[plane]
+            axes.text(x, y, printable(obstacle.name), ha="center", va="center", size=9)
+        for path in hand.behind:
+            axes.plot(*path[:, plane].T, **LINES["behind"])
+        axes.plot(*hand.path[:, plane].T, **planned)
+        for place, text in ((hand.path[0], "start"), (hand.path[-1], "goal")):
+            axes.plot(*place[plane], "o", color=COLOURS[0])
+            axes.annotate(text, place[plane], xytext=(6, 6), textcoords="offset points")
+        axes.set_title(f"'{printable(hand.frame)}' from {where}", loc="left", fontsize="medium")
+        axes.set(xlabel="xyz"[plane[0]] + " [m]", ylabel="xyz"[plane[1]] + " [m]")
+        axes.margins(0.15)
+        axes.set_aspect("equal", adjustable="datalim")
 
-    The limits that the motion is near are drawn. Behind each segment are the demonstrations whose
-    ends are nearest to its own, re-timed to its duration; for a single goal also the predicted
-    motion and the minimum-jerk motion.
+
+def _middle(obstacle: Obstacle) -> FloatArray:
+    return np.asarray(np.mean([shape.position for shape in obstacle.shapes], axis=0))
+
+
+def outlines(obstacle: Obstacle, plane: Sequence[int]) -> list[FloatArray]:
+    """Outlines of the convex hulls of an obstacle's shapes in a plane.
+
+    Parameters
+    ----------
+    obstacle : Obstacle
+        The obstacle.
+    plane : sequence of int
+        The two axes of the plane.
+
+    Returns
+    -------
+    outlines : list of array, shape (n_points, 2)
+        Corners of each outline in turn [m].
+    """
+    from scipy.spatial import ConvexHull
+
+    flat = [_surface(shape)[:, plane] for shape in obstacle.shapes]
+    return [points[ConvexHull(points).vertices] for points in flat]
+
+
+def _surface(shape: Shape) -> FloatArray:
+    """Points whose convex hull is that of a shape, shape (n_points, 3) [m]."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
+    circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(48)])
+    heights = np.linspace(-1.0, 1.0, 25)[:, None, None]
+    ball = circle * np.sqrt(1.0 - heights**2) + heights * [0.0, 0.0, 1.0]
+    if isinstance(shape, Box):
+        points = 0.5 * np.asarray(shape.size) * list(product((-1.0, 1.0), repeat=3))
+    elif isinstance(shape, Sphere | Capsule):
+        points = shape.radius * ball.reshape(-1, 3)
+    elif isinstance(shape, Cylinder):
+        points = shape.radius * circle
+    else:
+        points = np.asarray(cast(Mesh, shape).vertices)
+    if isinstance(shape, Cylinder):  # a capsule is one, too
+        ends = 0.5 * shape.height * np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+        points = np.concatenate([points + end for end in ends])
+    x, y, z, w = shape.orientation
+    turn = pin.Quaternion(w, x, y, z).matrix()
+    return np.asarray(points @ turn.T + shape.position)
+
+
+def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> list[Axes]:
+    """Plot a plan: a row of positions for each joint, and the path of the hand with the obstacles.
+
+    Behind each segment are the demonstrations whose ends are nearest to its own, re-timed to its
+    duration.
 
     Parameters
     ----------
@@ -220,28 +277,29 @@ def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> l
     plan : Plan
         The plan.
     planner : Planner, optional
-        The planner, for limits and demonstrations; none of these are drawn without it.
+        The planner, for limits, demonstrations and the hand; none of these are drawn without it.
 
     Returns
     -------
-    panels : list of list of Axes
-        By joint, the Axes of positions, velocities, accelerations if a limit of them is reached,
-        and efforts if they are known.
+    rows : list of Axes
+        Those of each joint.
     """
-    curves: list[Curve] = []
+    behind, hand = list[Curve](), None
     begin, joints = 0.0, plan.trajectory.joint_names
-    for motion, name in zip(plan.motions, plan.primitives, strict=True):
-        if planner is None:
-            break
-        primitive = planner.primitives.named(name)
-        states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
-        ends = np.array([[state[joint] for joint in joints] for state in states])
-        curves += nearest_curves(primitive, joints, ends, begin, motion.duration)
-        if not plan.mode:  # segments have no prediction of their own
-            times, straight = motion.duration * PHASES, quintics(PHASES, motion.boundary, 0)[0]
-            curves.append(("predicted", times, _predicted(planner.robot, primitive, motion)))
-            curves.append(("minimum jerk", times, straight))
-        begin += motion.duration
+    if planner is not None:
+        for motion, name in zip(plan.motions, plan.primitives, strict=True):
+            primitive = planner.primitives.named(name)
+            states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
+            ends = np.array([[state[joint] for joint in joints] for state in states])
+            behind += nearest_curves(primitive, joints, ends, begin, motion.duration)
+            begin += motion.duration
+        frame = planner.robot.end_effector
+        paths = [
+            np.asarray(planner.robot.frame_positions(q, [frame])[:, 0])
+            for q in (plan.trajectory.positions, *(positions for _, positions in behind))
+        ]
+        world = World() if planner.collision is None else planner.collision.world
+        hand = HandPath(frame, paths[0], paths[1:], world)
     n, score = len(plan.motions), plan.in_span_score
     drawn = f"{n} {'segment' if n == 1 else 'segments'}" if plan.mode else f"'{plan.primitive}'"
     unlike = f"unlike the demonstrations (in-span score {score:.1f}, usual: about 1)"
@@ -251,21 +309,11 @@ def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> l
         f"{drawn}: {plan.message}",
         None if planner is None else planner.limits,
         () if planner is None else planner.robot.prismatic_joints,
-        curves,
+        behind,
         [plan.duration * phase for phase in plan.via_phases],
         [unlike] if score > UNUSUAL_IN_SPAN_SCORE else [],
+        hand,
     )
-
-
-def _predicted(robot: Robot, primitive: MovementPrimitive, motion: Motion) -> FloatArray:
-    """Positions that the primitive predicts for a motion, shape (n_phases, n_joints)."""
-    start, goal = motion.start.positions, motion.goal.positions
-    turns = np.round((primitive.model.mean[: primitive.n_joints] - start) / (2.0 * np.pi))
-    shift = np.where(robot.continuous, 2.0 * np.pi * turns, 0.0)
-    expected = primitive.model.predict(start + shift, goal + shift, motion.duration)
-    basis = primitive.paced_basis(start, goal, expected.pace)
-    predicted = replace(motion, basis=basis, weights=expected.weights)
-    return np.asarray(predicted.evaluate(motion.duration * PHASES)[0])
 
 
 def nearest_curves(
@@ -293,13 +341,13 @@ def nearest_curves(
     own_ends[:, order] = ends
     times = begin + duration * PHASES
     return [
-        ("behind", times, primitive.reproduction(int(i), primitive.durations[i] * PHASES)[:, order])
+        (times, primitive.reproduction(int(i), primitive.durations[i] * PHASES)[:, order])
         for i in primitive.nearest_demonstrations(own_ends)[:MAX_BEHIND]
     ]
 
 
 def plot_plan(plan: Plan, planner: Planner | None = None) -> NDArray[np.object_]:
-    """Plot a plan in a new pyplot figure, see :func:`plan_figure`; returns its Axes."""
+    """Plot a plan in a new pyplot figure, see :func:`plan_figure`; returns the Axes of its rows."""
     with styled_figure(interactive=True) as figure:
         return np.array(plan_figure(figure, plan, planner))
 

@@ -34,30 +34,26 @@ if TYPE_CHECKING:
 def _plot_demonstrations(
     axes: Axes, primitive: MovementPrimitive, joint: int, demonstrations: FloatArray
 ) -> None:
-    """Plot the demonstrations of one joint over the phase, and their mean."""
+    """Plot the demonstrations of one joint over the phase."""
     unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
     shown = unit.factor * demonstrations[:, :, joint]
     axes.plot(PHASES, shown.T, **LINES["demonstration"])
-    axes.plot(PHASES, shown.mean(axis=0), **LINES["mean"])
     axes.set(xlabel="phase", ylabel=f"position [{unit.name}]", xlim=(0.0, 1.0))
 
 
 def _plot_components(axes: Axes, primitive: MovementPrimitive, joint: int) -> None:
-    """Plot the mean shape of one joint, plus and minus a standard deviation by component."""
+    """Plot what a standard deviation along each component adds to the motion of one joint."""
     unit = unit_of([primitive.joint_names[joint]], prismatic_joints(primitive))
     basis = primitive.basis
-    mean = unit.factor * basis.shape(np.zeros(basis.n_weights), PHASES)[:, joint]
     deviations = unit.factor * (basis.functions(PHASES) * basis.scales)[:, joint]
     indices = np.arange(primitive.n_components)
     if primitive.coupling == "joint":
         indices = np.flatnonzero(np.equal(primitive.joint_of_component, joint))
     for style, k in zip(_component_lines(primitive), indices, strict=False):
-        low, high = mean - deviations[:, k], mean + deviations[:, k]
-        axes.fill_between(PHASES, low, high, color=style["color"], alpha=0.12, linewidth=0)
-        axes.plot(PHASES, high, **style)
-        axes.plot(PHASES, low, **style | {"label": None})
-    axes.plot(PHASES, mean, **LINES["mean"])
-    axes.set(xlabel="phase", ylabel=f"shape [{unit.name}]", xlim=(0.0, 1.0))
+        added = deviations[:, k]
+        axes.fill_between(PHASES, -added, added, color=style["color"], alpha=0.12, linewidth=0)
+        axes.plot(PHASES, added, **style)
+    axes.set(xlabel="phase", ylabel=f"added [{unit.name}]", xlim=(0.0, 1.0))
 
 
 def primitive_figure(
@@ -88,7 +84,7 @@ def primitive_figure(
     shown = demonstrations
     if shown is None:
         shown = reproductions(primitive, range(len(primitive.durations)))
-    lines = [LINES["demonstration"], LINES["mean"], *_component_lines(primitive)]
+    lines = [LINES["demonstration"], *_component_lines(primitive)]
     panels = joint_panels(figure, primitive.joint_names, 2)
     add_header(figure, title, lines)
     for joint, (above, below) in enumerate(panels):
@@ -117,7 +113,7 @@ def _component_lines(primitive: MovementPrimitive) -> list[Line]:
     n_most = max(map(len, ratios.values()), default=0)
     return [
         palette_line(
-            f"±1 sd, component {k + 1}" + (f" ({100 * shares[k]:.1f} %)" if shares else ""), k, 1.8
+            f"component {k + 1}, 1 sd" + (f" ({100 * shares[k]:.1f} %)" if shares else ""), k, 1.8
         )
         for k in range(min(n_most, MAX_COMPONENTS))
     ]

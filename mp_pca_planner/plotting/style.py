@@ -36,21 +36,18 @@ STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)))
 BLACK, GREY = "#000000", "#8C8C8C"
 
 
-# Most panels beside each other.
-MAX_COLUMNS = 4
+# Most panels beside each other, and widths of panels where they are few or many [inches].
+MAX_COLUMNS, FEW_COLUMNS = 7, 4
+WIDE, NARROW = 3.5, 2.4
 # Most demonstrations behind a segment of a plan; more hide each other.
 MAX_BEHIND = 8
 # Most components around one mean; more curves are not distinguishable.
 MAX_COMPONENTS = 3
-# A limit is drawn if it is nearer to the curve than this share of the curve's range; a farther
-# one would flatten the curve.
-NEAR_LIMIT = 0.25
-# Share of a limit from which on it is reached: planned motions end just below it.
-REACHED_LIMIT = 0.95
-# Smallest ranges of a vertical axis [SI units] of positions and velocities, and of efforts:
-# rounding errors of joints at rest stay invisible.
+# A limit is drawn if it is nearer to the curves than this share of their range; a farther one would
+# flatten them.
+NEAR_LIMIT = 0.5
+# Smallest range of a vertical axis [rad or m]: rounding errors of joints at rest stay invisible.
 MIN_SPAN = 0.02
-MIN_EFFORT_SPAN = 0.2
 
 # Share of a figure's width up to which its header reaches: letters are wider at other resolutions.
 _WIDEST = 0.97
@@ -70,12 +67,11 @@ def palette_line(label: str, index: int, width: float = 2.2) -> Line:
 LINES = {
     "limit": line("limit", BLACK, (0, (2, 2)), 1.5),
     "behind": line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6),
-    "predicted": line("predicted", "#9AD0F0", "-", 5.0, zorder=1.6),
     "minimum jerk": line("minimum jerk", BLACK, (0, (1, 1.5)), 1.5, zorder=1.7),
+    "obstacle": line("obstacle", "#E8D9B5", width=8.0, zorder=1.2),
     "via": line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3),
     "warning": line("", COLOURS[1], "", marker="^", markersize=11),
     "demonstration": line("demonstrations", GREY, "-", 0.8),
-    "mean": line("mean", BLACK, "-", 2.5),
     "motion": line("motion", "#CFE6F5", width=8.0),
     "rest": line("rest", "#E6E6E6", width=8.0),
 }
@@ -184,7 +180,8 @@ def joint_panels(figure: Figure, names: Sequence[str], n_rows: int) -> list[list
     """
     n_bands = ceil(len(names) / MAX_COLUMNS)
     n_columns = ceil(len(names) / n_bands)
-    figure.set_size_inches(3.5 * max(n_columns, 2), 2.3 * n_bands * n_rows)
+    width = WIDE if n_columns <= FEW_COLUMNS else NARROW
+    figure.set_size_inches(width * max(n_columns, 2), 2.3 * n_bands * n_rows)
     grid = figure.subplots(n_bands * n_rows, n_columns, squeeze=False)
     panels = []
     for j in range(n_bands * n_columns):

@@ -174,7 +174,7 @@ def answer_html(answer: PlanAnswer) -> str:
         title = "Motion found" if is_fine else "Motion found, not optimal"
         colour = WARNING if unlike or not is_fine else GOOD
         head = part("verdict", title, plan.message, colour)
-    found = f"with the primitive '{plan.primitive}' in {1e3 * answer.seconds:.0f} ms"
+    found = f"planned in {1e3 * answer.seconds:.0f} ms with the primitive '{plan.primitive}'"
     return head + part("lines", [*plan.remarks, found])
 
 

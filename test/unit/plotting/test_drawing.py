@@ -12,16 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.arm import arm_primitive, arm_robot
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.plotting.motion import (
-    motion_figure,
-    plan_figure,
-)
+from mp_pca_planner.plotting.motion import motion_figure, outlines, plan_figure
 from mp_pca_planner.plotting.primitive import primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
 from mp_pca_planner.plotting.style import MAX_BEHIND, add_header, line, picture, styled_figure
@@ -32,6 +30,7 @@ from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.recording_set import RecordingReport, Segment
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.robot.limits import JointLimits
+from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World
 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 
@@ -129,25 +128,13 @@ def test_picture_of_a_motion_shows_the_motion_and_what_it_is_compared_with(tmp_p
     assert n_pixels(compared, ORANGE) > 500
 
 
-def test_limits_are_drawn_where_the_motion_comes_near(tmp_path: Path) -> None:
-    def black(max_velocity: float) -> int:
-        limits = JointLimits(names(2), {"joint0": {"max_velocity": max_velocity}})
-        path = tmp_path / f"{max_velocity}.png"
-        draw_motion(path, trajectory(), limits=limits)
-        return n_pixels(path, BLACK)
-
-    # The fastest that joint0 gets is 2 rad/s; only the lines of the limit are pure black.
-    assert black(2.1) > black(20.0) + 100
-
-
 def test_prismatic_joints_are_drawn_in_metres() -> None:
     motion = trajectory()
     with styled_figure() as figure:
-        motion_figure(figure, {"planned": motion}, "A motion", prismatic=["joint1"])
-    panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figure.axes}
-    np.testing.assert_allclose(panels["position [m]"], motion.positions[:, 1])
-    np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(motion.positions[:, 0]))
-    np.testing.assert_allclose(panels["velocity [m/s]"], motion.velocities[:, 1])
+        rows = motion_figure(figure, {"planned": motion}, "A motion", prismatic=["joint1"])
+    assert [axes.get_ylabel() for axes in rows] == ["deg", "m"]
+    np.testing.assert_allclose(rows[0].lines[0].get_ydata(), np.rad2deg(motion.positions[:, 0]))
+    np.testing.assert_allclose(rows[1].lines[0].get_ydata(), motion.positions[:, 1])
 
 
 def test_shapes_of_prismatic_joints_are_drawn_in_metres() -> None:
@@ -158,23 +145,66 @@ def test_shapes_of_prismatic_joints_are_drawn_in_metres() -> None:
     panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figure.axes}
     np.testing.assert_allclose(panels["position [m]"], demonstrations[0, :, 1])
     np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(demonstrations[0, :, 0]))
-    assert "shape [m]" in panels and "shape [deg]" in panels
+    assert "added [m]" in panels and "added [deg]" in panels
 
 
-@pytest.mark.parametrize(("share", "is_reached"), [(0.99, True), (0.5, False)])
-def test_accelerations_have_panels_where_a_limit_is_reached(share: float, is_reached: bool) -> None:
+@pytest.mark.parametrize("share", [0.99, 0.5])
+def test_the_limit_that_a_joint_uses_most_is_stated(share: float) -> None:
     motion = trajectory()
-    largest = float(np.abs(motion.accelerations[:, 1]).max())
-    limits = JointLimits(names(2), {"joint1": {"max_acceleration": largest / share}})
+    largest = {
+        name: float(np.abs(getattr(motion, name)[:, 1]).max())
+        for name in ("velocities", "accelerations", "efforts")
+    }
+    bounds = {
+        "max_velocity": largest["velocities"] / 0.7,
+        "max_acceleration": largest["accelerations"] / share,
+        "max_effort": largest["efforts"] / 0.3,
+    }
+    limits = JointLimits(names(2), {"joint1": bounds})
     with styled_figure() as figure:
-        panels = motion_figure(figure, {"a": motion}, "Motion", limits)
-    assert [len(column) for column in panels] == [3 + is_reached] * 2
-    if is_reached:
-        curve, *bounds = panels[1][2].lines
-        np.testing.assert_allclose(curve.get_ydata(), np.rad2deg(motion.accelerations[:, 1]))
-        expected = np.rad2deg(largest / share)
-        assert expected in [pytest.approx(abs(bound.get_ydata()[0])) for bound in bounds]
-        assert panels[0][2].get_ylabel() == "acceleration [deg/s²]"
+        rows = motion_figure(figure, {"a": motion}, "Motion", limits)
+    name, most = ("acceleration", 99) if share > 0.7 else ("velocity", 70)
+    assert [axes.get_title(loc="right") for axes in rows] == ["", f"{most} % of the {name} limit"]
+
+
+def test_near_limits_of_the_position_are_lines_and_far_ones_are_stated() -> None:
+    motion = trajectory()
+    top = float(motion.positions[:, 0].max())
+    near = {"min_position": -0.3, "max_position": top + 0.2}
+    limits = JointLimits(names(2), {"joint0": near, "joint1": {"min_position": -9.0}})
+    with styled_figure() as figure:
+        rows = motion_figure(figure, {"a": motion}, "Motion", limits)
+    drawn = [axis.get_ydata()[0] for axis in rows[0].lines[1:]]
+    np.testing.assert_allclose(drawn, np.rad2deg([-0.3, top + 0.2]))
+    assert rows[0].get_title(loc="right") == "" and len(rows[1].lines) == 1
+    assert rows[1].get_title(loc="right") == "range -516 to inf deg"
+
+
+TURN = Rotation.from_rotvec([0.3, -0.5, 0.9])
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [Box([0.3, 0.2, 0.5]), Sphere(0.2), Cylinder(0.1, 0.6), Capsule(0.1, 0.4)],
+)
+@pytest.mark.parametrize("plane", [[0, 1], [1, 2]])
+def test_outlines_are_the_shadows_of_obstacles(shape: Shape, plane: list[int]) -> None:
+    """The width of a shadow in every direction is that of the surface made by trimesh."""
+    trimesh = pytest.importorskip("trimesh")
+    solids = {
+        Box: lambda x: trimesh.creation.box(x.size),
+        Sphere: lambda x: trimesh.creation.icosphere(4, x.radius),
+        Cylinder: lambda x: trimesh.creation.cylinder(x.radius, x.height, sections=96),
+        Capsule: lambda x: trimesh.creation.capsule(x.height, x.radius, count=[64, 64]),
+    }
+    placed = shape.moved(np.concatenate([[1.0, 2.0, 3.0], TURN.as_quat()]))
+    (outline,) = outlines(Obstacle("it", placed), plane)
+    surface = TURN.apply(solids[type(shape)](shape).vertices)
+    points = np.add(surface, [1.0, 2.0, 3.0])[:, plane]
+    angles = np.linspace(0.0, 2.0 * np.pi, 16)
+    directions = np.array([np.cos(angles), np.sin(angles)])
+    widths = [(shadow @ directions).max(axis=0) for shadow in (outline, points)]
+    np.testing.assert_allclose(*widths, atol=2e-3)
 
 
 def all_legends_inside(figure: Any) -> bool:
@@ -230,7 +260,7 @@ def test_names_are_shown_as_they_are() -> None:
     with styled_figure() as figure:
         motion_figure(figure, {name: motion}, name)
         figure.draw_without_rendering()
-        texts = [figure.axes[0].title, *figure.legends[0].get_texts()]
+        texts = [figure.axes[0]._left_title, *figure.legends[0].get_texts()]
     assert [text.get_text() for text in texts] == [r"a$_b$\n\x1b"] * 2
     assert not any(text.get_parse_math() for text in texts)
 
@@ -275,7 +305,7 @@ def test_plan_shows_its_vias_where_it_passes_them() -> None:
         panels = plan_figure(figure, found, planner)
         assert all_legends_inside(figure)
     motion = found.trajectory
-    for joint, (above, *_) in enumerate(panels):
+    for joint, above in enumerate(panels):
         (via,) = (x for x in above.lines if x.get_marker() == "D")
         passed = found.via_phases[0] * motion.duration
         expected = np.interp(passed, motion.times, motion.positions[:, joint])
@@ -294,23 +324,30 @@ def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
     away = np.linalg.norm((ends - ends[3]) / (ends.std(axis=0) + 1e-3), axis=(1, 2))
     nearest = np.argsort(away)[:MAX_BEHIND]
     assert nearest[0] == 3
-    entries = [x.get_text() for x in figure.legends[0].get_texts()]
-    assert entries[-2:] == ["predicted", "minimum jerk"]
-    expected = primitive.predict(ends[3, 0], ends[3, 1], found.duration)
-    for joint, (above, *_) in enumerate(panels):
-        planned, *behind, predicted, straight = above.lines
-        times, shown = predicted.get_data()
-        same = np.interp(times, expected.times, np.rad2deg(expected.positions[:, joint]))
-        np.testing.assert_allclose(shown, same, atol=0.05)
-        s = np.asarray(straight.get_xdata()) / found.duration
-        minimum_jerk = 10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5
-        path = np.rad2deg(ends[3, 0, joint] + minimum_jerk * np.diff(ends[3, :, joint]))
-        np.testing.assert_allclose(straight.get_ydata(), path, atol=1e-6)
+    for joint, above in enumerate(panels):
+        *behind, planned = (x for x in above.lines if len(x.get_xdata()) > 2)
         assert len(behind) == MAX_BEHIND
         assert all(x.get_zorder() < planned.get_zorder() for x in behind)
         shown = np.array([x.get_ydata()[[0, -1]] for x in behind])
         np.testing.assert_allclose(shown, np.rad2deg(ends[nearest][:, :, joint]), atol=1e-6)
         assert {x.get_xdata()[-1] for x in behind} == {found.duration}
+
+
+def test_plan_shows_the_path_of_the_hand_and_the_obstacles_beside_it() -> None:
+    found, planner = plan_between(3, 3)
+    ball = Obstacle("the ball", Sphere(0.1, [0.2, 0.3, 0.4]))
+    planner = Planner(planner.robot, planner.primitives, planner.limits, world=World([ball]))
+    with styled_figure() as figure:
+        rows = plan_figure(figure, found, planner)
+    assert len(figure.axes) == len(rows) + 2
+    hand = arm_robot().frame_positions(found.trajectory.positions, [arm_robot().end_effector])[:, 0]
+    side = int(np.argmax(np.ptp(hand[:, :2], axis=0)))
+    for axes, plane in zip(figure.axes[len(rows) :], ([0, 1], [side, 2]), strict=True):
+        assert any(np.allclose(x.get_xydata(), hand[:, plane]) for x in axes.lines[MAX_BEHIND:])
+        (patch,) = axes.patches
+        middle = 0.5 * (patch.get_xy().min(axis=0) + patch.get_xy().max(axis=0))
+        np.testing.assert_allclose(middle, np.array([0.2, 0.3, 0.4])[plane], atol=1e-9)
+        assert "the ball" in [text.get_text() for text in axes.texts]
 
 
 # Figures for notebooks
@@ -331,9 +368,9 @@ def test_a_prediction_without_a_robot_is_drawn_as_it_is() -> None:
     primitive = arm_primitive()
     motion = primitive.predict(*primitive.boundary_states[0, [0, 3]])
     panels = motion.plot()
-    assert panels.shape == (primitive.n_joints, 2)  # no efforts are known
-    for axes, q in zip(panels[:, 0], motion.positions.T, strict=True):
+    assert panels.shape == (primitive.n_joints,)
+    for axes, q in zip(panels, motion.positions.T, strict=True):
         (drawn,) = [one for one in axes.lines if len(one.get_ydata()) == motion.n_steps]
         np.testing.assert_allclose(drawn.get_ydata(), np.rad2deg(q), atol=1e-9)
-    assert pyplot.gcf() is panels[0, 0].figure
+    assert pyplot.gcf() is panels[0].get_figure(root=True)
     pyplot.close(pyplot.gcf())
