@@ -261,7 +261,7 @@ def test_report_is_one_page_that_shows_what_was_found(
     for name in NAMES:
         assert name in page.text
     assert "broken" in page.text and facts["refused"][0]["reason"] in page.text
-    assert "minimum-jerk" in page.text
+    assert "1 recording rejected" in page.text
     assert "paper's arm" not in page.text  # this is another arm
     for report in load_recordings([bags]).reports:
         assert f"rest below {np.rad2deg(report.thresholds.rest):.2f} deg/s" in page.text
