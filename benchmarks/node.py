@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Latencies of the node over real topics: goals, stops and obstacles.
+"""Latencies of the node over real topics: goals and stops.
 
     python3 benchmarks/node.py [--goals 40] [--motions 15] [--obstacles 20]
 
 The arm is that of ``config/human_arm.urdf``, the node a process of its own, without other robots.
 A goal's latency ends when the client's middleware has its trajectory. "Among obstacles" there are
 boxes around the robot, self-collision is checked, and velocity, acceleration, jerk and effort are
-limited. Then motions of 3 s are interrupted: by a call of ``~/stop``, and by an obstacle on their
-path, which the node avoids or, if it finds no other motion in time, stops for.
+limited. Then motions of 3 s are stopped by a call of ``~/stop``. Obstacles on the path of a motion:
+``python3 -m campaigns.obstacle_stops``, in `test/`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,6 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.ros.client import Answer, GoalClient, this_machine_only
 from mp_pca_planner.ros.nodes import LATCHED
 
@@ -46,9 +45,8 @@ RATES = (20.0, 1000.0)  # of joint states [Hz]
 N_ROUNDS = 4
 # A robot that never moves: for a moment after a motion, the node waits for it to start.
 PAUSE = 0.6
-RADIUS = 0.03
 LIMITS = {"max_velocity": 3.0, "max_acceleration": 12.0, "max_jerk": 240.0, "max_effort": 60.0}
-DURATION = 3.0  # of the motions that are interrupted [s]
+DURATION = 3.0  # of the motions that are stopped [s]
 TIMEOUT = 20.0
 
 Latencies = dict[str, list[float]]
@@ -59,7 +57,7 @@ def main() -> None:
     """Run the measurements and print them."""
     parser = benchmark_parser(__doc__)
     parser.add_argument("--goals", type=int, default=40, help="of a robot at rest, of each kind")
-    parser.add_argument("--motions", type=int, default=15, help="to be interrupted, of each kind")
+    parser.add_argument("--motions", type=int, default=15, help="to be stopped")
     parser.add_argument("--obstacles", type=int, default=20, help="beside the motions")
     arguments = parser.parse_args()
     os.environ.update(this_machine_only())
@@ -73,7 +71,7 @@ def main() -> None:
     found["goal to trajectory, among obstacles"] = latencies(answers)
     with user_among(arguments.obstacles, ends[0], "-p", f"duration:={DURATION}") as user:
         for end in ends[1 : arguments.motions + 1]:
-            for what, seconds in user.stop(end) + user.interrupt(end):
+            for what, seconds in user.stop(end):
                 found.setdefault(what, []).append(seconds)
     header = ["from … to …", "number", "median [ms]", "90 %", "99 %", "longest"]
     rows = [
@@ -150,7 +148,7 @@ class User:
     """Sends goals, stops and obstacles, and measures when trajectories come."""
 
     def __init__(self, client: GoalClient, node: Popen[str]) -> None:
-        self._client, self._robot = client, Robot.from_file(URDF, JOINT_NAMES)
+        self._client = client
         self._node = node
         topic = f"{client.planner}/obstacles"
         self._obstacles = client.node.create_publisher(MarkerArray, topic, LATCHED)
@@ -191,30 +189,6 @@ class User:
         stopped, trajectory = self._next_trajectory(n, called)
         wait_for_arrival(trajectory)
         return [("call of ~/stop to its answer", answered), ("call of ~/stop to the stop", stopped)]
-
-    def interrupt(self, end: np.ndarray) -> list[tuple[str, float]]:
-        """Put an obstacle on the path of a motion: the time until the next trajectory [s]."""
-        answer = self._send(end)
-        if answer.trajectory is None:
-            return []
-        path = np.array([point.positions for point in answer.trajectory.points])
-        hand = self._robot.frame_positions(path, [self._robot.frame_names[-1]])[:, 0]
-        one = Marker(ns="path", id=1, type=Marker.SPHERE)
-        one.scale.x = one.scale.y = one.scale.z = 2.0 * RADIUS
-        place = one.pose.position
-        place.x, place.y, place.z = map(float, hand[int(0.6 * len(hand))])
-        # A robot that has hardly moved does not show yet whether it follows the motion.
-        time.sleep(0.25 * DURATION)
-        n, sent = len(self._client.trajectories), time.monotonic()
-        self._obstacles.publish(MarkerArray(markers=[one]))
-        latency, new = self._next_trajectory(n, sent)
-        leads_around = np.allclose(new.points[-1].positions, end, atol=1e-3)
-        wait_for_arrival(new)
-        self._obstacles.publish(MarkerArray(markers=[Marker(ns="path", id=1, action=2)]))
-        time.sleep(0.1)
-        return [
-            (f"obstacle on the path to {'a way around' if leads_around else 'a stop'}", latency)
-        ]
 
     def _send(self, end: np.ndarray) -> Answer:
         self._stamp += 1

@@ -41,7 +41,7 @@ COMMANDS = {
     "node": "python3 benchmarks/node.py",
     "mujoco_arms": "python3 benchmarks/mujoco_arms.py --models mujoco_menagerie",
     "moving_robot": "python3 -m campaigns.moving_robot --events 1000",
-    "control_bound": "python3 benchmarks/control_bound.py",
+    "control_bound": "python3 -m campaigns.control_bound",
     "learning": "python3 benchmarks/learning.py",
 }
 

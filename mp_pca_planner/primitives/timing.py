@@ -94,7 +94,7 @@ def arc_length_warp(
         The motion at evenly spaced times [rad or m].
     speed_of_rest : float
         Share of the mean speed that is added to the speed, so that the warp increases during a
-        rest within a motion. Values from 0.02 to 0.4 hardly change benchmarks/naturalness.py.
+        rest within a motion. Values from 0.02 to 0.4 hardly change predictions.
     min_path : float
         Shorter paths are rounding errors [rad or m].
 

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Test of crash safety: processes are killed while they write, and earlier files stay intact.
 
-    python3 -m campaigns.kills [--kills 200] [--node-kills 50] [--seed 0]
+    python3 -m campaigns.kills [--kills 200] [--seed 0]
 
-`build_primitives --force`, `refine --force`, and the node while it serves
-~/save_motion get a SIGKILL after their first write. Then each earlier file must hold its complete
-old or new content. The same command must then succeed.
-The script exits with 1 otherwise.
+`build_primitives --force` and `refine --force` get a SIGKILL after their first write. Then each
+earlier file must hold its complete old or new content. The same command must then succeed. The
+script exits with 1 otherwise.
 """
 
 from __future__ import annotations
@@ -18,10 +17,8 @@ import shutil
 import signal
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -145,50 +142,6 @@ def kill(victim: Victim, seeds: Path, work: Path, n: int, random: np.random.Gene
     return problems
 
 
-def kill_node(n: int, work: Path, random: np.random.Generator) -> list[str]:
-    """Kill the node this many times while it saves a motion; return the failures."""
-    from campaigns.node_exits import wait_until_served, write_parameters
-    from sensor_msgs.msg import JointState
-    from support.node_setup import RobotClient, primitive_file, start_node
-
-    from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-    from mp_pca_planner.ros.client import NoAnswerError, this_machine_only
-
-    os.environ.update(this_machine_only())
-    motion = generate_motions(1, seed=2)[0]
-    state, goal = (JointState(name=JOINT_NAMES, position=motion.positions[k]) for k in (0, -1))
-    problems, takes, folder = [], 0.0, work / "kept"
-    folder.mkdir(parents=True)
-    with primitive_file() as file, RobotClient() as client:
-        options = ("--params-file", str(write_parameters(file)), "-p", f"save_folder:={folder}")
-        for k in range(n + 1):
-            before = contents(folder)
-            node = start_node(*options)
-            wait_until_served(client, state, goal)
-            killer = threading.Timer(random.uniform(0.0, 1.2 * takes), node.kill)
-            if k > 0:
-                killer.start()
-            else:
-                client.call("save_motion", timeout=30.0)  # the first call finds the service
-            began = time.perf_counter()
-            with suppress(NoAnswerError):
-                client.call("save_motion", timeout=30.0 if k == 0 else 1.0)
-            takes = takes or time.perf_counter() - began
-            node.kill()
-            node.wait()
-            found = contents(folder)
-            lasting = [name for name in before if not is_temporary(name)]
-            changed = [name for name in lasting if found.get(name) != before[name]]
-            problems += [f"~/save_motion, kill {k}: '{name}' has changed" for name in changed]
-            problems += [f"~/save_motion, kill {k}: {one}" for one in unreadable(folder)]
-    n_kept = len([name for name in found if not is_temporary(name)]) - 2
-    print(
-        f"{'~/save_motion':20} {n} kills, {n_kept} of them after the file was there; "
-        f"it takes {1e3 * takes:.0f} ms; {len(problems)} problems"
-    )
-    return problems
-
-
 def unreadable(folder: Path) -> list[str]:
     """Errors of primitive files below a folder."""
     problems = []
@@ -219,7 +172,6 @@ def main() -> int:
     """Run all kills and print a line per command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--node-kills", type=int, default=50, help="of the node; needs ROS 2")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     random = np.random.default_rng(arguments.seed)
@@ -233,8 +185,6 @@ def main() -> int:
         victims = [Victim("build_primitives", build), Victim("refine", refined)]
         for victim in victims:
             problems += kill(victim, seeds, work, arguments.kills // len(victims), random)
-        if arguments.node_kills:
-            problems += kill_node(arguments.node_kills, Path(temporary, "node"), random)
     for problem in problems:
         print(problem, file=sys.stderr)
     return int(bool(problems))

@@ -3,10 +3,9 @@
 """Fuzz test of the node: random messages on every topic, odd values for every parameter.
 
 Run it as ``python3 -m campaigns.node_fuzz``. After each step, the services are called, the
-parameters are reset, and a valid goal must be served. During each step, another process calls
-``~/stop``, which has to answer within 50 ms on a machine that does nothing else. The script exits
-with status 1 if the node dies, does not answer, answers later, or reports an internal error.
-`test/ros/test_node_fuzz.py` runs a short version.
+parameters are reset, and a valid goal must be served. The script exits with status 1 if the node
+dies, does not answer, or reports an internal error. `test/ros/test_node_fuzz.py` runs a short
+version; `stop_latency` measures how soon ``~/stop`` answers during the inputs that take long.
 """
 
 from __future__ import annotations
@@ -23,9 +22,7 @@ from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
-import numpy as np
 from campaigns.fuzz_states import ODD_STATES, odd_states
-from campaigns.stop_latency import BARE, MORE, STOP, StopClient
 from geometry_msgs.msg import PoseStamped, Vector3
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -114,11 +111,9 @@ def main() -> int:
         own = ("-p", f"primitives:=['{file}']", "-p", f"save_folder:='{folder}'")
         node = start_node(*own, "-p", "state_timeout:=3600.0", output=log)
         try:
-            with RobotClient() as client, silent_node("fuzzer") as caller, StopClient() as stops:
-                fuzzer = Fuzzer(node, client, caller, stops=stops)
+            with RobotClient() as client, silent_node("fuzzer") as caller:
+                fuzzer = Fuzzer(node, client, caller)
                 fuzzer.check("the start")
-                # Modules that are loaded once keep the lock of the interpreter for up to 150 ms.
-                fuzzer.stop_times.clear()
                 fuzzer.send_garbage(arguments.messages)
                 fuzzer.send_too_much()
                 fuzzer.send_odd_states(arguments.messages // 10)
@@ -134,16 +129,10 @@ def main() -> int:
         f"{fuzzer.n_steps} steps with {fuzzer.n_sent} messages and values, {fuzzer.n_served} good "
         "goals served in between"
     )
-    times = np.array(fuzzer.stop_times)
-    n_late = fuzzer.n_late
-    print(
-        f"~/stop: {len(times)} answers, median {1e3 * np.median(times):.1f} ms, longest "
-        f"{1e3 * times.max():.1f} ms, {n_late} late"
-    )
     print(f"the node ended with status {status} and logged {len(found)} kinds of internal errors")
     for text, k in found.items():
         print(f"{text}, after:", *lines[max(k - _N_BEFORE, 0) : k], sep="\n")
-    return int(status != 0 or bool(found) or n_late > 0)
+    return int(status != 0 or bool(found))
 
 
 class Fuzzer:
@@ -159,8 +148,6 @@ class Fuzzer:
         A node of the fuzzer's own.
     seed : int
         Seed of the random input.
-    stops : StopClient, optional
-        Stops the robot during each step.
     """
 
     def __init__(
@@ -169,12 +156,8 @@ class Fuzzer:
         client: RobotClient,
         caller: Node,
         seed: int = 1,
-        stops: StopClient | None = None,
     ) -> None:
         self.n_steps = self.n_served = self.n_sent = 0
-        self.stop_times = list[float]()
-        self._stops = stops
-        self.n_late = 0
         self._node, self._client, self._caller = node, client, caller
         self._executor = SingleThreadedExecutor(context=caller.context)
         self._executor.add_node(caller)
@@ -258,14 +241,6 @@ class Fuzzer:
         """Reset the parameters and check that the next valid goal is served."""
         self.n_steps += 1
         client = self._client
-        if self._stops is not None:
-            self._stops.pause()  # a valid goal must not be stopped
-            times = self._stops.times()
-            most = times[BARE].max(initial=0.0) + MORE
-            if (longest := times[STOP].max(initial=0.0)) > most:
-                self.n_late += 1
-                print(f"~/stop took {1e3 * longest:.0f} ms during {what}", file=sys.stderr)
-            self.stop_times += times[STOP].tolist()
         assert self._node.poll() is None, f"the node died of {what}"
         result = self._set_first_values()
         assert result.successful, f"after {what}: {result.reason}"
@@ -281,8 +256,6 @@ class Fuzzer:
         self.n_served += 1
         client.reports.clear()
         client.trajectories.clear()
-        if self._stops is not None:
-            self._stops.resume()
 
     def _next_goal(self) -> JointState:
         """A new goal with its own stamp."""

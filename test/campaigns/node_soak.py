@@ -5,11 +5,6 @@
 Run it as ``python3 -m campaigns.node_soak``; joint states are published at 500 Hz meanwhile. The
 script exits with status 1 if a goal gets a wrong answer, a motion is missing, or the memory grows
 by 5 MB.
-
-With ``--flood RATE`` it sends goals at this rate without waiting for reports. Then it compares
-three counts: the goals that the node received by its own statistics, the reports received by a fast
-client, and those received by a slow client. It exits with status 1 if a received goal has no report
-or several.
 """
 
 from __future__ import annotations
@@ -18,21 +13,17 @@ import argparse
 import itertools
 import os
 import sys
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from multiprocessing import Queue
 from subprocess import Popen
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -49,9 +40,8 @@ from support.node_setup import (
 )
 from trajectory_msgs.msg import JointTrajectory
 
-from mp_pca_planner.execution.outcomes import GoalOutcome
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.ros.client import is_served, report_values, this_machine_only
+from mp_pca_planner.ros.client import is_served, this_machine_only
 from mp_pca_planner.ros.messages import to_stamp_text
 
 T = TypeVar("T")
@@ -59,7 +49,6 @@ T = TypeVar("T")
 _KINDS = ("good", "bad", "mixed")
 _MOST_MEGABYTES = 5.0
 _PATIENCE = 5.0
-_COUNTS = tuple(GoalOutcome)
 
 
 class Outcome(NamedTuple):
@@ -77,12 +66,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--goals", type=int, default=21_000, help="number of goals")
     parser.add_argument("--rate", type=float, default=75.0, help="goals per second of all clients")
-    parser.add_argument("--flood", type=float, metavar="RATE", help="goals per second, unawaited")
     arguments = parser.parse_args()
     os.environ.update(this_machine_only())
     start = generate_motions(1, seed=2)[0].positions[0].tolist()
-    if arguments.flood:
-        return flood(arguments.goals, arguments.flood, start)
     n_goals = arguments.goals // len(_KINDS)
     outcomes: Queue[Outcome] = PROCESSES.Queue()
     with running_node("--log-level", "fatal") as node, joint_states(500.0, start):
@@ -107,101 +93,6 @@ def main() -> int:
         print(f"{len(found)} goals in {took:.0f} s, load of the machine {os.getloadavg()[0]:.1f}")
         print(f"the node took {share:.0%} of one core")
         return report(found, memory)
-
-
-def flood(n_goals: int, rate: float, start: list[float]) -> int:
-    """Send goals without waiting; print counts of goals and reports; return the exit status."""
-    with (
-        running_node("--log-level", "fatal"),
-        joint_states(500.0, start),
-        RobotClient("monitor") as monitor,
-        silent_node("sender") as sender,
-        silent_node("keeping") as keeper,
-        silent_node("lagging") as laggard,
-    ):
-        monitor.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
-        monitor.wait_for_model()
-        keeping = Reader(keeper, QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL))
-        lagging = Reader(laggard, QoSProfile(depth=10), pause=2e-3)
-        before = n_taken(monitor)
-        send_unawaited(sender, n_goals, rate)
-        taken = n_taken(monitor) - before
-        reported = Counter(keeping.stamps())
-        lagged = set(lagging.stamps())
-    print(f"{n_goals} goals at {rate:g}/s, load of the machine {os.getloadavg()[0]:.1f}")
-    print(f"the node took {taken}; the middleware replaced {n_goals - taken} by newer ones before")
-    print(
-        f"the client that keeps all has reports of {len(reported)} goals, "
-        f"{reported.total() - len(reported)} twice; its middleware lost {keeping.n_lost}"
-    )
-    print(f"the client that lags has reports of {len(lagged)} goals (lost: {lagging.n_lost})")
-    return int(not taken == len(reported) == reported.total())
-
-
-def n_taken(monitor: RobotClient) -> int:
-    """Final number of goals that the node received, by its own statistics."""
-    counts = [-1]
-    while len(counts) < 3 or counts[-1] != counts[-3]:
-        values = monitor.wait_for_diagnostics()
-        counts.append(sum(int(values[f"goals_{what}"]) for what in _COUNTS))
-    return counts[-1]
-
-
-def send_unawaited(node: Node, n_goals: int, rate: float) -> None:
-    """Send valid and invalid goals in turn, each with its own stamp."""
-    random = np.random.default_rng(1)
-    ends = [motion.positions[-1] for motion in generate_motions(100, seed=3)]
-    qos = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
-    publisher = node.create_publisher(JointState, "mp_pca_planner/goal", qos)
-    while not publisher.get_subscription_count():
-        time.sleep(0.01)
-    due = time.monotonic()
-    for k in range(n_goals):
-        end = ends[random.integers(len(ends))] + random.uniform(-1e-3, 1e-3, 4)
-        goal = JointState(name=JOINT_NAMES, position=(end if k % 2 else 100.0 * end).tolist())
-        goal.header.stamp.sec, goal.header.stamp.nanosec = 1, k
-        publisher.publish(goal)
-        due += 1.0 / rate
-        time.sleep(max(due - time.monotonic(), 0.0))
-
-
-class Reader:
-    """Collects reports in a separate thread, with a pause after each [s]."""
-
-    def __init__(self, node: Node, qos: QoSProfile, pause: float = 0.0) -> None:
-        self.n_lost = 0
-        self._reports: list[bytes] = []
-        self._pause = pause
-        subscription = node.create_subscription(
-            DiagnosticStatus,
-            "mp_pca_planner/plan_report",
-            self._keep,
-            qos,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
-            raw=True,
-        )
-        while not subscription.get_publisher_count():
-            time.sleep(0.01)
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        threading.Thread(target=self._spin, args=(executor,), daemon=True).start()
-
-    @staticmethod
-    def _spin(executor: SingleThreadedExecutor) -> None:
-        with suppress(ExternalShutdownException):
-            executor.spin()
-
-    def _keep(self, report: bytes) -> None:
-        self._reports.append(report)
-        time.sleep(self._pause)
-
-    def _on_lost(self, event: Any) -> None:
-        self.n_lost = event.total_count
-
-    def stamps(self) -> list[str]:
-        """The goal stamp of each received report."""
-        found = [deserialize_message(report, DiagnosticStatus) for report in self._reports]
-        return [report_values(report)["goal_stamp"] for report in found]
 
 
 def watch(

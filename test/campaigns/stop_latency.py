@@ -290,13 +290,10 @@ class StopClient:
 
     def __init__(self) -> None:
         self._here, there = PROCESSES.Pipe(duplex=False)
-        self._active = PROCESSES.Event()
-        arguments = [there, self._active]
-        self._process = PROCESSES.Process(target=_stop_again_and_again, args=arguments, daemon=True)
+        self._process = PROCESSES.Process(target=_stop_again_and_again, args=[there], daemon=True)
         self._bare = PROCESSES.Process(target=_serve, daemon=True)
 
     def __enter__(self) -> StopClient:
-        self._active.set()
         self._bare.start()
         self._process.start()
         self._here.poll(120.0)  # it has got its first answer
@@ -306,14 +303,6 @@ class StopClient:
         for process in (self._process, self._bare):
             process.kill()
             process.join()
-
-    def pause(self) -> None:
-        """Stop the robot no more, until `resume`."""
-        self._active.clear()
-
-    def resume(self) -> None:
-        """Stop the robot again and again."""
-        self._active.set()
 
     def times(self) -> dict[str, np.ndarray]:
         """Answer times of both services since the last call [s]; `LOST` without an answer."""
@@ -333,7 +322,7 @@ def _serve() -> None:
         executor.spin()
 
 
-def _stop_again_and_again(times: Connection, active: Any) -> None:
+def _stop_again_and_again(times: Connection) -> None:
     """Call both services in turn and take the answers as they arrive.
 
     An executor of rclpy would add up to 80 ms of its own.
@@ -344,7 +333,6 @@ def _stop_again_and_again(times: Connection, active: Any) -> None:
             client.wait_for_service(120.0)
         time.sleep(1.0)  # the services discover the client, too
         while True:
-            active.wait()
             for name, client in clients.items():
                 began = time.monotonic()
                 client.call_async(Trigger.Request())

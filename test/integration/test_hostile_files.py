@@ -45,5 +45,5 @@ def test_fuzz_notices_what_it_looks_for(tmp_path):
 
 
 def test_killed_writers_leave_every_earlier_file_whole():
-    done = run("kills", "--kills", "24", "--node-kills", "0")
+    done = run("kills", "--kills", "24")
     assert done.returncode == 0, done.stdout + done.stderr

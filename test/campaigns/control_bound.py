@@ -6,7 +6,7 @@ Motions of the human-like arm are planned. Each is simulated many times with err
 of the start, effort limits, sampling at 1 kHz and a delay of one sample. The same for the panda,
 with the same inertia of the rotor at each joint (extra example).
 
-    python3 benchmarks/control_bound.py [--motions 20] [--trials 50]
+    python3 -m campaigns.control_bound [--motions 20] [--trials 50]
 """
 
 from __future__ import annotations
