@@ -133,13 +133,6 @@ def test_frames_without_enough_markers_are_nan_and_told(tmp_path: Path) -> None:
     assert found.residuals["right_shoulder"].n_frames == N - 15 - 10
 
 
-def test_stamps_that_no_mocap_system_made_are_refused_in_the_end(tmp_path: Path) -> None:
-    path = write_marker_arrays(tmp_path / "bag", markers(), rate=1e8)
-    found = load_recordings([path], markers=marker_source("/markers", URDF, MAP))
-    assert not found.demonstrations
-    assert "there is no usable time" in found.refused[0].reason
-
-
 def test_a_joint_that_stays_at_its_limit_is_told(tmp_path: Path) -> None:
     places = markers()
     path = write_marker_arrays(tmp_path / "bag", places)
@@ -157,15 +150,6 @@ def test_chosen_joints_come_in_the_chosen_order(tmp_path: Path) -> None:
     path = write_marker_arrays(tmp_path / "bag", markers())
     q, _ = solved(path, marker_source("/markers", URDF, MAP, JOINTS[::-1]))
     np.testing.assert_allclose(q[:, ::-1], motion(), atol=2e-3)
-
-
-def test_a_marker_map_that_is_wrong_by_a_metre_shows_in_the_residuals(tmp_path: Path) -> None:
-    path = write_marker_arrays(tmp_path / "bag", {name: x[::3] for name, x in markers().items()})
-    right = "right_elbow: {link: lower_arm, position: [0, 0, 0]}"
-    wrong = right.replace("[0, 0, 0]", "[-1, 0, 0]")
-    q, found = solved(path, marker_source("/markers", URDF, changed_map(tmp_path, (right, wrong))))
-    assert np.isfinite(q).all()
-    assert found.residuals["right_elbow"].median > 0.1
 
 
 def test_a_recording_in_which_nothing_can_be_solved_is_refused(tmp_path: Path) -> None:

@@ -60,22 +60,6 @@ def test_markers_of_one_namespace_are_told_apart_by_id(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.positions, PATHS[[1, 2, 0]].transpose(1, 0, 2))
 
 
-def test_a_namespace_with_a_new_id_in_each_message_is_one_marker(tmp_path: Path) -> None:
-    messages = Messages()
-    entries = [
-        (
-            "/markers",
-            MARKER_ARRAY,
-            EPOCH + k * STEP,
-            messages.marker_array(messages.marker("hand", k, PATHS[0, k], EPOCH + k * STEP)),
-        )
-        for k in range(N)
-    ]
-    path = write_messages(tmp_path / "bag", messages, entries)
-    found = read_markers(path, "/markers", placed("hand"))
-    np.testing.assert_array_equal(found.positions[:, 0], PATHS[0])
-
-
 def test_markers_that_are_deleted_or_drawn_as_lines_are_no_places(tmp_path: Path) -> None:
     messages = Messages()
     array = messages.marker_array(
@@ -202,22 +186,6 @@ def test_frames_are_read_by_name(tmp_path: Path, bag_format: str, kind: str) -> 
     path = tf_bag(tmp_path / "bag", bag_format=bag_format, kind=kind)
     found = read_markers(path, "/tf", placed("marker", "hand"))
     np.testing.assert_allclose(found.positions, np.stack([PATHS[1], PATHS[2]], axis=1), atol=1e-12)
-
-
-@pytest.mark.parametrize("bag_format", ["mcap"])
-def test_markers_before_the_damage_are_salvaged(tmp_path: Path, bag_format: str) -> None:
-    long = np.random.default_rng(2).normal(size=(2000, 3))
-    path = write_marker_arrays(tmp_path / "bag", {"elbow": long}, bag_format=bag_format)
-    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
-    content = file.read_bytes()
-    file.write_bytes(content[: int(0.7 * len(content))])
-    with pytest.raises(RecordingError, match="damaged"):
-        read_markers(file, "/markers", placed("elbow"))
-    found = read_markers(file, "/markers", placed("elbow"), salvage=True)
-    n_frames = len(found.positions)
-    assert 1000 < n_frames < 2000
-    np.testing.assert_array_equal(found.positions[:, 0], long[:n_frames])
-    assert f"only the {n_frames} messages" in found.notes[0]
 
 
 def test_a_marker_in_two_frames_is_refused_by_name(tmp_path: Path) -> None:
