@@ -8,6 +8,7 @@ extents; some are cut again by what the others show.
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
 from collections import Counter
@@ -50,6 +51,11 @@ MAX_CHUNK, N_CHUNKS = 16, 64
 # which a recording is rejected: half a turn is beyond any calibration [rad or m].
 _LIMIT_TOLERANCE = 0.0175
 _ABSURD_EXCESS = 3.14
+
+_GRIPPER = re.compile("gripper|finger|knuckle", re.IGNORECASE)
+# Steps in which movements of a gripper and of the arm are compared [s]; speed of a moving arm by
+# its greatest; share of its path by which a gripper moves with the arm.
+_STEP, _ARM_MOVES, _WITH_ARM = 0.2, 0.1, 0.2
 
 
 _OPTIONS = [item.name for item in fields(LoadOptions)]
@@ -464,26 +470,31 @@ def _with_joints_of_set(
     """Give recordings the joints of the set in its order; returns those to read again, by index.
 
     On request, recordings of other joints are rejected. With `moving_only`, joints that move in no
-    recording are no joints of the set; unless joints are chosen, those of a gripper never are. A
-    recording is read again if its other joints move: their defects must not cut it.
+    recording are no joints of the set; unless joints are chosen, those of a gripper that does not
+    move with the arm never are. A recording is read again if its other joints move: their defects
+    must not cut it.
     """
-    still = _still_joints([recording for _, recording in _used(loaded)])
+    recordings = [recording for _, recording in _used(loaded)]
+    still, idle = _still_joints(recordings), set[str]()
     if not moving_only:
-        is_chosen = any(task.options.joints for task in tasks)
-        still = {x for x in still if "gripper" in x.lower() or "finger" in x.lower()}
-        still = set() if is_chosen else still
+        still = {name for name in still if _GRIPPER.search(name)}
+    if any(task.options.joints for task in tasks):
+        still = still if moving_only else set()
+    else:
+        idle = _idle_grippers(recordings) - still
+    out = still | idle
     orders: dict[frozenset[str], tuple[str, ...]] = {}
     counts = Counter[tuple[str, ...]]()
     for _, recording in _used(loaded):
-        joints = tuple(name for name in recording.joint_names if name not in still)
+        joints = tuple(name for name in recording.joint_names if name not in out)
         counts[orders.setdefault(frozenset(joints), joints)] += 1
     common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
     is_one_set = same_joints and 2 * n_common > counts.total()
     again: dict[int, LoadTask] = {}
     for index, recording in _used(loaded):
         task, own = tasks[index], set(recording.joint_names)
-        joints = common if is_one_set else orders[frozenset(own - still)]
-        notes = _left_out(recording.joint_names, joints, still)
+        joints = common if is_one_set else orders[frozenset(own - out)]
+        notes = _left_out(recording.joint_names, joints, still, idle)
         if not own.issuperset(joints):
             loaded[index] = Loaded.refused(
                 task.name,
@@ -503,7 +514,7 @@ def _with_joints_of_set(
         for refusal in one.result.refused if is_one_set and not task.options.joints else ():
             if set(refusal.joint_names).issuperset(common):
                 options = replace(task.options, joints=common)
-                notes = _left_out(refusal.joint_names, common, ())
+                notes = _left_out(refusal.joint_names, common, (), idle)
                 again[index] = replace(task, options=options, notes=notes)
     return again
 
@@ -514,14 +525,35 @@ def _still_joints(recordings: Sequence[Recording]) -> set[str]:
     return {name for x in recordings for name in x.still_joints} - moving
 
 
+def _idle_grippers(recordings: Sequence[Recording]) -> set[str]:
+    """The joints of grippers that move while the other joints rest, by their names and paths."""
+    moved, with_arm = Counter[str](), Counter[str]()
+    for recording in recordings:
+        of_gripper = np.array([bool(_GRIPPER.search(x)) for x in recording.joint_names])
+        if of_gripper.all() or not of_gripper.any():
+            continue
+        stride = max(round(_STEP * recording.sample_rate), 1)
+        paths = np.abs(
+            np.vstack([np.diff(x.positions[::stride], axis=0) for x in recording.pieces])
+        )
+        arm = paths[:, ~of_gripper].sum(axis=1)
+        is_moving = arm > _ARM_MOVES * np.quantile(arm, 0.95)
+        names = [x for x in recording.joint_names if _GRIPPER.search(x)]
+        for name, path in zip(names, paths[:, of_gripper].T, strict=True):
+            moved[name] += float(path.sum())
+            with_arm[name] += float(path[is_moving].sum())
+    return {name for name, path in moved.items() if with_arm[name] < _WITH_ARM * path}
+
+
 def _left_out(
-    names: Sequence[str], joints: Sequence[str], still: Collection[str]
+    names: Sequence[str], joints: Sequence[str], still: Collection[str], idle: Collection[str]
 ) -> tuple[str, ...]:
     """Notes on the joints that are not taken."""
     others = [name for name in names if name not in joints]
     reasons = {
         "they never move": [name for name in others if name in still],
-        "most recordings lack them": [name for name in others if name not in still],
+        "they move while the arm rests": [name for name in others if name in idle],
+        "most recordings lack them": [name for name in others if name not in {*still, *idle}],
     }
     return tuple(
         f"joints left out, as {why}: {quote_names(several)}"

@@ -364,6 +364,26 @@ def test_a_gripper_that_rests_is_left_out_without_a_robot(tmp_path: Path) -> Non
     assert chosen[0].joint_names == (*NAMES, "left_gripper")
 
 
+@pytest.mark.parametrize("moves_with_arm", [False, True])
+def test_a_gripper_is_learned_where_it_moves_with_the_arm(
+    tmp_path: Path, moves_with_arm: bool
+) -> None:
+    motions = reaches()
+    arm = rested(motions, 2.0)  # rests of 2 s between motions of 2 s
+    times = np.arange(len(arm)) / RATE
+    begins, lasts = (2.0, 2.0) if moves_with_arm else (0.5, 1.0)
+    knots = [t for k in range(len(motions)) for t in (4.0 * k + begins, 4.0 * k + begins + lasts)]
+    widths = [width for k in range(len(motions)) for width in ((0.0, 0.08), (0.08, 0.0))[k % 2]]
+    table = np.column_stack([arm, np.interp(times, knots, widths)])
+    names = [*NAMES, "finger_joint"]
+    write_joint_states(tmp_path / "t.mcap", "mcap", names, stamps(len(table)), table)
+    found = mp.load_demonstrations(tmp_path / "t.mcap")
+    assert len(found) == len(motions)
+    assert found[0].joint_names == ((*NAMES, "finger_joint") if moves_with_arm else NAMES)
+    left = "joints left out, as they move while the arm rests: 'finger_joint'"
+    assert (left in found.report) != moves_with_arm
+
+
 def write_hostile(folder: Path, kind: str) -> Path:
     """A small file that unpacks to much, or that never ends."""
     path = folder / "t.csv"
