@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 import time
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import AbstractContextManager, nullcontext
@@ -32,6 +32,7 @@ from ..exceptions import (
     quote_names,
     unknown_name,
 )
+from ..lazy import LazyModule
 from ..robot.model import Robot
 from . import bags, cutting
 from .copies import parts_of_others
@@ -43,6 +44,8 @@ from .recording_set import RecordingReport, RecordingSet, Refusal, Segment
 from .repair import repair
 from .segmentation import ABSURD_EXTENT, absurd_extent, extent, least_extent_of_set
 from .workers import dask_cluster, process_pool
+
+hierarchy = LazyModule("scipy.cluster.hierarchy")
 
 MAX_CHUNK, N_CHUNKS = 16, 64
 """Recordings that are sent to a process together, at most; and so many times they are sent."""
@@ -57,6 +60,10 @@ _GRIPPER = re.compile("gripper|finger|knuckle", re.IGNORECASE)
 # its greatest; share of its path by which a gripper moves with the arm.
 _STEP, _ARM_MOVES, _WITH_ARM = 0.2, 0.1, 0.2
 
+
+# Fewest motions that are looked at for kinds; most kinds; how many times farther kinds are from
+# each other than the parts of one.
+_LEAST_OF_KINDS, _MOST_KINDS, _APART = 8, 6, 2.5
 
 _OPTIONS = [item.name for item in fields(LoadOptions)]
 _OPTIONS += ["jobs", "dask", "executor", "progress", "continuous"]
@@ -236,7 +243,10 @@ def load_recordings(
         results.append(
             RecordingSet(notes=(f"files left out, as they are not recordings: {names}",))
         )
-    return RecordingSet.joined(results)
+    whole = RecordingSet.joined(results)
+    if settings.segments_csv is None:
+        whole = replace(whole, notes=(*whole.notes, *_kinds(whole.demonstrations)))
+    return whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -527,7 +537,7 @@ def _still_joints(recordings: Sequence[Recording]) -> set[str]:
 
 def _idle_grippers(recordings: Sequence[Recording]) -> set[str]:
     """The joints of grippers that move while the other joints rest, by their names and paths."""
-    moved, with_arm = Counter[str](), Counter[str]()
+    moved, with_arm = defaultdict[str, float](float), defaultdict[str, float](float)
     for recording in recordings:
         of_gripper = np.array([bool(_GRIPPER.search(x)) for x in recording.joint_names])
         if of_gripper.all() or not of_gripper.any():
@@ -543,6 +553,27 @@ def _idle_grippers(recordings: Sequence[Recording]) -> set[str]:
             moved[name] += float(path.sum())
             with_arm[name] += float(path[is_moving].sum())
     return {name for name, path in moved.items() if with_arm[name] < _WITH_ARM * path}
+
+
+def _kinds(motions: Sequence[Demonstration]) -> tuple[str, ...]:
+    """A note if motions are of a few kinds, by clusters of their starts and goals."""
+    if len({motion.joint_names for motion in motions}) != 1 or len(motions) < _LEAST_OF_KINDS:
+        return ()
+    ends = np.array([motion.positions[[0, -1]].ravel() for motion in motions])
+    tree = hierarchy.linkage(ends, "average")
+    kinds, greatest = list[int](), _APART
+    for k in range(2, _MOST_KINDS + 1):
+        sizes = Counter(hierarchy.fcluster(tree, k, "maxclust").tolist()).values()
+        apart = tree[-k + 1, 2] / max(tree[-k, 2], 1e-9)
+        if len(sizes) == k and min(sizes) > 1 and apart > greatest:
+            kinds, greatest = sorted(sizes, reverse=True), apart
+    if not kinds:
+        return ()
+    return (
+        f"these look like {len(kinds)} kinds of motions ({', '.join(map(str, kinds))} of them), by "
+        "their starts and goals: if they are, label them in a table of segments and learn each "
+        "kind by itself (--write-segments, --segments and --by label)",
+    )
 
 
 def _left_out(

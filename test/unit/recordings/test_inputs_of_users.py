@@ -464,6 +464,21 @@ def test_arms_of_two_topics_are_taken_together(tmp_path: Path) -> None:
     np.testing.assert_allclose(found[0].positions[:, :3], found[0].positions[:, :2:-1], atol=0.01)
 
 
+# Kinds of motions
+
+
+@pytest.mark.parametrize("n_kinds", [1, 2, 3, 4])
+def test_motions_of_several_kinds_are_told(tmp_path: Path, n_kinds: int) -> None:
+    rng = np.random.default_rng(n_kinds)
+    centres = np.vstack([np.zeros(3), np.eye(3)])[:n_kinds]
+    (course,) = reaches(1)
+    # Motions of one kind differ by some 0.03 rad, those of two by 1 rad.
+    episodes = [course + one + rng.normal(0.0, 0.02, 3) for one in centres for _ in range(6)]
+    table = write_csv(tmp_path / "t.csv", NAMES, episodes)
+    notes = "".join(mp.load_demonstrations(table).notes)
+    assert (f"these look like {n_kinds} kinds" in notes) if n_kinds > 1 else not notes
+
+
 # Files of other programs
 
 
