@@ -39,6 +39,9 @@ from .interpolation import (
 )
 from .trajectory import Trajectory
 
+_Doubtful = tuple[Indices, Indices, Indices, FloatArray]
+"""Pairs, first and last moments of intervals, and the distances there, shape (2, n)."""
+
 # Moments between two samples of 1 ms. Over that time, positions are linear to some 1e-6 rad.
 _PARTS = 16
 
@@ -388,7 +391,7 @@ def _moments_in_collision(
     model: CollisionModel,
     q: FloatArray,
     travelled: FloatArray,
-    doubtful: tuple[Indices, Indices, Indices],
+    doubtful: _Doubtful,
     precisely: bool,
 ) -> dict[int, list[tuple[float, int]]]:
     """Search for collisions along a motion, by halving the intervals that may have one.
@@ -419,20 +422,16 @@ def _moments_in_collision(
         moved = _between(travelled, last) - _between(travelled, first)
         return np.asarray(np.einsum("ej,ej->e", moved, bodies.levers[pairs]))
 
-    def distances_at(moments: Indices, pairs: Indices) -> FloatArray:
-        every, places = np.unique(moments, return_inverse=True)
-        distances = bodies.distances(_between(q, every), places, pairs)
+    def note(moments: Indices, pairs: Indices, distances: FloatArray) -> None:
         for e in np.flatnonzero(~(distances >= CONTACT)):  # a NaN is a collision
             noted = found.setdefault(int(pairs[e]), [])
             noted.append((float(distances[e]), int(moments[e])))
         np.fmin.at(deepest, pairs, distances)
-        return distances
 
-    pairs, first, last = doubtful
+    pairs, first, last, ends = doubtful
     closed = largest_approach(pairs, first, last)
-    both = np.concatenate([first, last]) * n_pairs + np.tile(pairs, 2)
-    every, places = np.unique(both, return_inverse=True)
-    ends = distances_at(*np.divmod(every, n_pairs))[places].reshape(2, -1)
+    every, places = np.unique(_at_ends(first, last, pairs, n_pairs), return_index=True)
+    note(*np.divmod(every, n_pairs), ends.ravel()[places])
     if found and not precisely:
         return found
     uncertain: dict[int, list[tuple[float, int]]] = {}
@@ -453,34 +452,46 @@ def _moments_in_collision(
         pairs, first, last, ends = pairs[kept], first[kept], last[kept], ends[:, kept]
         middle = (first + last) // 2
         middle -= np.where(last - first > _PARTS, middle % _PARTS, 0)
-        between = distances_at(middle, pairs)
+        every, places = np.unique(middle, return_inverse=True)
+        between = bodies.distances(_between(q, every), places, pairs)
+        note(middle, pairs, between)
         pairs = np.tile(pairs, 2)
         first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
         ends = np.block([[ends[0], between], [between, ends[1]]])
         closed = largest_approach(pairs, first, last)
 
 
-def _doubtful(bodies: BodyPairs, trajectory: Trajectory) -> tuple[Indices, Indices, Indices]:
-    """Pairs, and first and last moments of intervals, that bounds of the distances don't clear."""
-    times, q = trajectory.times, trajectory.positions
+def _at_ends(first: Indices, last: Indices, pairs: Indices, n_pairs: int) -> Indices:
+    """A number for each pair at each end of its interval."""
+    return np.concatenate([first, last]) * n_pairs + np.tile(pairs, 2)
+
+
+def _doubtful(bodies: BodyPairs, trajectory: Trajectory) -> _Doubtful:
+    """The pairs and intervals that distances at the ends of intervals don't clear."""
+    times, n_pairs = trajectory.times, len(bodies.margins)
     steps = np.diff(times)
-    if not steps.size:  # a single point is an interval of its own
-        pairs = np.flatnonzero(~(bodies.bounds(q, CONTACT)[0] > CONTACT))
-        return pairs, 0 * pairs, 0 * pairs
-    ends = segment_ends(times, q, trajectory.velocities, trajectory.accelerations)
-    displacements = curve_bounds(ends, steps)[1][1] * steps[:, None]
-    before = np.cumsum(displacements, axis=0) - displacements
-    # Every 32nd sample is checked first.
-    n_parts = parts_of_segments(steps, GRID_PERIOD)
-    n = steps.size * (n_parts + 1)
-    grid = np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp)
-    segment, part = np.divmod(grid, n_parts + 1)
-    share = part / n_parts
-    positions, _, _ = interpolate_at(times[segment] + share * steps[segment], times, ends)
-    travelled = before[segment] + share[:, None] * displacements[segment]
-    closed = np.diff(travelled, axis=0) @ bodies.levers.T
-    pad = np.zeros((1, closed.shape[1]))
+    # A single point is an interval of its own.
+    grid, closed = np.zeros(2, dtype=np.intp), np.zeros((1, n_pairs))
+    q = trajectory.positions[[0, 0]]
+    if steps.size:
+        ends = segment_ends(times, *trajectory.states)
+        displacements = curve_bounds(ends, steps)[1][1] * steps[:, None]
+        before = np.cumsum(displacements, axis=0) - displacements
+        # Every 32nd sample is checked first.
+        n_parts = parts_of_segments(steps, GRID_PERIOD)
+        n = steps.size * (n_parts + 1)
+        grid = np.linspace(0, n - 1, max(2, -(-n // 32))).astype(np.intp)
+        segment, part = np.divmod(grid, n_parts + 1)
+        share = part / n_parts
+        q, _, _ = interpolate_at(times[segment] + share * steps[segment], times, ends)
+        travelled = before[segment] + share[:, None] * displacements[segment]
+        closed = np.diff(travelled, axis=0) @ bodies.levers.T
+    pad = np.zeros((1, n_pairs))
     enough = np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed]))
-    bounds = bodies.bounds(positions, enough)
+    bounds = bodies.bounds(q, enough)
     interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
-    return pairs, _PARTS * grid[interval], _PARTS * grid[interval + 1]
+    every, places = np.unique(_at_ends(interval, interval + 1, pairs, n_pairs), return_inverse=True)
+    distances = bodies.distances(q, *np.divmod(every, n_pairs))[places].reshape(2, -1)
+    kept = ~(distances.sum(axis=0) - closed[interval, pairs] > 2.0 * CONTACT)
+    interval, pairs = interval[kept], pairs[kept]
+    return pairs, _PARTS * grid[interval], _PARTS * grid[interval + 1], distances[:, kept]
