@@ -16,7 +16,6 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 from support.view_browser import chromium
-from view_animation import OVERLAY
 
 import mp_pca_planner as mp
 from mp_pca_planner.cli.example_robots import write_example
@@ -24,8 +23,9 @@ from mp_pca_planner.robot.examples import EXAMPLE_ROBOTS, example_file
 from mp_pca_planner.view.content import read_content
 from mp_pca_planner.view.page import ViewPage
 
-SIZE = (400, 320)
+SIZE = (400, 340)
 N_COLUMNS = 3
+PANEL = 388  # width of the panel beside the scene [pixels]
 N_COLOURS = 128
 
 
@@ -39,16 +39,14 @@ def picture(name: str, browser: object) -> Image.Image:
         content = read_content(urdf, [mp.MovementPrimitive.fit(motions, name=name)])
         with ViewPage(content, port=0) as page:
             page.player.seek(0.4)
-            tab = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
+            tab = browser.new_page(viewport={"width": SIZE[0] + PANEL, "height": SIZE[1]})
             tab.set_default_timeout(180e3)
             tab.goto(page.url)
             tab.get_by_text("Motion found").wait_for(state="attached")
-            tab.evaluate(OVERLAY)
-            tab.evaluate(
-                "() => document.querySelectorAll('#caption, #pointer').forEach(x => x.remove())"
-            )
+            for button in tab.locator("button.mantine-Notification-closeButton").all():
+                button.click()
             time.sleep(12.0)  # the scene fades in
-            shot = tab.screenshot()
+            shot = tab.screenshot(clip={"x": 0, "y": 0, "width": SIZE[0], "height": SIZE[1]})
             tab.close()
     found = Image.open(io.BytesIO(shot)).convert("RGB")
     ImageDraw.Draw(found).text((12, 8), name, fill="#0b2a40", font=ImageFont.load_default(20))
