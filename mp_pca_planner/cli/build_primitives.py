@@ -49,6 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "of these",
     )
     _add_input(parser)
+    _add_markers(parser)
+    _add_cutting(parser)
     _add_primitive(parser)
     parser.add_argument(
         "--output",
@@ -108,15 +110,6 @@ def _add_input(parser: argparse.ArgumentParser) -> None:
         help="factor from recorded values to rad or m; or LeRobot's calibration FILE.json",
     )
     parser.add_argument(
-        "--markers", metavar="TOPIC", help="topic of markers to compute joint angles from"
-    )
-    parser.add_argument(
-        "--marker-map",
-        metavar="FILE.yaml",
-        type=Path,
-        help="positions of the markers on the robot's links",
-    )
-    parser.add_argument(
         "--max-gap",
         metavar="S",
         type=seconds,
@@ -135,6 +128,22 @@ def _add_input(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="scheduler (tcp://HOST:PORT) of a Dask cluster that reads the recordings",
     )
+
+
+def _add_markers(parser: argparse.ArgumentParser) -> None:
+    markers = parser.add_argument_group("recordings of markers, with --robot")
+    markers.add_argument(
+        "--markers", metavar="TOPIC", help="topic of markers to compute joint angles from"
+    )
+    markers.add_argument(
+        "--marker-map",
+        metavar="FILE.yaml",
+        type=Path,
+        help="positions of the markers on the robot's links",
+    )
+
+
+def _add_cutting(parser: argparse.ArgumentParser) -> None:
     cutting = parser.add_argument_group("cutting recordings into motions")
     cutting.add_argument(
         "--segment",
@@ -336,7 +345,7 @@ def _print(
     foreign: Sequence[tuple[str, str]],
 ) -> None:
     facts = [_facts(primitive, outputs[name]) for name, primitive in built.items()]
-    of_recordings = {
+    of_recordings: dict[str, Any] = {
         "n_recordings": len(recordings.reports),
         "refused": [asdict(refusal) for refusal in recordings.refused],
         "repairs": {report.name: report.repairs for report in recordings.reports},
@@ -349,6 +358,9 @@ def _print(
             if report.marker_residuals
         },
     }
+    if not arguments.json:  # a line for each
+        notes = [f"{one.name}: {note}" for one in recordings.reports for note in one.notes]
+        of_recordings |= {"notes": notes}
     if arguments.by is None:
         show(arguments, {**facts[0], **of_recordings}, hidden=_HIDDEN)
     elif arguments.json:

@@ -30,21 +30,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Call a service of the node, and print its answer; returns the exit status."""
-    from ..ros.client import GoalClient, NoAnswerError, check_node_name
+    from ..ros.client import GoalClient
 
-    check_node_name(arguments.namespace, arguments.node)
-    program = f"{PROGRAM} {arguments.command}"
-    try:
-        with GoalClient(arguments.command, arguments.namespace, arguments.node) as client:
-            client.wait_for_node(arguments.timeout, with_trajectory=False)
-            answer = client.call(_SERVICES[arguments.service], arguments.timeout)
-    except NoAnswerError as error:
-        complain(f"{program}: {error}")
-        return FAILED
+    with GoalClient(arguments.command, arguments.namespace, arguments.node) as client:
+        client.wait_for_node(arguments.timeout, with_trajectory=False)
+        answer = client.call(_SERVICES[arguments.service], arguments.timeout)
     if arguments.json:
         print_json({"success": answer.success, "message": answer.message})
     elif answer.success:
         say(answer.message)
     else:
-        complain(f"{program}: {answer.message}")
+        complain(f"{PROGRAM} {arguments.command}: {answer.message}")
     return DONE if answer.success else FAILED

@@ -214,9 +214,7 @@ def check_frame(frame: str, robot: Robot | None) -> None:
         raise RobotError(unknown_name("link", frame, robot.frame_names))
 
 
-def robot_of(
-    file: Path, primitives: PrimitiveLibrary, *, locked: Mapping[str, float] | None = None
-) -> Robot:
+def robot_of(file: Path, primitives: PrimitiveLibrary) -> Robot:
     """The robot of a URDF file that moves the joints of primitives.
 
     Raises
@@ -226,15 +224,15 @@ def robot_of(
     """
     from ..robot.model import Robot
 
-    joints = primitives.joint_names
-    known = Robot.from_file(file).movable_joints
-    if missing := [name for name in joints if name not in known]:
+    robot = Robot.from_file(file)
+    known = robot.movable_joints
+    if missing := [name for name in primitives.joint_names if name not in known]:
         raise RobotError(
             f"{quote_names(primitives.names)} was learned for another robot: its joints "
             f"{quote_names(missing)} are not in '{file}', which has {quote_names(known)}; pass the "
             "robot description of the recordings"
         )
-    return Robot.from_file(file, joints, locked=locked)
+    return robot.with_joints(primitives.joint_names)
 
 
 def reported(values: Mapping[str, str]) -> dict[str, str]:

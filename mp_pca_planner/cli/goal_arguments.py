@@ -77,8 +77,7 @@ def start_positions(arguments: argparse.Namespace, robot: Robot) -> dict[str, fl
         If the text can't be read, or positions of joints are missing.
     """
     names = robot.movable_joints if "=" in arguments.start else robot.described_joints
-    whole = Robot.from_file(arguments.robot, robot.movable_joints)
-    angles = angles_in_degrees(arguments, whole)
+    angles = angles_in_degrees(arguments, robot.with_joints(robot.movable_joints))
     q = joint_values(arguments.start, names, "--start", angles=angles)
     missing = [name for name in robot.joint_names if name not in q]
     if missing:

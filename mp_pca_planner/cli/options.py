@@ -139,7 +139,7 @@ def limits_given(arguments: argparse.Namespace, robot: Robot) -> dict[str, dict[
     return given_limits(arguments.limits, robot.movable_joints, rename)
 
 
-def add_targets(parser: argparse.ArgumentParser, place: str) -> None:
+def add_targets(parser: argparse._ActionsContainer, place: str) -> None:
     """Add the options on the targets before the goal; they are kept in their order."""
     parser.add_argument(
         "--via",
@@ -161,6 +161,13 @@ def add_targets(parser: argparse.ArgumentParser, place: str) -> None:
 def add_request(parser: argparse.ArgumentParser) -> None:
     """Add the options that :func:`plan.plan_request` reads."""
     add_robot_files(parser)
+    _add_ends(parser)
+    _add_motion(parser)
+    _add_objectives(parser)
+    _add_collisions(parser)
+
+
+def _add_ends(parser: argparse.ArgumentParser) -> None:
     ends = parser.add_argument_group("start and goal")
     ends.add_argument(
         "--start",
@@ -183,16 +190,19 @@ def add_request(parser: argparse.ArgumentParser) -> None:
     ends.add_argument(
         "--degrees", action="store_true", help="angles are in degrees, not in radians"
     )
-    add_targets(parser, PLACE)
-    parser.add_argument(
+    add_targets(ends, PLACE)
+
+
+def _add_motion(parser: argparse.ArgumentParser) -> None:
+    motion = parser.add_argument_group("motion")
+    motion.add_argument(
+        "--primitive", metavar="NAME", help="primitive to use (default: the nearest)"
+    )
+    motion.add_argument(
         "--mode",
         choices=MODES,
         default=OPTIMAL,
         help="join the predicted segments between targets (real_time), or optimise the motion",
-    )
-    motion = parser.add_argument_group("motion")
-    motion.add_argument(
-        "--primitive", metavar="NAME", help="primitive to use (default: the nearest)"
     )
     motion.add_argument(
         "--duration", metavar="T", type=number(1e-3, 600.0, "s"), help="duration [s]"
@@ -229,6 +239,17 @@ def add_request(parser: argparse.ArgumentParser) -> None:
         "the demonstrations, above 3 is unlike them",
     )
     motion.add_argument(
+        "--max-solve-time",
+        metavar="S",
+        type=seconds,
+        help="longest time for planning [s] (default: 5, or none with --via); more may find a "
+        "better motion among obstacles",
+    )
+
+
+def _add_objectives(parser: argparse.ArgumentParser) -> None:
+    motion = parser.add_argument_group("objectives and constraints")
+    motion.add_argument(
         "--objective",
         metavar="NAME=WEIGHT,…",
         default="effort=1",
@@ -242,13 +263,9 @@ def add_request(parser: argparse.ArgumentParser) -> None:
         help="constraints on every configuration, such as upright:FRAME:DEGREES: the z axis of a "
         "frame stays within that angle of the vertical",
     )
-    motion.add_argument(
-        "--max-solve-time",
-        metavar="S",
-        type=seconds,
-        help="longest time for planning [s] (default: 5, or none with --via); more may find a "
-        "better motion among obstacles",
-    )
+
+
+def _add_collisions(parser: argparse.ArgumentParser) -> None:
     world = parser.add_argument_group("collisions")
     world.add_argument(
         "--collision",

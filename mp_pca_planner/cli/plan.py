@@ -190,8 +190,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     joint_names = primitives[0].joint_names
     robot = robot_of(arguments.robot, primitives)
     start = start_positions(arguments, robot)
-    if locked := {name: q for name, q in start.items() if name not in joint_names}:
-        robot = robot_of(arguments.robot, primitives, locked=locked)
+    robot = robot.locked_at({name: q for name, q in start.items() if name not in joint_names})
     given = limits_given(arguments, robot)
     robot = robot.with_drives(given)
     goal, options = planned_goal(arguments, robot), _options(arguments, robot)

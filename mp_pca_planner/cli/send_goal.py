@@ -16,7 +16,7 @@ from ..motion.goal import JointState
 from .common import print_json, reported, show
 from .goal_arguments import joint_values, pose, sequence_goal
 from .options import add_node, add_targets, number
-from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
+from .terminal import DONE, FAILED, REFUSED, flush, say
 
 # Arguments are checked before ROS is imported.
 if TYPE_CHECKING:
@@ -77,16 +77,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    from ..ros.client import GoalClient, NoAnswerError, check_node_name
+    from ..ros.client import GoalClient
 
-    check_node_name(arguments.namespace, arguments.node)
-    try:
-        with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
-            make = _pose_message if arguments.goal_pose else _joint_message
-            return _send(arguments, client, make(arguments, client))
-    except NoAnswerError as error:
-        complain(f"{PROGRAM} send_goal: {error}")
-        return FAILED
+    with GoalClient("send_goal", arguments.namespace, arguments.node) as client:
+        make = _pose_message if arguments.goal_pose else _joint_message
+        return _send(arguments, client, make(arguments, client))
 
 
 def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> int:

@@ -33,17 +33,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.scene is None and not arguments.clear:
         raise GoalError("no obstacles to send: give a FILE, or --clear to remove all")
     world = World() if arguments.scene is None else World.from_file(arguments.scene)
-    from ..ros.client import GoalClient, NoAnswerError, check_node_name
+    from ..ros.client import GoalClient
 
-    check_node_name(arguments.namespace, arguments.node)
-    try:
-        with GoalClient(arguments.command, arguments.namespace, arguments.node) as client:
-            n_obstacles, problem = client.send_obstacles(
-                world, clear=arguments.clear, timeout=arguments.timeout
-            )
-    except NoAnswerError as error:
-        complain(f"{PROGRAM} send_obstacles: {error}")
-        return FAILED
+    with GoalClient(arguments.command, arguments.namespace, arguments.node) as client:
+        n_obstacles, problem = client.send_obstacles(
+            world, clear=arguments.clear, timeout=arguments.timeout
+        )
     if problem and not arguments.json:
         complain(f"{PROGRAM} send_obstacles: {problem}")
     sent = list(world.names)

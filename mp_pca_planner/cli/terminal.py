@@ -79,7 +79,8 @@ def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> i
     Returns
     -------
     :
-        The status: the command's own, 2 for refused input, 1 for anything else that it raised.
+        The status: the command's own, 2 for refused input, 1 for anything else that it raised,
+        such as an answer that didn't come in time.
     """
     for stream in (sys.stdout, sys.stderr):
         # Not every terminal can encode characters such as ° and →.
@@ -98,7 +99,8 @@ def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> i
             # Otherwise Python would write the rest at its exit, and fail again.
             sys.stdout = None
         complain(f"{program}: {_reason(error)}")
-        return REFUSED if isinstance(error, PlannerError) else FAILED
+        is_refused = isinstance(error, PlannerError) and not isinstance(error, TimeoutError)
+        return REFUSED if is_refused else FAILED
 
 
 def _flushed(command: Callable[[], int]) -> int:

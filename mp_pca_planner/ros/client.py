@@ -131,7 +131,7 @@ def _time_received(facts: dict[str, int]) -> float:
     return 1e-9 * (facts["received_timestamp"] or time.time_ns())
 
 
-class NoAnswerError(PlannerError):
+class NoAnswerError(PlannerError, TimeoutError):
     """The node did not answer in time."""
 
 
@@ -149,6 +149,11 @@ class NodeInOwnContext:
     planner : str
         Name of the planner's node.
 
+    Raises
+    ------
+    GoalError
+        If no node can have this name in this namespace.
+
     Attributes
     ----------
     context : Context
@@ -158,6 +163,7 @@ class NodeInOwnContext:
     """
 
     def __init__(self, name: str, namespace: str, planner: str) -> None:
+        check_node_name(namespace, planner)
         self.planner = planner
         self.context = rclpy.Context()
         rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
