@@ -156,10 +156,7 @@ class PlannedRequest:
 
     def facts(self, trajectory: Trajectory) -> dict[str, Any]:
         """What is printed of the request and of a motion planned for it."""
-        from ..planning.report import collision_words
-
-        motions, model = self.plan.motions, self.planner.collision
-        collisions = () if model is None else model.collisions(trajectory, precisely=False)
+        motions = self.plan.motions
         ends = self.plan.trajectory.positions[[0, -1]]
         states = [motion.start.positions for motion in motions[:1]]
         states += [motion.goal.positions for motion in motions]
@@ -174,7 +171,7 @@ class PlannedRequest:
             "end_effector": {"frame": self.frame, "start": hand[0], "goal": hand[1]},
             "remarks": self.remarks,
             "joint_names": list(trajectory.joint_names),
-            "collision": collision_words(model, collisions),
+            "collision": self.plan.facts.get("collision", ""),
         }
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..arrays import FloatArray
-from ..motion.interpolation import boundary_values, hermite_functions
+from ..motion.interpolation import hermite_functions
 from ..primitives.primitive import MovementPrimitive
 from ..primitives.timing import aligned_phases
 from ..robot.limits import LIMIT_KEYS, JointLimits
@@ -30,24 +30,20 @@ def demonstrated_positions(primitive: MovementPrimitive, n_samples: int) -> Floa
         As the components of the primitive have them.
     """
     phases = aligned_phases(primitive.warps, np.linspace(0.0, 1.0, n_samples))
-    found = []
-    for duration, phase, state, weights in zip(
-        primitive.durations, phases, primitive.boundary_states, primitive.weights, strict=True
-    ):
-        boundary = boundary_values(tuple(state[:3]), tuple(state[3:]), float(duration))
-        found.append(hermite_functions(phase) @ boundary + primitive.basis.shape(weights, phase))
-    return np.array(found)
+    rates = primitive.durations[:, None] ** [0, 1, 2, 0, 1, 2]
+    hermite = hermite_functions(phases.ravel()).reshape(*phases.shape, 6)
+    shapes = map(primitive.basis.shape, primitive.weights, phases)
+    boundary = hermite @ (rates[:, :, None] * primitive.boundary_states)
+    return np.asarray(boundary + np.array([*shapes]))
 
 
 def demonstrated_peaks(primitive: MovementPrimitive) -> FloatArray:
     """Largest velocities and accelerations of the demonstrations [/s, /s²], shape (2, n_joints)."""
-    shares, peaks = np.linspace(0.0, 1.0, _N_SAMPLES), []
-    positions = demonstrated_positions(primitive, _N_SAMPLES)
-    for duration, q in zip(primitive.durations, positions, strict=True):
-        v = np.gradient(q, shares * duration, axis=0)
-        a = np.gradient(v, shares * duration, axis=0)
-        peaks.append(np.abs([v, a]).max(axis=1))
-    return np.asarray(np.max(peaks, axis=0))
+    q = demonstrated_positions(primitive, _N_SAMPLES)
+    steps = primitive.durations[:, None, None] / (_N_SAMPLES - 1)
+    v = np.gradient(q, axis=1) / steps
+    a = np.gradient(v, axis=1) / steps
+    return np.asarray(np.abs([v, a]).max(axis=(1, 2)))
 
 
 def demonstrated_limits(

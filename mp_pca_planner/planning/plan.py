@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,8 +81,6 @@ class Plan:
         present state alone.
     message : str
         One sentence for the user: what the motion is like, or why there is none.
-    remarks : tuple of str
-        Sentences on what is unusual about the request or the motion; none for a usual one.
     trajectory : Trajectory
         The sampled motion with its efforts; present for an infeasible plan, too, for inspection.
     motions : tuple of Motion
@@ -94,6 +92,8 @@ class Plan:
         Result of the solver.
     limit_check : LimitCheck
         Comparison with the limits on a grid of at most 1 ms.
+    remarks : tuple of str
+        Sentences on what is unusual about the request or the motion; none for a usual one.
     in_span_score : float
         Distance of the request from the demonstrations (about 1: like them, above 3: unlike them);
         the largest of the segments.
@@ -120,17 +120,17 @@ class Plan:
 
     status: str
     message: str
-    remarks: tuple[str, ...]
     trajectory: Trajectory
-    motions: tuple[Motion, ...]
-    primitives: tuple[str, ...]
-    solution: MotionSolution
-    limit_check: LimitCheck
-    in_span_score: float
-    goal_error: float
-    solve_time: float
-    mode: str
-    facts: Mapping[str, str | float | int]
+    motions: tuple[Motion, ...] = ()
+    primitives: tuple[str, ...] = ()
+    solution: MotionSolution = NOT_SOLVED
+    limit_check: LimitCheck = field(default_factory=LimitCheck)
+    remarks: tuple[str, ...] = ()
+    in_span_score: float = _NAN
+    goal_error: float = 0.0
+    solve_time: float = 0.0
+    mode: str = ""
+    facts: Mapping[str, str | float | int] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         by = f" by {self._named}" if self.primitives else ""

@@ -5,12 +5,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ..motion.collision import Collision, CollisionModel
+from ..motion.collision import CollisionModel
 from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
@@ -18,7 +17,7 @@ from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from .configurations import POSE_TOLERANCE
 from .context import Budget, Context
 from .options import DEMONSTRATED, OPTIMAL, REAL_TIME
-from .plan import ALREADY_THERE, INFEASIBLE, NOT_SOLVED, SOLVED, STOPPED_EARLY, Plan
+from .plan import ALREADY_THERE, INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .request import Request
 from .resolve import in_order
 from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate
@@ -61,13 +60,9 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
         parts += _concessions(context, best, correction)
         message = "; ".join(filter(None, parts))
     is_joined = request.mode and best.how != OPTIMISED
-    unlimited = context.limits.unlimited
-    limits = "kept, on a grid of 1 ms" if not best.check.violations else best.refusal
-    if unlimited:
+    limits = best.refusal if best.check.violations else "kept, on a grid of 1 ms"
+    if unlimited := context.limits.unlimited:
         limits += f"; some joints have no limit of {', '.join(unlimited)}"
-    collisions = collision_words(context.collision, best.collisions)
-    if best.check.violations and context.collision is not None:
-        collisions = "not checked, because limits are violated"
     start_error = np.abs(trajectory.positions[0] - request.start.positions).max()
     facts: dict[str, str | float | int] = {
         "naturalness": best.naturalness,
@@ -77,24 +72,24 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
         "via_error": max(best.target_errors[:-1], default=0.0),
         "effort_parts": context.robot.effort_parts,
         "limits": limits,
-        "collision": collisions,
+        "collision": _collision_words(context.collision, best),
     }
     if nearest is not None:
         facts |= {"clearance": nearest[0], "nearest_obstacle": nearest[1]}
     return Plan(
         status,
         message,
-        tuple(motion_remarks(score, best.check, outside)),
         trajectory,
         best.motions,
         tuple(segment.primitive.name for segment in request.segments),
         best.solution,
         replace(best.check, efforts=None),
+        tuple(motion_remarks(score, best.check, outside)),
         score,
         best.target_errors[-1],
         solve_time,
-        mode=REAL_TIME if is_joined else request.mode,
-        facts=facts,
+        REAL_TIME if is_joined else request.mode,
+        facts,
     )
 
 
@@ -104,12 +99,8 @@ def already_there(context: Context, start: JointState, began: float) -> Plan:
     zero = np.zeros((1, len(here.joint_names)))
     still = Trajectory(here.joint_names, [0.0], [here.positions], zero, zero)
     message = "already there: the robot rests at the goal, so no motion is needed"
-    none = (), (), NOT_SOLVED, LimitCheck()
-    took = time.perf_counter() - began
-    facts = {"start_error": 0.0, "via_error": 0.0}
-    return Plan(
-        ALREADY_THERE, message, (), still, *none, float("nan"), 0.0, took, mode="", facts=facts
-    )
+    took, zero_errors = time.perf_counter() - began, {"start_error": 0.0, "via_error": 0.0}
+    return Plan(ALREADY_THERE, message, still, solve_time=took, facts=zero_errors)
 
 
 def _headline(
@@ -277,20 +268,14 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
     return notes
 
 
-def collision_words(model: CollisionModel | None, found: Sequence[Collision]) -> str:
-    """Text on the collisions of a motion.
-
-    Parameters
-    ----------
-    model : CollisionModel or None
-        The model that was used; None if collisions were not checked.
-    found : sequence of Collision
-        The collisions.
-    """
+def _collision_words(model: CollisionModel | None, best: Candidate) -> str:
+    """Text on what was checked for collisions, and what was found."""
     if model is None:
         return "self-collision is not checked"
-    if found:
-        return str(found[0])
+    if best.check.violations:
+        return "not checked, because limits are violated"
+    if best.collisions:
+        return str(best.collisions[0])
     kind = "bodies" if len(model.world) else "links"
     text = f"none; {len(model.pairs)} pairs of {kind} were checked"
     return text if model.checks_links else f"{text}; self-collision is not checked"
