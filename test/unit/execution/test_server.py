@@ -68,8 +68,7 @@ def test_random_sequences_of_goals_and_stops_are_followed_without_a_jump(request
     assert n_moving > seed
 
 
-@pytest.mark.parametrize("has_velocities", [True, False])
-@pytest.mark.parametrize("is_split", [False, True])
+@pytest.mark.parametrize(("has_velocities", "is_split"), [(True, False), (False, True)])
 def test_planned_motions_replace_each_other_without_a_jump(either, has_velocities, is_split):
     either.has_velocities, either.is_split = has_velocities, is_split
     for positions in (GOAL, START, HALF, GOAL):
@@ -669,8 +668,7 @@ def test_stop_of_a_robot_that_is_not_heard_of_keeps_the_limits_and_says_what_is_
     assert np.abs(node.commanded - GOAL).max() > 0.05
 
 
-@pytest.mark.parametrize("wait", [0.03, 0.5])
-@pytest.mark.parametrize("loss", [0.01, 0.5, 1.0])
+@pytest.mark.parametrize(("wait", "loss"), [(0.03, 0.01), (0.5, 0.01), (0.5, 0.5), (0.03, 1.0)])
 def test_stop_that_is_lost_is_sent_until_the_robot_rests(either, wait, loss):
     either.ask(GOAL, duration=4.0)
     either.run(0.8)

@@ -418,8 +418,9 @@ def test_stated_command_of_a_fast_robot_counts_though_its_servos_lag():
     world.follow(1.0)
     stated = world.where().command.state.positions
     assert np.abs(stated - world.here).min() > 0.2
-    world.state_command(JointState(JOINTS, stated + 0.2, world.where().command.state.velocities))
+    velocities = world.where().command.state.velocities
     world.now += 0.001
+    world.state_command(JointState(JOINTS, stated + 0.2, velocities))
     assert world.where().command is None
 
 
