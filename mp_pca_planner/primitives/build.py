@@ -293,7 +293,6 @@ def build_from_statistics(
         some.both_shapes() @ rows.T,
         -rows @ mean.ravel(),
         np.array([some.paces, reversed_paces(some.paces)]),
-        some.labels(),
         request_precision(statistics.requests()),
     )
     _, series = shape_functions(options.degree, options.n_phases)
@@ -332,5 +331,5 @@ def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float 
     from_straight = float(np.sqrt((straight + remainders).mean() / scale))
     if len(straight) == 1:
         return None, from_straight
-    squares = left_out_squares(used.requests(), shapes, labels=used.labels())
+    squares = left_out_squares(used.requests(), shapes)
     return float(np.sqrt((squares + remainders).mean() / scale)), from_straight

@@ -23,12 +23,12 @@ from ..exceptions import PlannerError, PrimitiveError
 from ..files import check_form, open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
 from .basis import MAX_DEGREE, N_END_CONDITIONS
-from .prediction import ConditionalModel
+from .prediction import LENGTHS, ConditionalModel
 from .primitive import COUPLINGS, MovementPrimitive
 from .timing import PACE_DEGREE
 
 FORMAT_NAME = "mp_pca_planner/movement_primitive"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 _METADATA = {
     "name": str,
@@ -59,12 +59,12 @@ _ARRAYS: dict[str, tuple[tuple[str | int, ...], float, float]] = {
     "warps": (("demonstrations", "phases"), 0.0, 1.0),
     "fit_residual": (("demonstrations", "joints"), 0.0, _POSITION),
     "requests": (("requests", "entries"), -_POSITION, _POSITION),
-    "shape_coefficients": (("fits", 2, "requests", "weights"), -_ANY, _ANY),
+    "shape_coefficients": ((len(LENGTHS), 2, "requests", "weights"), -_ANY, _ANY),
     "straight_weights": (("weights",), -_ANY, _ANY),
-    "pace_coefficients": (("fits", 2, "requests", "rates"), -_ANY, _ANY),
-    "duration_coefficients": ((1, 2, "requests", 1), -_ANY, _ANY),
+    "pace_coefficients": ((len(LENGTHS), 2, "requests", "rates"), -_ANY, _ANY),
+    "duration_coefficients": ((len(LENGTHS), 2, "requests", 1), -_ANY, _ANY),
+    "duration_growth": ((1,), 0.0, 1.0),
     "weight_covariance": (("weights", "weights"), -_ANY, _ANY),
-    "weight_precision": (("weights", "weights"), -_ANY, _ANY),
     "error_variance": ((1,), 0.0, _ANY),
     "request_precision": (("entries", "entries"), -_ANY, _ANY),
 }
@@ -199,14 +199,14 @@ def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
             worst = array[~((array >= low) & (array <= high))][0]
             raise PrimitiveError(f"array '{name}' holds {worst:g}, expected {low:g} to {high:g}")
         sizes |= dict(zip(shape, array.shape, strict=True))
-    for name in ("weight_covariance", "weight_precision", "request_precision"):
+    for name in ("weight_covariance", "request_precision"):
         if not _is_positive(arrays[name]):
             raise PrimitiveError(f"matrix '{name}' is not positive definite")
     degree, log_times = sizes["degrees"] - 1, np.abs(arrays["requests"][:, -1])
     if not N_END_CONDITIONS <= degree <= MAX_DEGREE:
         expected = f"{N_END_CONDITIONS} to {MAX_DEGREE}"
         raise PrimitiveError(f"its polynomials are of degree {degree}, expected {expected}")
-    if min(sizes["demonstrations"], sizes["requests"], sizes["fits"]) == 0 or sizes["phases"] < 2:
+    if min(sizes["demonstrations"], sizes["requests"]) == 0 or sizes["phases"] < 2:
         raise PrimitiveError("it needs at least one demonstration")
     if log_times.max() > math.log(_TIME):
         raise PrimitiveError(f"array 'requests' holds durations that are not up to {_TIME:g} s")

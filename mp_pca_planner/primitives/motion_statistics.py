@@ -170,10 +170,6 @@ class MotionStatistics:
         states = self.boundary_states
         return np.column_stack([states[:, 0], states[:, 3], np.log(self.durations)])
 
-    def labels(self) -> list[str]:
-        """Label of each demonstration."""
-        return [source.label for source in self.sources]
-
     def both_shapes(self) -> FloatArray:
         """Shapes, and shapes of the reversed motions, as rows: (2, n_demonstrations, n_values)."""
         # The functions of the shapes are alternately even and odd.

@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prediction of weights, time scaling and duration for a request.
 
-Gaussian-process regression on requests. A few demonstrations don't determine their smoothness and
-noise. They don't determine, either, whether a return motion repeats the forward motion in reversed
-time (waving) or mirrors it (circles). Predictions are averages over :data:`KERNELS`, weighted by
-their density of left-out demonstrations: pseudo-Bayes factors (Gelfand and Dey, 1994; Rasmussen and
-Williams, "Gaussian Processes for Machine Learning", 2006, sections 2.2 and 5.4.2). The prior mean
-is the minimum-jerk motion.
+Gaussian-process regression on requests (Rasmussen and Williams, "Gaussian Processes for Machine
+Learning", 2006, section 2.2). The prior mean is the minimum-jerk motion. A few demonstrations don't
+determine how smooth and how noisy motions are, nor whether a return motion repeats the forward one
+in reversed time (waving) or mirrors it (circles). So predictions are averages over :data:`KERNELS`,
+weighted by their density of left-out demonstrations (section 5.4.2): pseudo-Bayes factors (Gelfand
+and Dey, 1994). Read :func:`_fit`, then :meth:`ConditionalModel.fit`, then `predict`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -25,27 +24,31 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from .in_span import in_span_score
 
+LENGTHS = (0.4, 1.2)
+"""Distances over which motions resemble each other, in units of the spread of the requests."""
+
+KERNELS = tuple(product((0.8, -0.8), (0.02, 0.2, 2.0, 200.0), range(len(LENGTHS))))
+"""Correlation with motions in reversed time, noise, and index of the length of each kernel; the
+largest noise leaves the prior mean."""
+
 OFFSET = 10.0
-"""Variance of the common offset of all outputs, in units of the variance of outputs that depends
-on the request."""
+"""Variance of what motions of all requests have in common, in units of what depends on them."""
+
+GROWTHS = (0.5, 0.25, 0.0)
+"""Exponents by which durations may grow with the distance; the data decide between them."""
 
 FREEDOM = 6.0
 """Degrees of freedom of the errors. They follow Student's t distribution, because some motions are
 harder to predict than others. With 6, intervals hold the predicted shares of left-out motions."""
 
-KERNELS = tuple(product((0.8, -0.8), (0.02, 0.2, 2.0, 200.0)))
-"""Time-reversal correlation and noise of each; the largest noise leaves the prior mean."""
-
 # Share of the mean squared distance from start to goal that is added to each squared distance.
 _MIN_SQUARE = 0.09
-# Power of the densities, below 1 because demonstrations are not independent.
-_TEMPER = 0.7
-# With fewer demonstrations, kernels are not ranked.
-_MIN_RANKED = 3
 # Predicted durations stay within this many standard deviations of the demonstrated ones.
 _MAX_DEVIATIONS = 3.0
-# The second fit counts alone where the novelty is at least the inverse of this.
-_FAR = 4.0
+# So many more demonstrations, of the mean duration, are imagined.
+_PRIOR_COUNT = 2.0
+# With fewer demonstrations, only the first kernel counts.
+_MIN_RANKED = 3
 # Growth of the standard deviation of motions from a demonstrated request to one far from all.
 _GROWTH = 5.0
 _TINY = 1e-300
@@ -90,27 +93,26 @@ class ConditionalDistribution:
 class ConditionalModel:
     """A fitted regression of motions on requests (q0, qT, log T).
 
-    Shapes and durations grow with the square root of the distance from start to goal: small
-    motions are straighter. Expected errors grow likewise, and with the distance from the
-    demonstrations. Demonstrations of several activities are fitted twice, with kernels
-    ranked by left-out motions and by left-out activities. The second fit is used for requests
-    out of distribution.
+    Shapes and their errors grow with the square root of the distance from start to goal: small
+    motions are straighter.
 
     Attributes
     ----------
     requests : array, shape (n_demonstrations, 2 n_joints + 1)
         q0, qT [rad or m] and log T of the demonstrations that the model is fitted to.
-    shape_coefficients : array, shape (n_fits, 2, n_demonstrations, n_weights)
+    shape_coefficients : array, shape (n_lengths, 2, n_demonstrations, n_weights)
         Of weights minus the straight ones: a prediction is the sum of their products with the
         similarities of the request to the demonstrations and to the reversed ones.
     straight_weights : array, shape (n_weights,)
         Weights of a minimum-jerk motion, which is the prior mean.
-    pace_coefficients : array, shape (n_fits, 2, n_demonstrations, n_pace)
+    pace_coefficients : array, shape (n_lengths, 2, n_demonstrations, n_pace)
         Of time scalings.
-    duration_coefficients : array, shape (1, 2, n_demonstrations, 1)
-        Of log T minus its mean, by the end points alone.
-    weight_covariance, weight_precision : array, shape (n_weights, n_weights)
-        Covariance of the errors of the weights of left-out demonstrations, and its inverse.
+    duration_coefficients : array, shape (n_lengths, 2, n_demonstrations, 1)
+        Of log T minus its mean and its growth, by the end points alone.
+    duration_growth : array, shape (1,)
+        Exponent by which durations grow with the distance.
+    weight_covariance : array, shape (n_weights, n_weights)
+        Covariance of the errors of the weights of left-out demonstrations.
     error_variance : array, shape (1,)
         Factor of this covariance for a demonstrated request of usual size, widened to the variance
         of Student's t distribution with as many degrees of freedom as demonstrations.
@@ -123,8 +125,8 @@ class ConditionalModel:
     straight_weights: FloatArray
     pace_coefficients: FloatArray
     duration_coefficients: FloatArray
+    duration_growth: FloatArray
     weight_covariance: FloatArray
-    weight_precision: FloatArray
     error_variance: FloatArray
     request_precision: FloatArray
 
@@ -139,7 +141,6 @@ class ConditionalModel:
         shapes: FloatArray,
         straight_weights: FloatArray,
         paces: FloatArray,
-        labels: Sequence[str],
         precision: FloatArray,
     ) -> Self:
         """Fit a model to demonstrations.
@@ -153,33 +154,32 @@ class ConditionalModel:
             reversed time.
         paces : array, shape (2, n_demonstrations, n_pace)
             Their time scalings, and those of the reversed motions.
-        labels : sequence of str
-            Activity of each.
         precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
             See :func:`.request_precision`; of all demonstrations, if only some are fitted.
         """
-        similar, distances = RequestFeatures(requests)(requests)
-        roots = np.sqrt(distances)[:, None]
-        shape, residuals = _fit(similar, shapes / roots, labels)
-        pace, _ = _fit(similar, paces, labels)
-        of_ends, _ = RequestFeatures(requests[:, :-1])(requests[:, :-1])
-        times = requests[:, -1:] - requests[:, -1].mean() - np.log(roots)
-        duration, _ = _fit(of_ends, np.array([times, times]))
-        # Covariance about zero, shrunk towards its diagonal, more strongly with fewer errors.
-        errors = residuals * roots
-        n, size = errors.shape
-        covariance = errors.T @ errors / n
-        diagonal = np.diag(covariance)
-        floor = max(1e-6 * float(diagonal.max(initial=0.0)), 1e-12)
-        shrunk = (n * covariance + size * np.diag(diagonal)) / (n + size)
-        positive = np.asarray(shrunk + floor * np.eye(size))
-        # Its factor, by which variances of 1 are as predicted, widened as Student's t distribution.
-        squares, freedom = np.sum(errors**2, axis=1), max(n, 3)
-        variances = _variance(distances, _novelty(similar, is_left_out=True))
-        unit = np.sum(squares / variances) + _TINY
-        factor = np.array([freedom / (freedom - 2.0) * unit / (np.sum(squares) + _TINY)])
-        of_weights = positive, np.asarray(np.linalg.inv(positive)), factor
-        return cls(requests, shape, straight_weights, pace, duration, *of_weights, precision)
+        similar, distances = _Features(requests)(requests)
+        of_ends, _ = _Features(requests[:, :-1])(requests[:, :-1])
+        roots, log_times = np.sqrt(distances)[:, None], requests[:, -1:]
+        shape, residuals, _ = _fit(similar, [shapes / roots])
+        pace, _, _ = _fit(similar, [paces])
+        # The same motion in reversed time takes as long.
+        times = [log_times - log_times.mean() - g * np.log(distances)[:, None] for g in GROWTHS]
+        duration, _, shares = _fit(of_ends, [np.array([x, x]) for x in times])
+        confidence = len(requests) / (len(requests) + _PRIOR_COUNT)
+        # As similar as the nearest of the other demonstrations.
+        others = np.where(np.eye(len(requests), dtype=bool)[:, None, None], 0.0, similar)
+        covariance, factor = _error_model(residuals * roots, _variance(others, distances))
+        return cls(
+            requests=requests,
+            shape_coefficients=shape,
+            straight_weights=straight_weights,
+            pace_coefficients=pace,
+            duration_coefficients=confidence * duration,
+            duration_growth=np.array([confidence * shares @ GROWTHS]),
+            weight_covariance=covariance,
+            error_variance=np.array([factor]),
+            request_precision=precision,
+        )
 
     def predict(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -193,23 +193,26 @@ class ConditionalModel:
         duration : float, optional
             Duration [s]; the expected one unless given.
         """
+        of_requests, of_ends, precision = self._prepared
         ends, score = np.concatenate([start, goal]), self.in_span_score(start, goal, duration)
-        of_requests, of_ends, coefficients = self._prepared
         if duration is None:
             similar, distance = of_ends(ends)
-            residual = float(similar.ravel() @ self.duration_coefficients.ravel())
+            deviation = float(similar.ravel() @ self.duration_coefficients.ravel())
+            deviation += float(self.duration_growth[0]) * math.log(distance)
             # Bounded, because a distant request may extrapolate the trend to implausible durations.
             reach = float(_MAX_DEVIATIONS * self.requests[:, -1].std())
-            deviation = min(max(math.log(distance) / 2.0 + residual, -reach), reach)
-            duration = math.exp(self.mean[-1] + deviation)
+            duration = math.exp(self.mean[-1] + min(max(deviation, -reach), reach))
         similar, distance = of_requests(np.append(ends, math.log(duration)))
-        novelty = _novelty(similar)
-        both = _mixed(similar.ravel() @ coefficients, novelty)
-        shape, pace = np.split(both, [self.straight_weights.size])
-        weights = self.straight_weights + math.sqrt(distance) * shape
-        variance = float(self.error_variance[0] * _variance(distance, novelty))
-        of_weights = self.weight_covariance, self.weight_precision, variance
-        return ConditionalDistribution(weights, *of_weights, pace, duration, score)
+        shape = np.tensordot(similar, self.shape_coefficients, 3)
+        return ConditionalDistribution(
+            weights=self.straight_weights + math.sqrt(distance) * shape,
+            covariance=self.weight_covariance,
+            precision=precision,
+            variance=float(self.error_variance[0] * _variance(similar, distance)),
+            pace=np.tensordot(similar, self.pace_coefficients, 3),
+            duration=duration,
+            in_span_score=score,
+        )
 
     def in_span_score(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -240,18 +243,15 @@ class ConditionalModel:
         return np.asarray(self.requests.mean(axis=0))
 
     @cached_property
-    def _prepared(self) -> tuple[RequestFeatures, RequestFeatures, FloatArray]:
-        """Features of requests and of their ends, and coefficients of shapes and time scalings.
-
-        The shape of the coefficients is (n_fits, n_similarities, n_weights + n_pace).
-        """
-        both = np.concatenate([self.shape_coefficients, self.pace_coefficients], axis=-1)
-        features = RequestFeatures(self.requests), RequestFeatures(self.requests[:, :-1])
-        return *features, both.reshape(len(both), -1, both.shape[-1])
+    def _prepared(self) -> tuple[_Features, _Features, FloatArray]:
+        """Features of requests and of their ends, and the precision of the weights."""
+        precision = np.asarray(np.linalg.inv(self.weight_covariance))
+        precision.flags.writeable = False
+        return _Features(self.requests), _Features(self.requests[:, :-1]), precision
 
 
-class RequestFeatures:
-    """Similarities of requests with those of the demonstrations, and their sizes.
+class _Features:
+    """Similarities of requests with those of demonstrations, and their sizes.
 
     Parameters
     ----------
@@ -262,9 +262,10 @@ class RequestFeatures:
     def __init__(self, requests: FloatArray) -> None:
         n = requests.shape[1] // 2
         self._swapped = np.r_[n : 2 * n, :n, 2 * n : requests.shape[1]]
-        # For a spread or distance of zero, the unit has no effect.
-        self._spread = float(np.sqrt(np.sum(requests.var(axis=0)))) or 1.0
         self._both_directions = np.array([requests, requests[:, self._swapped]])
+        # For a spread or distance of zero, the unit has no effect.
+        spread = float(np.sqrt(np.sum(requests.var(axis=0)))) or 1.0
+        self._lengths = spread * np.array(LENGTHS)[:, None]
         squares = np.sum((requests - requests[:, self._swapped]) ** 2, axis=1)
         self._floor = _MIN_SQUARE * float(squares.mean()) or 1.0
         self._unit = float(np.exp(np.mean(np.log(squares + self._floor))))
@@ -283,23 +284,107 @@ class RequestFeatures:
 
         Returns
         -------
-        similarities : array, shape (2, ..., n_demonstrations)
+        similarities : array, shape (..., n_lengths, 2, n_demonstrations)
             With motions and with reversed ones.
         distances : array, shape (...)
             Bounded from below, in units of the geometric mean of all.
         """
-        change = requests - requests[..., self._swapped]
-        squares = np.einsum("...i,...i->...", change, change)
-        several = np.expand_dims(self._both_directions, tuple(range(1, requests.ndim)))
-        deviations = several - requests[..., None, :]
-        ratios = np.sqrt(5.0 * np.einsum("...i,...i->...", deviations, deviations)) / self._spread
+        deviations = self._both_directions - requests[..., None, None, :]
+        ratios = math.sqrt(5.0) * np.linalg.norm(deviations, axis=-1)[..., None, :, :]
+        ratios = ratios / self._lengths[..., None]
         similar = (1.0 + ratios + ratios**2 / 3.0) * np.exp(-ratios) + OFFSET
+        squares = np.sum((requests - requests[..., self._swapped]) ** 2, axis=-1)
         return similar, np.sqrt((squares + self._floor) / self._unit)
 
 
-def left_out_squares(
-    requests: FloatArray, shapes: FloatArray, labels: Sequence[str] = ()
-) -> FloatArray:
+def _fit(
+    similarities: FloatArray, candidates: list[FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Average Gaussian processes of all kernels and candidates by the density of what is left out.
+
+    Parameters
+    ----------
+    similarities : array, shape (n_demonstrations, n_lengths, 2, n_demonstrations)
+        Of the demonstrations with each other, and with the reversed ones.
+    candidates : list of array, shape (2, n_demonstrations, n_outputs)
+        Outputs of the demonstrations, and of the same motions in reversed time.
+
+    Returns
+    -------
+    coefficients : array, shape (n_lengths, 2, n_demonstrations, n_outputs)
+        A prediction is the sum of their products with the similarities of a request.
+    residuals : array, shape (n_demonstrations, n_outputs)
+        Outputs minus their predictions from the other demonstrations.
+    shares : array, shape (n_candidates,)
+        How much each candidate counts.
+    """
+    n, n_candidates = len(similarities), len(candidates)
+    coefficients, residuals, scores = [], [], []
+    for (reversal, noise, length), (outputs, twins) in product(KERNELS, candidates):
+        there, back = similarities[:, length, 0], reversal * similarities[:, length, 1]
+        # The parts that are even and odd in reversed time are independent.
+        even, odd = np.linalg.inv([there + back, there - back] + noise * np.eye(n))
+        of_even, of_odd = even @ (outputs + twins) / 2.0, odd @ (outputs - twins) / 2.0
+        # Of what is left out: variances and residuals (equations 5.10 to 5.12), and the logarithm
+        # of the density of one output, with the scale that makes it highest.
+        variances = 1.0 / np.array([np.diag(even), np.diag(odd)])[..., None]
+        left_out = variances * [of_even, of_odd]
+        square = np.sum(left_out**2 / variances)
+        scores.append(-0.25 * np.sum(np.log(variances)) - 0.5 * n * np.log(square + _TINY))
+        residuals.append(left_out[0] + left_out[1])
+        both = np.zeros((len(LENGTHS), 2, *outputs.shape))
+        both[length] = of_even + of_odd, reversal * (of_even - of_odd)
+        coefficients.append(both)
+    # The outputs depend on each other: their effective number.
+    squares = outputs @ outputs.T
+    freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
+    probabilities = np.exp(freedom * (np.array(scores) - max(scores)))
+    if n < _MIN_RANKED:
+        probabilities[1:] = 0.0
+    probabilities /= probabilities.sum()
+    shares = probabilities.reshape(-1, n_candidates).sum(axis=0)
+    averages = (np.tensordot(probabilities, x, 1) for x in (coefficients, residuals))
+    return *averages, shares
+
+
+def _variance(similarities: FloatArray, distances: FloatArray) -> FloatArray:
+    """Variance of errors, in units of that at a demonstrated request of usual size.
+
+    Parameters
+    ----------
+    similarities : array, shape (..., n_lengths, 2, n_demonstrations)
+        See :class:`_Features`.
+    distances : array, shape (...)
+        Of the same requests.
+    """
+    # 0 at a demonstrated request, 1 far from all.
+    novelties = (1.0 + OFFSET - similarities[..., -1, 0, :].max(axis=-1)).clip(0.0, 1.0)
+    return np.asarray(distances * (1.0 + _GROWTH * novelties) ** 2)
+
+
+def _error_model(errors: FloatArray, variances: FloatArray) -> tuple[FloatArray, float]:
+    """Covariance of errors, and the factor by which their variances are `variances` times that.
+
+    Parameters
+    ----------
+    errors : array, shape (n_demonstrations, n_weights)
+        Of left-out demonstrations.
+    variances : array, shape (n_demonstrations,)
+        Their relative variances, see :func:`_variance`.
+    """
+    # About zero, shrunk towards its diagonal, more strongly with fewer errors.
+    n, size = errors.shape
+    covariance = errors.T @ errors / n
+    diagonal = np.diag(covariance)
+    floor = max(1e-6 * float(diagonal.max(initial=0.0)), 1e-12)
+    shrunk = (n * covariance + size * np.diag(diagonal)) / (n + size)
+    # Widened as Student's t distribution.
+    squares, freedom = np.sum(errors**2, axis=1), max(n, 3)
+    ratio = (np.sum(squares / variances) + _TINY) / (np.sum(squares) + _TINY)
+    return shrunk + floor * np.eye(size), freedom / (freedom - 2.0) * float(ratio)
+
+
+def left_out_squares(requests: FloatArray, shapes: FloatArray) -> FloatArray:
     """Squared errors of shapes, each predicted from the other demonstrations.
 
     Parameters
@@ -308,110 +393,13 @@ def left_out_squares(
         q0, qT [rad or m] and log T. The time grows with the cube of their number.
     shapes : array, shape (2, n_demonstrations, n_functions)
         Coefficients of the shapes, and of the same motions in reversed time.
-    labels : sequence of str, optional
-        Activity of each demonstration; the same by default.
 
     Returns
     -------
     squares : array, shape (n_demonstrations,)
         Sums of squares over the coefficients.
     """
-    similar, distances = RequestFeatures(requests)(requests)
+    similar, distances = _Features(requests)(requests)
     roots = np.sqrt(distances)[:, None]
-    _, residuals = _fit(similar, shapes / roots, labels)
+    _, residuals, _ = _fit(similar, [shapes / roots])
     return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
-
-
-def _novelty(similarities: FloatArray, *, is_left_out: bool = False) -> FloatArray:
-    """0 at a demonstrated request, 1 far from all.
-
-    Parameters
-    ----------
-    similarities : array, shape (2, ..., n_demonstrations)
-        See :class:`RequestFeatures`.
-    is_left_out : bool
-        Whether these are the demonstrations, each of which is compared with the others.
-    """
-    nearest = similarities[0]
-    if is_left_out and len(nearest) > 1:
-        nearest = np.where(np.eye(len(nearest), dtype=bool), -np.inf, nearest)
-    return np.asarray(1.0 + OFFSET - nearest.max(axis=-1)).clip(0.0, 1.0)
-
-
-def _mixed(fits: FloatArray, novelties: FloatArray) -> FloatArray:
-    """Mix the values of all fits: the second one counts where requests are new.
-
-    Parameters
-    ----------
-    fits : array, shape (n_fits, ..., n_outputs)
-        Values of each fit, for a request or several.
-    novelties : array, shape (...)
-        Of the requests.
-    """
-    share = np.minimum(1.0, _FAR * novelties)[..., None]
-    return np.asarray(fits[0] + share * (fits[-1] - fits[0]))
-
-
-def _variance(distances: FloatArray | float, novelties: FloatArray) -> FloatArray:
-    """Variance of errors, in units of that at a demonstrated request of usual size."""
-    return np.asarray(distances * (1.0 + _GROWTH * novelties) ** 2)
-
-
-def _fit(
-    similarities: FloatArray, outputs: FloatArray, labels: Sequence[str] = ()
-) -> tuple[FloatArray, FloatArray]:
-    """Fit averages of Gaussian processes, with kernels ranked by what is left out.
-
-    Left out are single demonstrations and, in a second fit of several activities, those of each
-    activity, without refitting (Rasmussen and Williams, equations 5.10 to 5.12, for groups).
-
-    Parameters
-    ----------
-    similarities : array, shape (2, n_demonstrations, n_demonstrations)
-        Of the demonstrations with each other, and with the reversed ones.
-    outputs : array, shape (2, n_demonstrations, n_outputs)
-        Outputs of the demonstrations, and of the same motions in reversed time.
-    labels : sequence of str
-        Activity of each demonstration; one activity by default.
-
-    Returns
-    -------
-    coefficients : array, shape (n_fits, 2, n_demonstrations, n_outputs)
-        A prediction is the sum of their products with the similarities of a request.
-    residuals : array, shape (n_demonstrations, n_outputs)
-        Outputs minus their predictions from the other demonstrations.
-    """
-    # Parts that are even in reversed time, then those that are odd.
-    parts = np.array([outputs[0] + outputs[1], outputs[0] - outputs[1]]) / 2.0
-    reversals, noises = np.array(KERNELS).T[:, :, None, None]
-    there, back = similarities
-    signs = reversals[..., None] * np.array([1.0, -1.0])[:, None, None]
-    inverse = np.linalg.inv(there + signs * back + noises[..., None] * np.eye(len(there)))
-    solved = inverse @ parts
-    shares = np.array([solved[:, 0] + solved[:, 1], reversals * (solved[:, 0] - solved[:, 1])])
-    # Indices of demonstrations that are left out together, in arrays of groups of one size.
-    activities, names = np.asarray(labels), np.unique(labels)
-    partitions = [[np.arange(len(there))[:, None]]]
-    if len(names) > 1:
-        partitions.append([np.argwhere(activities == name).T for name in names])
-    left, logs = np.empty((len(partitions), *solved.shape)), []
-    for residuals, groups in zip(left, partitions, strict=True):
-        variances = np.empty(solved.shape[:3])
-        for group in groups:
-            covariance = np.linalg.inv(inverse[:, :, group[..., None], group[:, None]])
-            residuals[:, :, group] = covariance @ solved[:, :, group]
-            variances[:, :, group] = np.diagonal(covariance, axis1=3, axis2=4)
-        # Of the density of one output, with the variance that makes it highest.
-        square = np.sum(residuals**2 / variances[..., None], axis=(1, 2, 3))
-        log_square = solved.shape[2] * np.log(square + _TINY)
-        logs.append(-0.5 * (0.5 * np.sum(np.log(variances), axis=(1, 2)) + log_square))
-    squares, scores = outputs[0] @ outputs[0].T, np.array(logs)
-    # Effective number of independent outputs.
-    freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
-    probabilities = np.exp(_TEMPER * freedom * (scores - scores.max(axis=1, keepdims=True)))
-    if len(squares) < _MIN_RANKED:
-        probabilities[:, 1:] = 0.0
-    probabilities /= probabilities.sum(axis=1, keepdims=True)
-    coefficients = np.einsum("pk,dkno->pdno", probabilities, shares)
-    fits = np.tensordot(probabilities, np.sum(left[0], axis=1), axes=1)
-    return coefficients, _mixed(fits, _novelty(similarities, is_left_out=True))
