@@ -177,7 +177,7 @@ def test_refining_keeps_clear_of_an_obstacle_that_it_would_meet_otherwise(price)
 
 def test_refining_a_detour_keeps_clear_of_the_obstacle():
     start, goal = arm_primitive().boundary_states[0][[0, 3]]
-    world = mp.World([mp.Obstacle("post", mp.Box((0.04, 0.04, 1.2), (0.374, -0.378, 0.14)))])
+    world = mp.World([mp.Obstacle("post", mp.Box((0.04, 0.04, 1.2), (0.374, -0.384, 0.14)))])
     model = CollisionModel(ROBOT, world=world)
     plan = Planner(ROBOT, [arm_primitive()], LIMITS, PATIENT, model).plan(goal, start)
     assert plan.is_executable and plan.facts["correction"] > 0.0

@@ -32,7 +32,7 @@ from mp_pca_planner.robot.world import World
 BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 ENDS = np.array([-0.8, 0.0]), np.array([0.8, 0.0])
 # A post in the middle of a motion of the primitive: descent ends at it.
-POST = ("post", "box", [0.04, 0.04, 1.2], [0.374, -0.378, 0.14])
+POST = ("post", "box", [0.04, 0.04, 1.2], [0.374, -0.384, 0.14])
 
 
 def in_maze(q: np.ndarray) -> bool:
