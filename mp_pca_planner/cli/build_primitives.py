@@ -40,10 +40,11 @@ _HIDDEN = ("repairs", "thresholds", "durations", "foreign", "refused")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
+    parser.usage = "%(prog)s PATH… --output FILE.npz [OPTION …]"
     parser.description = "Learn a movement primitive from recorded bags and write it to a file."
     parser.add_argument(
         "bags",
-        metavar="BAG",
+        metavar="PATH",
         nargs="+",
         help="ROS 1 .bag, rosbag2 folder, .db3, .mcap; .csv; LeRobot dataset; globs and folders "
         "of these",

@@ -160,6 +160,7 @@ def add_targets(parser: argparse._ActionsContainer, place: str) -> None:
 
 def add_request(parser: argparse.ArgumentParser) -> None:
     """Add the options that :func:`plan.plan_request` reads."""
+    parser.usage = "%(prog)s FILE… --robot URDF --start VALUES --goal VALUES [OPTION …]"
     add_robot_files(parser)
     _add_ends(parser)
     _add_motion(parser)
@@ -171,12 +172,16 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
     ends = parser.add_argument_group("start and goal")
     ends.add_argument(
         "--start",
+        metavar="VALUES",
         required=True,
         help=f"start configuration: {VALUES}; may name further joints, which stay there",
     )
     goal = ends.add_mutually_exclusive_group(required=True)
     goal.add_argument(
-        "--goal", action=Once, help=f"goal: {VALUES}, @T with --via; unnamed joints stay"
+        "--goal",
+        metavar="VALUES",
+        action=Once,
+        help=f"goal: {VALUES}, @T with --via; unnamed joints stay",
     )
     goal.add_argument(
         "--goal-pose",
@@ -185,7 +190,9 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         help="pose of a frame [m, unit quaternion] in the base frame; 3 numbers: position only",
     )
     ends.add_argument(
-        "--frame", help="link of --goal-pose (default: the last link that most joints move)"
+        "--frame",
+        metavar="LINK",
+        help="link of --goal-pose (default: the last link that most joints move)",
     )
     ends.add_argument(
         "--degrees", action="store_true", help="angles are in degrees, not in radians"
@@ -281,6 +288,7 @@ def _add_collisions(parser: argparse.ArgumentParser) -> None:
     )
     world.add_argument(
         "--margin",
+        metavar="M",
         type=number(0.0, 10.0, "m"),
         help="least clearance from --obstacles [m] (default: 0)",
     )

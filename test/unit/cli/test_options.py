@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -149,3 +152,21 @@ def test_a_primitive_of_another_robot_is_named(
         said = capsys.readouterr().err
         assert "was learned for another robot: its joints 'elbow' are not in" in said
         assert "which has 'shoulder1'" in said
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"), [("mp-pca vi", {"view"}), ("mp-pca plan --nat", {"--naturalness"})]
+)
+def test_a_shell_completes_commands_and_options(
+    typed: str, offered: set[str], tmp_path: Path
+) -> None:
+    found = tmp_path / "completions"
+    asked = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(found),
+        "COMP_LINE": typed,
+        "COMP_POINT": str(len(typed)),
+    }
+    command = [sys.executable, "-m", "mp_pca_planner"]
+    subprocess.run(command, env={**os.environ, **asked}, check=True, timeout=60)
+    assert set(found.read_text().split("\v")[0].split()) == offered
