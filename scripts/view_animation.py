@@ -104,7 +104,7 @@ class Camera:
 
     def play(self) -> None:
         """Play the motion of the page."""
-        n = round(RATE * self.page.player.playback.motion.duration)
+        n = round(RATE * self.page.player.motion.duration)
         for i in range(n + 1):
             self.page.player.seek(i / n)
             self.take()

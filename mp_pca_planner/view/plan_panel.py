@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -18,10 +20,10 @@ from ..planning.options import AUTO
 from .planning import InteractivePlanner, PlanAnswer, ViewRequest, answer_html
 from .robot_shapes import DrawnRobot, Rgb, add_paths, show_paths
 from .stage import Player, ShownMotion, Stage, part
-from .worker import NewestFirst
 
 NAME = "Plan"
 _TEXT = "Drag the arrows. The robot plans a motion there, out of what it was shown."
+_INTERNAL_ERROR = "internal error; its traceback is in the log of this command"
 _CONTINUE, _RESET = "At the goal", "Reset"
 _NATURALNESS = (AUTO, "0", "0.01", "0.1", "1", "10")
 _FORMATS = {"CSV": "motion.csv", "JSON": "motion.json", "Bag (.mcap)": "motion.mcap"}
@@ -80,9 +82,14 @@ class PlanPanel:
         self._add_goal()
         self._formats = gui.add_button_group("Save as", tuple(_FORMATS))
         self._formats.on_click(self._on_save)
-        self._worker = NewestFirst[ViewRequest](self._serve, self._on_failure)
         self._place_handle()
+        self._requests = SimpleQueue[ViewRequest | None]()
+        self._newest: ViewRequest | None = None
+        self._answered: ViewRequest | None = None
         self.submit()
+        # A daemon: a plan that never ends must not keep the process alive.
+        self._thread = threading.Thread(target=self._run, name="planning", daemon=True)
+        self._thread.start()
 
     def set_open(self, is_open: bool, *, with_handle: bool) -> None:
         """Show the plan, and its handle or not."""
@@ -105,7 +112,8 @@ class PlanPanel:
     def submit(self, **changes: Any) -> None:
         """Request a plan with changes to the present request; the newest request wins."""
         self._request = replace(self._request, **{"is_final": False, **changes})
-        self._worker.submit(self._request)
+        self._newest = self._request
+        self._requests.put(self._request)
 
     @property
     def goal(self) -> FloatArray | None:
@@ -115,11 +123,12 @@ class PlanPanel:
     @property
     def is_settled(self) -> bool:
         """Whether every request has been answered."""
-        return self._worker.is_idle and self.answer is not None
+        return self._answered is self._newest
 
     def close(self) -> None:
-        """End the thread."""
-        self._worker.close()
+        """End the thread, within some seconds if the served request ends."""
+        self._requests.put(None)
+        self._thread.join(5.0)
 
     def _add_goal(self) -> None:
         stage, gui = self._stage, self._stage.server.gui
@@ -202,25 +211,25 @@ class PlanPanel:
         self.handle.position = place
         self.handle.wxyz = turn if self._turns.value else np.array([1.0, 0.0, 0.0, 0.0])
 
+    def _run(self) -> None:
+        while (request := self._requests.get()) is not None:
+            if self._requests.empty():  # else there is a newer one
+                self._serve(request)
+                self._answered = request
+
     def _serve(self, request: ViewRequest) -> None:
         # In the planning thread: only what is under the lock changes the page.
         if request.pose is not None and self.answer is not None:
             # The search for a pose begins where the last answer ended.
             request = replace(request, goal=self.answer.goal)
-        answer = self._planner.answer(request)
+        answer = PlanAnswer(request, request.goal, None, _INTERNAL_ERROR, 0.0)
+        with self._stage.caught():
+            answer = self._planner.answer(request)
         # Words sent alone appear at once; with the scene, they would wait until it is drawn.
         for show in (self._say, self._draw):
-            with self._stage.lock, self._stage.server.atomic():
+            with self._stage.caught(), self._stage.lock, self._stage.server.atomic():
                 show(answer)
             self._stage.server.flush()
-
-    def _on_failure(self, request: ViewRequest, error: BaseException) -> None:
-        """Show that a plan failed for a reason that no goal should cause."""
-        with self._stage.caught():
-            raise error
-        problem = "internal error; its traceback is in the log of this command"
-        with self._stage.caught(), self._stage.lock:
-            self._say(PlanAnswer(request, request.goal, None, problem, 0.0))
 
     def _say(self, answer: PlanAnswer) -> None:
         self.answer = answer

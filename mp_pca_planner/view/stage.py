@@ -38,8 +38,9 @@ HANDLE_LENGTH = 90.0
 """Length of the arrows of handles on the screen [pixels]."""
 
 _PERIOD = 1.0 / 30.0  # between two configurations [s]
-_SLIDER_STEPS = 4  # the slider follows every so many
-_COMPLAINT_TIME = 10.0  # for which an error is shown, and not repeated [s]
+_SLIDER_STEP = 5  # in which the slider follows [%]
+REST = 0.6
+"""Rest at the end of a motion before it starts again [s]."""
 
 
 def part(macro: str, *content: Any) -> str:
@@ -88,7 +89,6 @@ class Stage:
         self.server, self.robot, self.limits = server, robot, limits
         self.shapes, self.frame = shapes, robot.end_effector
         self.lock = threading.RLock()
-        self._complaint = "", 0.0
         self.drawn = DrawnRobot(server.scene, "/robot", shapes)
 
     def arrange(self, configurations: FloatArray) -> None:
@@ -154,20 +154,12 @@ class Stage:
         """Log an error and show it to everybody: threads and widgets of the page outlive it."""
         try:
             yield
-        except BaseException as error:  # such as SystemExit, which ends a thread silently
+        except Exception as error:
             is_internal = not isinstance(error, PlannerError)
             text = f"internal error, {type(error).__name__}: {error}" if is_internal else str(error)
-            self._complain(printable(text), error if is_internal else None)
-
-    def _complain(self, text: str, error: BaseException | None) -> None:
-        """Show an error and log it with its traceback, once if it comes again and again."""
-        now = time.monotonic()
-        if text == self._complaint[0] and now < self._complaint[1] + _COMPLAINT_TIME:
-            return
-        self._complaint = text, now
-        LOG.error("the page continues: %s", text, exc_info=error)
-        for client in self.server.get_clients().values():
-            client.add_notification("Not done", text, auto_close_seconds=_COMPLAINT_TIME)
+            LOG.error("the page continues: %s", printable(text), exc_info=is_internal)
+            for client in self.server.get_clients().values():
+                client.add_notification("Not done", printable(text), auto_close_seconds=10.0)
 
     def on_change(self, handle: Any, react: Callable[[], None]) -> None:
         """Call a function when a person changes a widget; the page's own changes don't count."""
@@ -224,64 +216,8 @@ class ShownMotion:
         return np.array([np.interp(time, self.times, column) for column in self.positions.T])
 
 
-class Playback:
-    """The clock of the shown motion.
-
-    Attributes
-    ----------
-    motion : ShownMotion
-        The motion.
-    time : float
-        Present time in the motion [s].
-    is_playing : bool
-        Whether the clock runs. It starts again after the end, with a rest between.
-    """
-
-    REST = 0.6
-    """Rest at the end of the motion before it starts again [s]."""
-
-    def __init__(self, motion: ShownMotion) -> None:
-        self.motion, self.time, self.is_playing = motion, 0.0, True
-        self._rested = 0.0
-
-    @property
-    def configuration(self) -> FloatArray:
-        """The present configuration, shape (n_joints,)."""
-        return self.motion.at(self.time)
-
-    @property
-    def share(self) -> float:
-        """Share of the motion that has passed, 0 to 1."""
-        duration = self.motion.duration
-        return min(self.time / duration, 1.0) if duration > 0.0 else 0.0
-
-    def show(self, motion: ShownMotion) -> None:
-        """Show another motion, at the same share of its duration."""
-        share = self.share
-        self.motion = motion
-        self.time = share * motion.duration
-
-    def seek(self, share: float) -> None:
-        """Go to a share of the motion."""
-        self.time, self._rested = share * self.motion.duration, 0.0
-
-    def advance(self, elapsed: float) -> bool:
-        """Let time pass [s]; returns whether the configuration may have changed."""
-        if not self.is_playing:
-            return False
-        if self.time < self.motion.duration:
-            self.time = min(self.time + elapsed, self.motion.duration)
-            self._rested = 0.0
-            return True
-        self._rested += elapsed
-        if self._rested < self.REST:
-            return False
-        self.seek(0.0)
-        return True
-
-
 class Player:
-    """Plays one motion at a time.
+    """Plays one motion at a time, again and again with a rest between.
 
     Parameters
     ----------
@@ -289,38 +225,54 @@ class Player:
         The scene.
     motion : ShownMotion
         The first motion.
+
+    Attributes
+    ----------
+    motion : ShownMotion
+        The motion.
     """
 
     def __init__(self, stage: Stage, motion: ShownMotion) -> None:
-        self._stage = stage
-        self.playback = Playback(motion)
+        self._stage, self.motion = stage, motion
+        self._time, self._is_playing = 0.0, True
         gui = stage.server.gui
         self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
         self._slider: Any = gui.add_slider("Time [%]", 0, 100, 1, 0)
-        stage.on_click(self._button, lambda: self.play(not self.playback.is_playing))
+        stage.on_click(self._button, lambda: self.play(not self._is_playing))
         stage.on_change(self._slider, lambda: self.seek(0.01 * self._slider.value))
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
 
+    @property
+    def share(self) -> float:
+        """Share of the motion that has passed, 0 to 1."""
+        duration = self.motion.duration
+        return min(self._time / duration, 1.0) if duration > 0.0 else 0.0
+
     def show(self, motion: ShownMotion) -> None:
         """Show another motion, at the same share of its duration."""
-        self.playback.show(motion)
+        share, self.motion = self.share, motion
+        self._time = share * motion.duration
         self._draw()
 
     def play(self, is_playing: bool) -> None:
         """Play or pause."""
-        if is_playing and self.playback.share >= 1.0:
-            self.playback.seek(0.0)
-        self.playback.is_playing = is_playing
+        self._is_playing = is_playing
         self._button.label = "Pause" if is_playing else "Play"
         self._button.icon = viser.Icon.PLAYER_PAUSE if is_playing else viser.Icon.PLAYER_PLAY
 
     def seek(self, share: float) -> None:
         """Pause at a share of the motion, 0 to 1."""
         self.play(False)
-        self.playback.seek(share)
+        self._time = share * self.motion.duration
         self._slider.value = round(100 * share)
+        self._draw()
+
+    def advance(self, elapsed: float) -> None:
+        """Let time pass [s]."""
+        self._time = (self._time + elapsed) % (self.motion.duration + REST)
+        self._slider.value = _SLIDER_STEP * round(100 * self.share / _SLIDER_STEP)
         self._draw()
 
     def close(self) -> None:
@@ -330,16 +282,13 @@ class Player:
 
     def _draw(self) -> None:
         with self._stage.server.atomic():
-            self._stage.drawn.show(self.playback.configuration)
+            self._stage.drawn.show(self.motion.at(self._time))
 
     def _run(self) -> None:
-        last, steps = time.monotonic(), 0
+        last = time.monotonic()
         while not self._closed.wait(_PERIOD):
             now = time.monotonic()
-            with self._stage.caught(), self._stage.lock:
-                if self.playback.advance(now - last):
-                    self._draw()
-                    steps += 1
-                    if steps % _SLIDER_STEPS == 0 or self.playback.share in (0.0, 1.0):
-                        self._slider.value = round(100 * self.playback.share)
+            with self._stage.lock:
+                if self._is_playing:
+                    self.advance(now - last)
             last = now

@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """A demonstration bent by components, and the clock that plays it."""
 
+import threading
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.arm import arm_demonstrations, arm_primitive, arm_robot
 
@@ -20,7 +24,7 @@ from mp_pca_planner.view.learned import (
     component_names,
     variance_shares,
 )
-from mp_pca_planner.view.stage import Playback, ShownMotion
+from mp_pca_planner.view.stage import REST, Player, ShownMotion
 
 
 def ramp(duration: float = 2.0) -> ShownMotion:
@@ -91,34 +95,42 @@ def test_shares_of_all_components_sum_to_the_explained_share():
         assert len(set(component_names(primitive))) == primitive.n_components
 
 
-# Playback
+# The player
 
 
-def test_the_clock_stops_at_the_end_rests_and_starts_again():
-    playback = Playback(ramp())
-    assert playback.advance(1.0) and playback.share == 0.5
-    np.testing.assert_allclose(playback.configuration, [5.0, 2.0])
-    assert playback.advance(5.0) and playback.share == 1.0
-    assert not playback.advance(0.5 * Playback.REST)
-    assert playback.advance(Playback.REST) and playback.share == 0.0
+@pytest.fixture
+def player() -> Iterator[Player]:
+    """A player that rests, of a motion with positions that are times 5, on a stage of stubs."""
+    stage: Any = MagicMock()
+    stage.lock = threading.RLock()
+    stage.drawn.show = lambda q: setattr(stage, "shown", q)
+    made = Player(stage, ramp())
+    made.play(False)
+    made.seek(0.0)
+    yield made
+    made.close()
 
 
-def test_a_pause_stops_the_clock():
-    playback = Playback(ramp())
-    playback.advance(0.25)
-    playback.is_playing = False
-    assert not playback.advance(1.0) and playback.time == 0.25
+def test_the_player_stops_at_the_end_rests_and_starts_again(player):
+    player.advance(1.0)
+    np.testing.assert_allclose(player._stage.shown, [5.0, 2.0])
+    for elapsed in (1.0, 0.5 * REST):
+        player.advance(elapsed)
+        np.testing.assert_allclose(player._stage.shown, [10.0, 3.0])
+    player.advance(0.5 * REST + 0.1)
+    np.testing.assert_allclose(player._stage.shown, [0.5, 1.1])
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.1, 10.0))
-def test_another_motion_goes_on_at_the_same_share(share, duration):
-    playback = Playback(ramp())
-    playback.seek(share)
-    playback.show(ramp(duration))
-    assert playback.share == pytest.approx(share)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_another_motion_goes_on_at_the_same_share(player, share, duration):
+    player.show(ramp())
+    player.seek(share)
+    player.show(ramp(duration))
+    assert player.share == pytest.approx(share)
 
 
-def test_a_motion_of_one_point_is_shown():
-    playback = Playback(ShownMotion(np.zeros(1), np.array([[1.0, 2.0]])))
-    np.testing.assert_array_equal(playback.configuration, [1.0, 2.0])
-    assert playback.share == 0.0
+def test_a_motion_of_one_point_is_shown(player):
+    player.show(ShownMotion(np.zeros(1), np.array([[1.0, 2.0]])))
+    player.advance(0.1)
+    np.testing.assert_array_equal(player._stage.shown, [1.0, 2.0])
