@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..arrays import FloatArray
 from ..primitives.primitive import MovementPrimitive
 from .content import typical_demonstration
-from .robot_shapes import Rgb, add_paths, show_paths
+from .robot_shapes import DrawnPath, Rgb
 from .stage import Player, ShownMotion, Stage, part
 
 NAME = "Components"
@@ -106,8 +106,8 @@ class ComponentsPanel:
         # The sliders of the shown components, and all that belongs to them.
         self._sliders: dict[int, Any] = {}
         self._widgets: list[Any] = []
-        self._typical = add_paths(stage.server.scene, "/components/typical", _TYPICAL)
-        self._bent = add_paths(stage.server.scene, "/components/bent", _BENT, 4.0)
+        self._typical = DrawnPath(stage.server.scene, "/components/typical", _TYPICAL)
+        self._bent = DrawnPath(stage.server.scene, "/components/bent", _BENT, 4.0)
         stage.on_change(self._choice, self._on_choice)
         stage.on_click(reset, self._on_reset)
         self._on_choice()
@@ -153,10 +153,7 @@ class ComponentsPanel:
         self._show()
 
     def _show(self) -> None:
-        if not self._is_open:
-            show_paths(self._typical)
-            show_paths(self._bent)
-            return
-        show_paths(self._typical, self._stage.path(self._unbent.positions))
-        show_paths(self._bent, self._stage.path(self.motion.positions))
-        self._player.show(self.motion)
+        for drawn, motion in ((self._typical, self._unbent), (self._bent, self.motion)):
+            drawn.show(self._stage.path(motion.positions) if self._is_open else None)
+        if self._is_open:
+            self._player.show(self.motion)

@@ -85,7 +85,9 @@ class ViewPage:
         tabs = gui.add_button_group("Tabs", names)
         stage.on_click(tabs, lambda: self.open(tabs.value))
         if stage.shapes.notes:
-            gui.add_html(part("folded", "Some shapes are missing", stage.shapes.notes))
+            gui.add_html(
+                part("folded", f"{len(stage.shapes.notes)} shapes are missing", stage.shapes.notes)
+            )
         self._verdict = gui.add_html("")
         self.player = Player(stage, ShownMotion(np.zeros(1), start[None]))
         self._folders = {name: gui.add_folder(None) for name in names}

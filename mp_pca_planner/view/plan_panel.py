@@ -18,7 +18,7 @@ from ..arrays import FloatArray
 from ..motion.goal import Pose
 from ..planning.options import AUTO
 from .planning import InteractivePlanner, PlanAnswer, ViewRequest, answer_html
-from .robot_shapes import DrawnRobot, Rgb, add_paths, show_paths
+from .robot_shapes import DrawnPath, DrawnRobot, Rgb
 from .stage import Player, ShownMotion, Stage, part
 
 NAME = "Plan"
@@ -74,7 +74,7 @@ class PlanPanel:
         scene = stage.server.scene
         self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
         self._ghost.show(request.goal)
-        self._path = add_paths(scene, "/plan/path", _PATH, 5.0)
+        self._path = DrawnPath(scene, "/plan/path", _PATH, 5.0)
         self.handle = stage.add_handle("/handle", disable_rotations=True)
         stage.on_drag(self.handle, self._on_handle)
         gui = stage.server.gui
@@ -94,7 +94,7 @@ class PlanPanel:
     def set_open(self, is_open: bool, *, with_handle: bool) -> None:
         """Show the plan, and its handle or not."""
         self._is_open = is_open
-        self._ghost.visible = is_open
+        self._ghost.root.visible = is_open
         self._draw_paths()
         self.handle.visible = with_handle
         if is_open:
@@ -251,7 +251,8 @@ class PlanPanel:
     def _draw_paths(self) -> None:
         """Draw the paths of the newest answer while the plan is shown; red if it is rejected."""
         answer = self.answer if self._is_open else None
-        plan = None if answer is None else answer.plan
-        colour = _REJECTED if answer is not None and answer.problem else _PATH
-        drawn = [] if plan is None else [self._stage.path(plan.trajectory.positions)]
-        show_paths(self._path, *drawn, colour=colour)
+        if answer is None or answer.plan is None:
+            self._path.show(None)
+            return
+        path = self._stage.path(answer.plan.trajectory.positions)
+        self._path.show(path, _REJECTED if answer.problem else _PATH)

@@ -300,6 +300,8 @@ class DrawnRobot:
     ----------
     configuration : array, shape (n_joints,)
         The configuration shown.
+    root : viser.FrameHandle
+        Its node.
     """
 
     def __init__(
@@ -311,7 +313,7 @@ class DrawnRobot:
     ) -> None:
         self._shapes = shapes
         self.configuration: FloatArray = np.zeros(0)
-        self._root = scene.add_frame(name, show_axes=False)
+        self.root = scene.add_frame(name, show_axes=False)
         self._joints = [
             scene.add_frame(f"{name}/{joint}", show_axes=False) for joint in range(shapes.n_joints)
         ]
@@ -337,15 +339,6 @@ class DrawnRobot:
         for mesh in self._meshes:
             mesh.color = colour
 
-    @property
-    def visible(self) -> bool:
-        """Whether it is shown."""
-        return bool(self._root.visible)
-
-    @visible.setter
-    def visible(self, is_visible: bool) -> None:
-        self._root.visible = is_visible
-
 
 def add_mesh(scene: viser.SceneApi, name: str, mesh: Any, colour: Rgb, **more: Any) -> Any:
     """Add a mesh of one colour to the scene."""
@@ -362,28 +355,23 @@ def _add_shape(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
     add_mesh(scene, name, mesh, colour, opacity=None if opacity >= 1.0 else opacity)
 
 
-def add_paths(
-    scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0
-) -> viser.LineSegmentsHandle:
-    """Add paths that are hidden at first, with a width on the screen [pixels]."""
-    return scene.add_line_segments(
-        name,
-        np.zeros((1, 2, 3), np.float32),
-        colour,
-        thickness=width,
-        thickness_units="screen",
-        visible=False,
-    )
+class DrawnPath:
+    """A path in the scene, hidden at first, with a width on the screen [pixels]."""
 
+    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, width: float = 3.0) -> None:
+        self._line = scene.add_line_segments(
+            name,
+            np.zeros((1, 2, 3), np.float32),
+            colour,
+            thickness=width,
+            thickness_units="screen",
+            visible=False,
+        )
 
-def show_paths(
-    drawn: viser.LineSegmentsHandle, *paths: FloatArray, colour: Rgb | None = None
-) -> None:
-    """Draw paths through points, each of shape (n_points, 3) [m]; without any, hide them."""
-    segments = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
-    lines = np.concatenate([np.zeros((0, 2, 3)), *segments]).astype(np.float32)
-    if len(lines):
-        drawn.points = lines
-    if colour is not None:
-        drawn.colors = np.asarray(colour, np.uint8)
-    drawn.visible = bool(len(lines))
+    def show(self, points: FloatArray | None, colour: Rgb | None = None) -> None:
+        """Show a path through points, shape (n_points, 3) [m], or none."""
+        if points is not None:
+            self._line.points = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        if colour is not None:
+            self._line.colors = np.asarray(colour, np.uint8)
+        self._line.visible = points is not None and len(points) > 1

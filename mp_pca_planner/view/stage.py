@@ -94,7 +94,9 @@ class Stage:
     def arrange(self, configurations: FloatArray) -> None:
         """Put the robot into the first configuration, and the camera where it sees all of them."""
         self.drawn.show(configurations[0])
-        corners = np.concatenate([self.shapes.corners(q) for q in configurations])
+        corners = np.concatenate(
+            [self.path(configurations), *(self.shapes.corners(q) for q in configurations)]
+        )
         low, high = corners.min(axis=0), corners.max(axis=0)
         self.size = size = float(np.linalg.norm(high - low))
         scene = self.server.scene
