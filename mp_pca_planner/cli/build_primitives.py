@@ -31,11 +31,9 @@ from ..recordings.recording_set import RecordingSet
 from ..recordings.segmentation import CUTS, SegmentationOptions
 from ..renaming import read_rename
 from ..robot.model import Robot
-from .common import check_output, make_folder, print_json, progress_bar, show
+from .common import check_output, make_folder, primitive_lines, print_json, progress_bar
 from .options import add_bag_topic, add_report, name_list, seconds, whole
-from .terminal import DONE, complain
-
-_HIDDEN = ("repairs", "thresholds", "durations", "foreign", "refused")
+from .terminal import DONE, complain, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -346,7 +344,7 @@ def _print(
     foreign: Sequence[tuple[str, str]],
 ) -> None:
     facts = [_facts(primitive, outputs[name]) for name, primitive in built.items()]
-    of_recordings: dict[str, Any] = {
+    of_recordings = {
         "n_recordings": len(recordings.reports),
         "refused": [asdict(refusal) for refusal in recordings.refused],
         "repairs": {report.name: report.repairs for report in recordings.reports},
@@ -359,20 +357,17 @@ def _print(
             if report.marker_residuals
         },
     }
-    if not arguments.json:  # a line for each
-        notes = [f"{one.name}: {note}" for one in recordings.reports for note in one.notes]
-        of_recordings |= {"notes": notes}
-    if arguments.by is None:
-        show(arguments, {**facts[0], **of_recordings}, hidden=_HIDDEN)
-    elif arguments.json:
-        print_json({"primitives": facts, "failed": dict(failed), **of_recordings})
+    if not arguments.json:
+        for name, primitive in built.items():
+            say(*primitive_lines(outputs[name], primitive))
+        say("", *recordings.report.splitlines())
     else:
-        for each in facts:
-            show(arguments, each, hidden=_HIDDEN)
-    for note in recordings.notes:
-        complain(note)
-    for refusal in recordings.refused:
-        complain(f"rejected {refusal.recording}: {refusal.reason}")
+        several = {"primitives": facts, "failed": dict(failed)}
+        print_json({**(facts[0] if arguments.by is None else several), **of_recordings})
+        for note in recordings.notes:
+            complain(note)
+        for refusal in recordings.refused:
+            complain(f"rejected {refusal.recording}: {refusal.reason}")
     for name, reason in failed.items():
         complain(f"no primitive of '{name}': {reason}")
     for recording, reason in foreign:

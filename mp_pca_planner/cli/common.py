@@ -23,6 +23,7 @@ from .terminal import say
 if TYPE_CHECKING:
     from ..motion.trajectory import Trajectory
     from ..primitives.library import PrimitiveLibrary
+    from ..primitives.primitive import MovementPrimitive
     from ..robot.model import Robot
 
 Progress = Callable[[int, int], None]
@@ -76,6 +77,17 @@ def fact_lines(facts: Mapping[str, Any], most: int = 12) -> list[str]:
             rows = [_fact(value)]
         lines += [f"{name:<{width}}  {row}" for row in rows]
     return lines
+
+
+def primitive_lines(path: str | Path, primitive: MovementPrimitive) -> list[str]:
+    """What a primitive is, as text for people."""
+    explained = []
+    for name, shares in primitive.explained_variance_ratio.items():
+        whose = "" if primitive.coupling == "arm" else f" of '{name}'"
+        texts = ", ".join(f"{100.0 * share:.1f}" for share in shares)
+        explained += [f"  components{whose} explain {texts} % of the variance"] if texts else []
+    head, *others = str(primitive).splitlines()
+    return [f"{path}: {head}", *explained, *others]
 
 
 def _fact(value: Any) -> str:

@@ -16,11 +16,9 @@ from ..primitives.file import load_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.reading import inspect_recording
-from .common import print_json, show
+from .common import fact_lines, primitive_lines, print_json
 from .options import add_bag_topic
 from .terminal import DONE, PROGRAM, REFUSED, complain, say
-
-_HIDDEN = ("metadata", "fit_residual", "durations")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,28 +35,30 @@ def run(arguments: argparse.Namespace) -> int:
     status = DONE
     for name in arguments.files:
         try:
-            found = _contents(name, arguments)
+            found, lines = _contents(name, arguments)
         except PlannerError as error:
             complain(f"{PROGRAM} inspect: {error}")
             status = REFUSED
             continue
-        for facts in found:
-            reports.append(facts)
-            if not arguments.json:
-                show(arguments, facts, hidden=_HIDDEN)
-                say("")
+        reports += found
+        if not arguments.json:
+            say(*lines, "")
     if arguments.json:
         print_json({"files": reports})
     return status if any(facts.get("refusal") is None for facts in reports) else REFUSED
 
 
-def _contents(name: str, arguments: argparse.Namespace) -> list[dict[str, Any]]:
+def _contents(name: str, arguments: argparse.Namespace) -> tuple[list[dict[str, Any]], list[str]]:
+    """The facts of a primitive or of each recording, and their text."""
     if name.endswith(".npz"):
         primitive = load_primitive(name)
-        return [_primitive_facts(name, primitive)]
+        facts = _primitive_facts(name, primitive)
+        law = f"  control law: {facts['control_statement']}"
+        return [facts], [*primitive_lines(name, primitive), law]
     options = {"state_field": arguments.field, "salvage": arguments.recover}
     paths = find_recordings([name])
-    return [asdict(inspect_recording(path, arguments.topic, **options)) for path in paths]
+    found = [asdict(inspect_recording(path, arguments.topic, **options)) for path in paths]
+    return found, "\n\n".join("\n".join(fact_lines(facts)) for facts in found).splitlines()
 
 
 def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:

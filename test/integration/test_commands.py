@@ -150,7 +150,7 @@ def test_inspect_shows_the_content_of_a_primitive(primitive):
     assert facts["name"] == "arm_arm_4" and facts["n_components"] == 4
     assert len(facts["metadata"]["demonstrations"]) == 20
     text = run("inspect", primitive, ok=True).stdout
-    assert "explained_variance_ratio  arm=" in text and "left_out_error" in text
+    assert "4 components of 20 demonstrations" in text and "left-out motions: " in text
 
 
 def test_inspect_shows_what_it_can_and_refuses_the_rest(primitive, tmp_path):
