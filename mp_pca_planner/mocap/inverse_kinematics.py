@@ -312,16 +312,15 @@ def fitted_origins(urdf: str, marker_map: MarkerMap) -> tuple[FittedOrigin, ...]
         direction.
     """
     where = f"{marker_map.source}: fit_origins"
-    joints = {joint.get("name", ""): joint for joint in ET.fromstring(urdf).iter("joint")}
+    joints = {joint.get("name", ""): joint for joint in ET.fromstring(urdf).findall("joint")}
     ends = {name: (_end(joint, "parent"), _end(joint, "child")) for name, joint in joints.items()}
     fitted = []
     for name, kind in marker_map.fit_origins.items():
         if name not in joints:
             raise RecordingError(f"{where}: {unknown_name('joint', name, joints)}")
         place, (parent, child) = joints[name].find("origin"), ends[name]
-        origin = (
-            np.zeros(3) if place is None else np.array(place.get("xyz", "0 0 0").split(), float)
-        )
+        text = "0 0 0" if place is None else place.get("xyz", "0 0 0")
+        origin = np.array(text.split(), dtype=float)
         if kind == "length" and not origin.any():
             raise RecordingError(
                 f"{where}: joint '{name}' is at the origin of its parent link, so there is no "
@@ -396,13 +395,13 @@ def fit_origins(
         weighted = (scale * (moved - problem.targets)).reshape(-1)
         return np.append(weighted, still @ x), np.vstack([jacobian, still])
 
-    q = np.empty((problem.n_frames, problem.n_joints))
-    q_start = _best_of_starts(problem, 0)
-    for frame in range(problem.n_frames):
-        q[frame], _ = q_start, _ = _solve_frame(problem, frame, q_start, _FIRST_STEP)
-    start = np.append(np.zeros(n), q)
+    configurations = [_best_of_starts(problem, 0)]
+    for frame in range(1, problem.n_frames):
+        solved, _ = _solve_frame(problem, frame, configurations[-1], _FIRST_STEP)
+        configurations.append(solved)
+    start = np.append(np.zeros(n), configurations)
     bounds = [
-        np.append(np.full(n, end), np.tile(limit, len(q)))
+        np.append(np.full(n, end), np.tile(limit, problem.n_frames))
         for end, limit in ((-np.inf, problem.lower), (np.inf, problem.upper))
     ]
     fit = optimize.least_squares(
@@ -421,7 +420,7 @@ def fit_origins(
 def _with_origins(urdf: str, origins: Mapping[str, FloatArray]) -> str:
     """A robot description with other origins of some joints."""
     root = ET.fromstring(urdf)
-    for joint in root.iter("joint"):
+    for joint in root.findall("joint"):
         if (position := origins.get(joint.get("name", ""))) is not None:
             origin = joint.find("origin")
             origin = ET.SubElement(joint, "origin") if origin is None else origin

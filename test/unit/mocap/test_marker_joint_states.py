@@ -80,7 +80,10 @@ def changed_map(tmp_path: Path, *changes: tuple[str, str]) -> Path:
 
 def test_angles_of_a_moving_person_are_found_whatever_the_lengths(tmp_path: Path) -> None:
     path = write_marker_arrays(tmp_path / "bag", markers(small=True))
-    q, found = solved(path, marker_source("/markers", URDF, MAP))
+    # Transmissions have elements that are called joints, too.
+    urdf, more = tmp_path / "arm.urdf", '<transmission><joint name="elbow"/></transmission></robot>'
+    urdf.write_text(URDF.read_text(encoding="utf-8").replace("</robot>", more), encoding="utf-8")
+    q, found = solved(path, marker_source("/markers", urdf, MAP))
     np.testing.assert_allclose(q, motion(), atol=2e-3)
     assert list(found.residuals) == [*CHEST, *ARM]
     assert all(r.median < 1e-4 and r.n_frames == N for r in found.residuals.values())
