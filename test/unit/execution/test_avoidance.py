@@ -43,7 +43,8 @@ def place_on_motion(node, share):
 def clearance(node, world, since):
     """Least distance of the commanded robot from a ball since a time."""
     record = node.robot.record
-    return plain_distances(world, record.q[record.times >= since]).min()
+    path = np.unique(record.q[record.times >= since], axis=0)  # most of the time, it rests
+    return plain_distances(world, path).min()
 
 
 def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node):
@@ -97,12 +98,12 @@ def test_a_stop_or_detour_whose_message_is_late_on_a_busy_machine_is_followed(no
         node.use_world(ball_at(place_on_motion(node, min(share, 0.99))))
         node.run(3.0 if share == 1.0 else delay + 0.1)
         node.robot.faults.delay = 0.0
-        node.run(8.0)
+        node.run(5.0)
         assert node.outcomes[-1] == expected
         assert not node.robot.record.v[-1].any()
         node.use_world(World())
         node.ask(START)
-        node.run(6.0)
+        node.run(4.0)
     np.testing.assert_allclose(node.commanded, START, atol=1e-9)
 
 

@@ -477,10 +477,10 @@ def test_robot_that_is_held_arrives_when_it_is_released_in_time(either):
 def test_slowed_robot_arrives_late_and_gets_one_report(either, scaling):
     either.robot.faults.speed_scaling = scaling
     either.run(0.5)
-    either.ask(GOAL, duration=2.0)
-    either.run(0.7 * 2.0 / scaling)
+    either.ask(GOAL, duration=1.2)
+    either.run(0.7 * 1.2 / scaling)
     assert not either.outcomes
-    either.run(2.0 / scaling)
+    either.run(1.2 / scaling)
     assert either.outcomes == ["arrived"]
 
 
@@ -536,9 +536,9 @@ def test_stated_command_of_a_slowed_or_held_robot_is_continued_without_a_jump(fa
             node.ask(START)
         node.run(1.0)
         setattr(node.robot.faults, fault[0], usual)
-        node.run(4.0)
+        node.run(2.5)
         node.ask(START)
-        node.run(5.0)
+        node.run(3.0)
     assert node.statuses.count("refused") == 0
     node.assert_smooth()
 
