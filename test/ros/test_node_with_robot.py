@@ -18,7 +18,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from support.arm import JOINTS, arm_primitive, arm_robot
-from support.bench import LIMITS, STATE_TIMEOUT, VIA, Bench, benched
+from support.bench import LIMITS, VIA, Bench, benched
 from support.domains import set_domain
 from support.nodes import GOAL, START, goal_message
 from support.patience import HANG
@@ -81,16 +81,6 @@ def test_goal_is_reached_and_reported_as_arrived(bench: Bench) -> None:
     report = bench.arrive(GOAL)
     assert float(report["error"]) < 1e-3
     np.testing.assert_allclose(bench.position, GOAL, atol=1e-3)
-
-
-@pytest.mark.slow
-def test_goal_to_an_inactive_controller_is_reported_as_never_started(bench: Bench) -> None:
-    with bench.fault("active", False, True):
-        elsewhere = START if np.abs(bench.position - VIA).max() < 0.01 else VIA
-        assert bench.execution(bench.send(elsewhere))["outcome"] == "never_started"
-    bench.arrive(elsewhere)
-    if elsewhere is VIA:
-        bench.arrive(START)
 
 
 @pytest.mark.slow
@@ -201,20 +191,3 @@ def test_stop_in_motion_ends_at_rest_on_the_path(bench: Bench) -> None:
     assert len(stop.points) > 1
     assert distance_to_path(bench.position, moving.trajectory) < 1e-3
     assert np.abs(bench.position - goals[k % 2]).max() > 0.1
-
-
-@pytest.mark.slow
-def test_stop_of_a_silent_robot_says_what_is_not_known(bench: Bench) -> None:
-    moving = bench.begin_slowly(VIA)
-    with bench.fault("silent", True, False):
-        bench.set(state_timeout=0.2)
-        bench.client.wait_for_diagnostics(lambda values: "stopped" in values["text"], HANG)
-        answer, stop = bench.client.stop(HANG)
-        bench.set(state_timeout=STATE_TIMEOUT)
-    assert answer.success
-    assert "it is not known whether the robot stops: " in answer.message
-    assert "joint_states" in answer.message
-    assert stop is not None
-    assert len(stop.points) == 1
-    assert bench.execution(moving)["outcome"] == "stopped"
-    np.testing.assert_allclose(bench.position, stop.points[0].positions, atol=1e-3)

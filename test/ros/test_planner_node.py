@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import random
 import re
 import signal
 import subprocess
@@ -26,7 +25,6 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import serialize_message
@@ -207,22 +205,6 @@ def test_goal_to_a_robot_that_moves_on_no_motion_of_the_node_is_refused(
 ) -> None:
     client.publish_state(JOINTS, START, [0.3, -0.2, 0.1, 0.2])
     assert_refused(client.send(goal_message()), "moves", "at rest")
-
-
-@pytest.mark.slow
-def test_goal_that_repeats_is_under_way_and_publishes_nothing(client: NodeClient) -> None:
-    motion = client.send(goal_message()).trajectory
-    assert motion is not None
-    n_trajectories = len(client.trajectories)
-    before = int(client.wait_for_diagnostics()["goals_under_way"])
-    # The robot rests where the motion ends, once it is over: then it was never seen elsewhere.
-    last = motion.points[-1].time_from_start
-    time.sleep(last.sec + 1e-9 * last.nanosec + 0.5)
-    client.publish_state(JOINTS, GOAL)
-    again = client.send(goal_message())
-    assert (again.report.level, again.values["status"]) == (OK, "under_way")
-    assert len(client.trajectories) == n_trajectories
-    client.wait_for_diagnostics(lambda values: int(values["goals_under_way"]) == before + 1)
 
 
 def test_order_of_joints_and_unusable_extra_joints_in_the_state_do_not_matter(
@@ -724,66 +706,6 @@ def test_plan_that_breaks_limits_is_reported_and_not_published(client: NodeClien
     assert len(client.trajectories) == n_trajectories + 1
 
 
-NUMBERS = (float("nan"), float("inf"), float("-inf"), 1e308, -1e308, 1e9, 4.0)
-NAMES = ("", "Gelenk-Ä", "関節", "elbow2", "x" * 5000, "a\nb", "{}", "%s", "/elbow", "ELBOW")
-
-
-def malformed_goal(random: random.Random) -> JointState:
-    """One of all kinds of wrong goals."""
-    positions = [random.uniform(-0.3, 0.0) for _ in JOINTS]
-    joint = random.randrange(4)
-    other = random.choice(NAMES)
-    number = random.choice(NUMBERS)
-    wrong_length = random.choice([1, 2, 3, 5, 100])
-    changed = [*positions[:joint], number, *positions[joint + 1 :]]
-    renamed = (*JOINTS[:joint], other, *JOINTS[joint + 1 :])
-    return random.choice(
-        [
-            lambda: JointState(),
-            lambda: JointState(position=positions),
-            lambda: JointState(name=JOINTS),
-            lambda: goal_message([0.0] * wrong_length),
-            lambda: goal_message(changed),
-            lambda: goal_message(positions, renamed),
-            lambda: goal_message([*positions, 0.0], (*JOINTS, other)),
-            lambda: goal_message([*positions, 0.0], (*JOINTS, JOINTS[joint])),
-            lambda: goal_message(positions, velocity=[0.0] * wrong_length),
-            lambda: goal_message(positions, velocity=changed),
-            lambda: in_frame(goal_message(positions), other or "arm"),
-        ]
-    )()
-
-
-def resident_kilobytes(process: subprocess.Popen[str]) -> int:
-    status = Path(f"/proc/{process.pid}/status").read_text(encoding="ascii")
-    return int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
-
-
-@pytest.mark.slow
-def test_thousand_malformed_goals_get_an_error_each_and_do_no_harm(
-    client: NodeClient, node: subprocess.Popen[str]
-) -> None:
-    n_goals = 1000
-    generator = random.Random(7)
-    with parameters(client, state_timeout=0.0):
-        n_reports, n_trajectories = len(client.reports), len(client.trajectories)
-        before = 0
-        for k in range(n_goals):
-            if k == n_goals // 5:
-                before = resident_kilobytes(node)
-            answer = client.send(malformed_goal(generator))
-            assert answer.report.level == ERROR, answer.report
-            assert answer.report.message
-            assert answer.report.message.isprintable()
-            assert "internal error" not in answer.report.message
-        after = resident_kilobytes(node)
-        assert client.send(goal_message()).report.level == OK
-    # The good goal comes last, so that no message before it can be on its way.
-    assert len(client.reports) == n_reports + n_goals + 1
-    assert len(client.trajectories) == n_trajectories + 1
-    assert after - before < 4096
-
-
 # Start and end
 
 
@@ -831,33 +753,6 @@ def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> Non
         timeout = Parameter("state_timeout", value=0.0).to_parameter_msg()
         assert client.set_parameters(timeout)[0].successful
         client.wait_for_diagnostics(lambda values: values["text"] == "ready for goals")
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("own_domain")
-def test_first_stamps_that_are_late_are_no_reason_to_warn_of_clocks(tmp_path: Path) -> None:
-    """The machine stalls while the processes start: the 20 newest stamps have to show it."""
-    log = tmp_path / "log.txt"
-    save_primitive(arm_primitive(), tmp_path / "arm.npz")
-    primitives = ("-p", f"primitives:=['{tmp_path}/arm.npz']")
-    with running_node(log, *primitives), described_client() as client:
-
-        def publish_late_states(n: int) -> None:
-            for _ in range(n):
-                late = client.node.get_clock().now() - Duration(seconds=0.5)
-                state = JointState(name=JOINTS, position=START)
-                state.header.stamp = late.to_msg()
-                client.publish_state_message(state)
-                time.sleep(0.025)
-
-        publish_late_states(15)
-        client.wait_for_diagnostics()
-        client.wait_for_diagnostics()
-        assert "s behind" not in log.read_text()
-        deadline = time.monotonic() + HANG
-        while "s behind" not in log.read_text():  # nothing else would say that the node listens
-            publish_late_states(5)
-            assert time.monotonic() < deadline
 
 
 @pytest.mark.slow
@@ -979,34 +874,6 @@ def test_node_that_is_told_to_end_while_it_starts_ends_cleanly(tmp_path: Path, n
     finally:
         process.kill()
     assert "Traceback" not in log.read_text()
-
-
-WITH_A_THREAD_IN_ROS = """
-import os, signal, sys, threading, rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
-from mp_pca_planner.__main__ import main
-
-def wait_in_ros():
-    context = rclpy.Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(rclpy.create_node("waiting", context=context))
-    while True:
-        executor.spin_once(0.01)
-        if rclpy.ok():  # the node's own handlers are set
-            os.kill(os.getpid(), signal.SIGINT)
-
-threading.Thread(target=wait_in_ros, daemon=True).start()
-sys.argv[1:] = ["planner_node"]
-sys.exit(main())
-"""
-
-
-@pytest.mark.usefixtures("own_domain")
-def test_node_ends_cleanly_whatever_its_threads_do() -> None:
-    done = subprocess.run([sys.executable, "-c", WITH_A_THREAD_IN_ROS], timeout=HANG, check=False)
-    assert done.returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
 MARGIN, RADIUS = 0.01, 0.03
 MODEL = model(collision=True, obstacle_margin=MARGIN)
-SLOW = {name: {"max_velocity": 0.2, "max_acceleration": 3.0, "max_jerk": 60.0} for name in JOINTS}
 
 
 @pytest.fixture(params=[False, True], ids=["seen", "stated"])
