@@ -242,8 +242,10 @@ def _end_in_collision(context: Context, request: Request) -> str:
     for name, state in fixed:
         still = Trajectory(names, [0.0], [state.positions], zero, zero)
         if found := model.collisions(still, precisely=False):
-            leave = ": move the robot or the obstacle first" if state is request.start else ""
-            return f"{name} is in collision: {found[0].at_rest}{leave}"
+            advice = ": move the robot or the obstacle first" if state is request.start else ""
+            if found[0].links[1] not in model.world.names:
+                advice = "; if they may touch, name the two links in an SRDF file (srdf)"
+            return f"{name} is in collision: {found[0].at_rest}{advice}"
     return ""
 
 

@@ -249,6 +249,7 @@ def test_collision_at_an_end_is_infeasible_at_once_and_says_where(model):
         assert plan.status == INFEASIBLE and not plan.is_executable
         name = "start" if start is folded else "goal"
         assert plan.message.startswith(f"the {name} is in collision: 'a' and 'c' collide by")
+        assert "SRDF" in plan.message
         assert "another duration" not in plan.message
 
 
