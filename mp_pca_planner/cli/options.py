@@ -315,5 +315,5 @@ def add_bag_topic(parser: argparse.ArgumentParser) -> None:
         "--recover",
         "--salvage",
         action="store_true",
-        help="read the part of a damaged .mcap before the damage",
+        help="read the part of a damaged .mcap or .bag before the damage",
     )

@@ -273,13 +273,13 @@ def damage_reported(path: Path, storage: BagFormat) -> Iterator[None]:
         hint = "recovering it (--recover; salvage=True in Python) reads the part before the damage"
         raise RecordingError(
             f"'{path}' can't be read: damaged, cut off or no {storage} recording ({reason})"
-            + (f"; {hint}, if there is any" if storage == "mcap" else "")
+            + (f"; {hint}, if there is any" if storage != "sqlite3" else "")
         ) from error
 
 
 def _opened(file: Path, stack: ExitStack, *, salvage: bool) -> Any:
     """A reader of a file."""
-    if file.suffix == ".active":
+    if file.suffix == ".active" or (salvage and file.suffix == ".bag"):
         return ScannedFile(file, scan_rosbag1)
     if salvage and file.suffix == ".mcap":
         return ScannedFile(file, scan_mcap)

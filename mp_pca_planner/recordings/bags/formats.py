@@ -3,7 +3,7 @@
 """Files of bags: the readers of rosbags, and scans that read from front to back up to damage.
 
 rosbags sorts messages by their times of reception. The scan of .mcap keeps the order of writing,
-which shows where a clock was set back, and reads a file that is cut off. The scan of ROS 1 reads a
+which shows where a clock was set back. Both scans read a file that is cut off; that of ROS 1 also a
 .bag.active, which a recorder did not finish.
 """
 
@@ -24,7 +24,7 @@ from zlib import crc32
 
 from lz4.frame import decompress as decompress_lz4  # type: ignore[import-untyped]
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
-from rosbags.rosbag1.reader import Header, RecordType, decompressors, normalize, read_bytes
+from rosbags.rosbag1.reader import Header, RecordType, decompressors, normalize
 from rosbags.rosbag1.reader import Reader as Rosbag1Reader
 from rosbags.rosbag1.reader import read_uint32 as read_u32
 from rosbags.rosbag2.storage_mcap import McapReader
@@ -125,7 +125,11 @@ def _rosbag1_messages(
 ) -> Iterator[Found]:
     while file.tell() < size:
         header = Header.read(file)
-        kind, data = header.get_uint8("op"), read_bytes(file, read_u32(file))
+        kind, length = header.get_uint8("op"), read_u32(file)
+        data = file.read(length)
+        is_cut_off = len(data) < length
+        if is_cut_off and kind != RecordType.CHUNK:
+            raise ValueError("a record is cut off")
         if kind == RecordType.CONNECTION:
             about = _about(data)
             number, name = header.get_uint32("conn"), about.get_string("type")
@@ -139,6 +143,8 @@ def _rosbag1_messages(
         elif kind == RecordType.CHUNK:
             content = decompressors[header.get_string("compression")](data)
             yield from _rosbag1_messages(BytesIO(content), len(content), connections)
+            if is_cut_off:
+                raise ValueError("a chunk is cut off")
         elif kind == RecordType.MSGDATA:
             yield connections[header.get_uint32("conn")], header.get_time("time"), data
 

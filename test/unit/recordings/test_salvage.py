@@ -57,7 +57,7 @@ def test_bag_of_ros_1_that_its_recorder_did_not_finish_is_read(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("share", [0.4, 0.7, 0.9])
-@pytest.mark.parametrize("bag_format", ["mcap"])
+@pytest.mark.parametrize("bag_format", ["mcap", "rosbag1"])
 def test_messages_before_the_cut_are_salvaged(file: Path, share: float) -> None:
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
