@@ -18,7 +18,6 @@ from ..exceptions import PlannerError, printable
 from ..motion.trajectory import Trajectory
 from ..planning.plan import Plan
 from ..primitives.differences import PHASES
-from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
@@ -76,7 +75,6 @@ def motion_figure(
     prismatic: Collection[str] = (),
     behind: Sequence[Curve] = (),
     vias: Collection[float] = (),
-    warnings: Sequence[str] = (),
     hand: HandPath | None = None,
 ) -> list[Axes]:
     """Plot motions of the same joints: a row of positions for each joint, and the hand's path.
@@ -98,8 +96,6 @@ def motion_figure(
         Curves behind the positions, such as demonstrations.
     vias : collection of float
         Times at which the first motion passes its vias [s].
-    warnings : sequence of str
-        Warnings above the panels.
     hand : HandPath, optional
         The path of the hand, drawn from above and from the side.
 
@@ -140,7 +136,7 @@ def motion_figure(
     beside = {"limit": has_limits, "behind": bool(behind), "via": bool(vias)}
     header = [*entries, *(LINES[kind] for kind, is_drawn in beside.items() if is_drawn)]
     header += [LINES["obstacle"]] if hand is not None and len(hand.world) else []
-    add_header(figure, title, [*header, *(LINES["warning"] | {"label": x} for x in warnings)])
+    add_header(figure, title, header)
     return rows
 
 
@@ -300,9 +296,8 @@ def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> l
         ]
         world = World() if planner.collision is None else planner.collision.world
         hand = HandPath(frame, paths[0], paths[1:], world)
-    n, score = len(plan.motions), plan.in_span_score
+    n = len(plan.motions)
     drawn = f"{n} {'segment' if n == 1 else 'segments'}" if plan.mode else f"'{plan.primitive}'"
-    unlike = f"unlike the demonstrations (in-span score {score:.1f}, usual: about 1)"
     return motion_figure(
         figure,
         {"planned": plan.trajectory},
@@ -311,7 +306,6 @@ def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> l
         () if planner is None else planner.robot.prismatic_joints,
         behind,
         [plan.duration * phase for phase in plan.via_phases],
-        [unlike] if score > UNUSUAL_IN_SPAN_SCORE else [],
         hand,
     )
 

@@ -70,7 +70,6 @@ LINES = {
     "minimum jerk": line("minimum jerk", BLACK, (0, (1, 1.5)), 1.5, zorder=1.7),
     "obstacle": line("obstacle", "#E8D9B5", width=8.0, zorder=1.2),
     "via": line("via", BLACK, "", marker="D", markersize=8, markerfacecolor="white", zorder=3),
-    "warning": line("", COLOURS[1], "", marker="^", markersize=11),
     "demonstration": line("demonstrations", GREY, "-", 0.8),
     "motion": line("motion", "#CFE6F5", width=8.0),
     "rest": line("rest", "#E6E6E6", width=8.0),

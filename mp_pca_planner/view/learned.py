@@ -95,7 +95,7 @@ class ComponentsPanel:
     def __init__(
         self, stage: Stage, player: Player, primitives: Sequence[MovementPrimitive]
     ) -> None:
-        self._stage, self._player, self._is_open = stage, player, False
+        self._stage, self._player = stage, player
         self._primitives = {primitive.name: primitive for primitive in primitives}
         gui, names = stage.server.gui, tuple(self._primitives)
         self._choice = gui.add_dropdown("Primitive", names, visible=len(names) > 1)
@@ -106,6 +106,7 @@ class ComponentsPanel:
         # The sliders of the shown components, and all that belongs to them.
         self._sliders: dict[int, Any] = {}
         self._widgets: list[Any] = []
+        self._root = stage.server.scene.add_frame("/components", show_axes=False, visible=False)
         self._typical = DrawnPath(stage.server.scene, "/components/typical", _TYPICAL)
         self._bent = DrawnPath(stage.server.scene, "/components/bent", _BENT, 4.0)
         stage.on_change(self._choice, self._on_choice)
@@ -114,7 +115,7 @@ class ComponentsPanel:
 
     def set_open(self, is_open: bool) -> None:
         """Show the bent demonstration, or hide its paths."""
-        self._is_open = is_open
+        self._root.visible = is_open
         self._show()
 
     def _on_choice(self) -> None:
@@ -154,6 +155,6 @@ class ComponentsPanel:
 
     def _show(self) -> None:
         for drawn, motion in ((self._typical, self._unbent), (self._bent, self.motion)):
-            drawn.show(self._stage.path(motion.positions) if self._is_open else None)
-        if self._is_open:
+            drawn.show(self._stage.path(motion.positions))
+        if self._root.visible:
             self._player.show(self.motion)

@@ -15,6 +15,7 @@ import numpy as np
 import viser
 
 from ..arrays import FloatArray
+from ..exceptions import PlannerError
 from ..motion.goal import Pose
 from ..planning.options import AUTO
 from .planning import InteractivePlanner, PlanAnswer, ViewRequest, answer_html
@@ -67,12 +68,12 @@ class PlanPanel:
     ) -> None:
         self._verdict = verdict
         self._stage, self._player, self._planner = stage, player, planner
-        self._is_open = False
         self._home = request.start, request.goal
         self.answer: PlanAnswer | None = None
         self._request = request
         scene = stage.server.scene
-        self._ghost = DrawnRobot(scene, "/goal", stage.shapes, _GOAL)
+        self._root = scene.add_frame("/plan", show_axes=False)
+        self._ghost = DrawnRobot(scene, "/plan/goal", stage.shapes, _GOAL)
         self._ghost.show(request.goal)
         self._path = DrawnPath(scene, "/plan/path", _PATH, 5.0)
         self.handle = stage.add_handle("/handle", disable_rotations=True)
@@ -93,9 +94,7 @@ class PlanPanel:
 
     def set_open(self, is_open: bool, *, with_handle: bool) -> None:
         """Show the plan, and its handle or not."""
-        self._is_open = is_open
-        self._ghost.root.visible = is_open
-        self._draw_paths()
+        self._root.visible = is_open
         self.handle.visible = with_handle
         if is_open:
             self._player.show(self.motion)
@@ -161,9 +160,7 @@ class PlanPanel:
             with self._stage.lock:
                 plan = None if self.answer is None else self.answer.plan
             if plan is None or not plan.is_executable:
-                text = "there is no motion to save"
-                event.client.add_notification("Not saved", text, auto_close_seconds=4.0)
-                return
+                raise PlannerError("there is no motion to save")
             name = _FORMATS[self._formats.value]
             with TemporaryDirectory() as folder:
                 path = Path(folder) / name
@@ -242,17 +239,9 @@ class PlanPanel:
     def _draw(self, answer: PlanAnswer) -> None:
         self._ghost.show(answer.goal)
         self._ghost.paint(_REJECTED if answer.problem else _SHORT if answer.distance else _GOAL)
-        self._draw_paths()
+        shown = self.motion if answer.plan is None else answer.plan.trajectory
+        self._path.show(self._stage.path(shown.positions), _REJECTED if answer.problem else _PATH)
         if answer.request.is_final and answer.distance:
             self._place_handle(answer.goal)
-        if self._is_open and not answer.problem:
+        if self._root.visible and not answer.problem:
             self._player.show(self.motion)
-
-    def _draw_paths(self) -> None:
-        """Draw the paths of the newest answer while the plan is shown; red if it is rejected."""
-        answer = self.answer if self._is_open else None
-        if answer is None or answer.plan is None:
-            self._path.show(None)
-            return
-        path = self._stage.path(answer.plan.trajectory.positions)
-        self._path.show(path, _REJECTED if answer.problem else _PATH)

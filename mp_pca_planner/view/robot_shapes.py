@@ -300,8 +300,6 @@ class DrawnRobot:
     ----------
     configuration : array, shape (n_joints,)
         The configuration shown.
-    root : viser.FrameHandle
-        Its node.
     """
 
     def __init__(
@@ -313,7 +311,7 @@ class DrawnRobot:
     ) -> None:
         self._shapes = shapes
         self.configuration: FloatArray = np.zeros(0)
-        self.root = scene.add_frame(name, show_axes=False)
+        scene.add_frame(name, show_axes=False)
         self._joints = [
             scene.add_frame(f"{name}/{joint}", show_axes=False) for joint in range(shapes.n_joints)
         ]
@@ -368,10 +366,10 @@ class DrawnPath:
             visible=False,
         )
 
-    def show(self, points: FloatArray | None, colour: Rgb | None = None) -> None:
-        """Show a path through points, shape (n_points, 3) [m], or none."""
-        if points is not None:
+    def show(self, points: FloatArray, colour: Rgb | None = None) -> None:
+        """Show a path through points, shape (n_points, 3) [m]; one point hides it."""
+        self._line.visible = len(points) > 1
+        if len(points) > 1:
             self._line.points = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
         if colour is not None:
             self._line.colors = np.asarray(colour, np.uint8)
-        self._line.visible = points is not None and len(points) > 1

@@ -14,7 +14,7 @@ from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import first_ends
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
-from mp_pca_planner.view.planning import InteractivePlanner, ViewRequest
+from mp_pca_planner.view.planning import InteractivePlanner, ViewRequest, answer_html
 
 FRAME = "wrist"
 START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
@@ -87,3 +87,11 @@ def test_obstacles_that_cannot_be_avoided_are_an_answer():
     ball = Obstacle("ball", Sphere(0.08, [9.0, 9.0, 9.0]))
     answer = planner().answer(ViewRequest(START, GOAL, world=World([ball])))
     assert answer.plan is None and "obstacles can't be avoided" in answer.problem
+
+
+def test_text_from_files_is_no_markup():
+    ball = Obstacle("<script>alert(1)</script>", Sphere(0.08, wrist(GOAL)))
+    shown = answer_html(
+        planner(with_collision=True).answer(ViewRequest(START, GOAL, world=World([ball])))
+    )
+    assert "No motion" in shown and "alert(1)" in shown and "<script>" not in shown
