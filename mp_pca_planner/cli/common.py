@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import short
+from ..arrays import FloatArray, short
 from ..exceptions import PlannerError, RobotError, quote_names, unknown_name
 from ..files import check_writable, write_whole
 from .terminal import say
@@ -245,6 +245,13 @@ def robot_of(file: Path, primitives: PrimitiveLibrary) -> Robot:
             "robot description of the recordings"
         )
     return robot.with_joints(primitives.joint_names)
+
+
+def usual_ends(ends: FloatArray) -> FloatArray:
+    """The start and the goal of the demonstration that starts where most do, of all of them."""
+    starts = ends[:, 0]
+    usual: FloatArray = ends[np.linalg.norm(starts - np.median(starts, axis=0), axis=1).argmin()]
+    return usual
 
 
 def reported(values: Mapping[str, str]) -> dict[str, str]:

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arrays import FloatArray, text_table
+from ..arrays import FloatArray, by_name, text_table
 from ..exceptions import PlannerError
 from ..files import config_file
 from ..motion.goal import JointState
@@ -40,7 +40,7 @@ from ..recordings.load import load_recordings
 from ..recordings.synthetic import JOINT_NAMES, generate_motions, write_example_recording
 from ..robot.examples import EXAMPLE_ROBOTS
 from ..robot.model import Robot
-from .common import make_folder
+from .common import make_folder, usual_ends
 from .example_robots import robot_file, write_example
 from .main import run_command
 from .terminal import DONE, FAILED, flush, say
@@ -87,7 +87,9 @@ def run(arguments: argparse.Namespace) -> int:
     primitive = folder / "reach.npz"
     _, _, joints = robot_file(arguments.robot)
     robot = Robot.from_file(urdf, joints)
-    _learn(Path(session), primitive, robot)
+    ends = _learn(Path(session), primitive, robot).boundary_states[:, [0, 3]]
+    shown = by_name(robot.joint_names, usual_ends(ends)[1].round(2))
+    goal = ",".join(f"{name}={q:g}" for name, q in shown.items())
     if not arguments.node:
         limits = ["--limits", others[0]] if others else []
         return run_command("view", [str(primitive), "--robot", urdf, *limits])
@@ -97,7 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
     node += ["-p", f"locked_joints:={','.join(still)}"] if still else []
     simulation = ["simulate", "--robot", urdf, "--primitive", str(primitive)]
     with suppress(KeyboardInterrupt), _children(node, simulation):
-        say("The node and a simulated robot run until Ctrl-C. Goals: mp-pca send_goal")
+        say("The node and a simulated robot run until Ctrl-C. In another terminal:")
+        say(f"   mp-pca send_goal --wait 30 {goal}")
         flush()
         threading.Event().wait()
     return DONE

@@ -23,7 +23,7 @@ from ..robot.model import Robot
 from ..ros.nodes import spin_until, start_ros
 from ..ros.simulated_robot import SimulatedRobotNode
 from ..simulation.robot import Faults, SimulatedRobot
-from .common import check_output, robot_of, show
+from .common import check_output, robot_of, show, usual_ends
 from .goal_arguments import angles_in_degrees, joint_values
 from .options import add_report, name_list, number, whole
 from .terminal import DONE
@@ -123,9 +123,7 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
             raise GoalError("--primitive says which joints the controller has: remove --joints")
         library = load_primitives([arguments.primitive])
         robot = robot_of(arguments.robot, library)
-        starts = library.ends[:, 0]
-        usual = np.linalg.norm(starts - np.median(starts, axis=0), axis=1).argmin()
-        shown = by_name(library.joint_names, starts[usual])
+        shown = by_name(library.joint_names, usual_ends(library.ends)[0])
     simulated = SimulatedRobot(
         robot,
         _start(robot, arguments.start, angles_in_degrees(arguments, robot), shown),

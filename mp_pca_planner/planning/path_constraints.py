@@ -121,6 +121,7 @@ def _upright(text: str) -> Upright:
         raise GoalError(
             f"'{text}' is not FRAME,DEGREES or FRAME,DEGREES,X,Y,Z with the axis of the frame"
         )
+    check_number(degrees, "the angle of an upright frame, in degrees,", GoalError, 0.1, 170.0)
     x, y, z = axis or (0.0, 0.0, 1.0)
     return Upright(frame, float(np.deg2rad(degrees)), (x, y, z))
 
