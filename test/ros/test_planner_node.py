@@ -845,7 +845,7 @@ def test_node_ends_cleanly_however_often_it_is_told_to(tmp_path: Path, number: i
         while process.poll() is None and time.monotonic() < deadline:
             process.send_signal(number)
             time.sleep(0.005)
-        assert process.returncode == 0
+        assert process.returncode == 0, log.read_text()
     finally:
         process.kill()
     assert "Traceback" not in log.read_text()
@@ -870,7 +870,7 @@ def test_node_that_is_told_to_end_while_it_starts_ends_cleanly(tmp_path: Path, n
         while not catches(process, signal.SIGTERM):
             assert process.poll() is None
         process.send_signal(number)
-        assert process.wait(timeout=HANG) == 0
+        assert process.wait(timeout=HANG) == 0, log.read_text()
     finally:
         process.kill()
     assert "Traceback" not in log.read_text()
