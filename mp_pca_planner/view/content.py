@@ -13,7 +13,6 @@ import numpy as np
 
 from ..arrays import FloatArray, check_type
 from ..exceptions import MissingDependencyError, PlannerError, RobotError
-from ..files import read_text, reading
 from ..motion.collision import CollisionModel
 from ..planning.plan import Plan
 from ..planning.planner import Planner
@@ -38,8 +37,6 @@ class PageContent:
     ----------
     robot : Robot
         The robot of the primitives.
-    urdf : str
-        Its description, XML text.
     primitives : tuple of MovementPrimitive
         At least one.
     limits : JointLimits
@@ -55,7 +52,6 @@ class PageContent:
     """
 
     robot: Robot
-    urdf: str
     primitives: Sequence[MovementPrimitive]
     limits: JointLimits
     folders: Sequence[Path] = ()
@@ -85,13 +81,11 @@ def read_content(
     RobotError
         If the URDF can't be used.
     """
-    with reading(f"the URDF file '{urdf}'", RobotError):
-        text = read_text(urdf)
-    robot = Robot(text, primitives[0].joint_names, source=f"URDF file '{urdf}'")
+    robot = Robot.from_file(urdf, primitives[0].joint_names)
     folders = package_folders(package_dirs, urdf)
     # Where meshes are missing, the page states that for the visual ones.
     collision, _ = robot_collision(robot, primitives, package_dirs=folders)
-    return PageContent(robot, text, tuple(primitives), robot.limits(), folders, collision)
+    return PageContent(robot, tuple(primitives), robot.limits(), folders, collision)
 
 
 def typical_demonstration(primitive: MovementPrimitive) -> int:

@@ -47,8 +47,8 @@ class ViewPage:
     def __init__(self, content: PageContent, port: int = 8080) -> None:
         self._content = content
         # Planning and drawing happen in different threads, each with a robot of its own.
-        robot = Robot(content.urdf, content.robot.joint_names)
-        shapes = RobotShapes(robot, content.urdf, content.folders)
+        robot = Robot(content.robot.urdf, content.robot.joint_names)
+        shapes = RobotShapes(robot, content.folders)
         self.server = PageServer(port)
         self.stage = Stage(self.server, robot, content.limits, shapes)
         try:
@@ -92,9 +92,7 @@ class ViewPage:
         self.player = Player(stage, ShownMotion(np.zeros(1), start[None]))
         self._folders = {name: gui.add_folder(None) for name in names}
         with self._folders[PLAN]:
-            planner = InteractivePlanner(
-                content.robot, content.primitives, content.limits, content.collision
-            )
+            planner = InteractivePlanner(content)
             request = ViewRequest(start, goal, world=content.world)
             self.plan = PlanPanel(stage, self.player, planner, request, self._verdict)
         with self._folders[COMPONENTS]:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -13,17 +12,14 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, WorldError
-from ..motion.collision import CollisionModel
 from ..motion.goal import JointGoal, JointState, Pose
 from ..planning.configurations import POSE_TOLERANCE, nearest_configuration
 from ..planning.options import PlannerOptions
 from ..planning.plan import ALREADY_THERE, STOPPED_EARLY, Plan
 from ..planning.planner import Planner
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
-from ..primitives.primitive import MovementPrimitive
-from ..robot.limits import JointLimits
-from ..robot.model import Robot
 from ..robot.world import World
+from .content import PageContent
 from .stage import BAD, GOOD, WARNING, part
 
 
@@ -88,34 +84,22 @@ class InteractivePlanner:
 
     Parameters
     ----------
-    robot : Robot
-        The robot; not shared between threads.
-    primitives : sequence of MovementPrimitive
-        At least one.
-    limits : JointLimits
-        Limits of the joints.
-    collision : CollisionModel, optional
-        Collision model of the same robot; not shared between threads.
+    content : PageContent
+        Robot, primitives, limits and collision model; robot and model are not shared between
+        threads.
     max_solve_time : float
         Longest time for a plan [s].
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        primitives: Sequence[MovementPrimitive],
-        limits: JointLimits,
-        collision: CollisionModel | None = None,
-        max_solve_time: float = 1.0,
-    ) -> None:
-        self.robot, self.primitives, self.limits = robot, primitives, limits
-        self.collision, self._max_solve_time = collision, max_solve_time
+    def __init__(self, content: PageContent, max_solve_time: float = 1.0) -> None:
+        self._content, self._max_solve_time = content, max_solve_time
         self._planner = lru_cache(maxsize=20)(self._new_planner)
 
     def answer(self, request: ViewRequest) -> PlanAnswer:
         """Plan the motion of a request; a goal that can't be served is an answer, too."""
         began = time.perf_counter()
-        start = JointState(self.robot.joint_names, request.start)
+        names = self._content.robot.joint_names
+        start = JointState(names, request.start)
         reached, distance = request.goal, 0.0
         plan = None
         problem = ""
@@ -123,7 +107,7 @@ class InteractivePlanner:
             self._use_world(request.world)
             if request.pose is not None:
                 reached, distance = self._nearest(request.pose, request.goal)
-            goal = JointGoal(JointState(self.robot.joint_names, reached))
+            goal = JointGoal(JointState(names, reached))
             plan = self._planner(request.naturalness).plan(goal, start)
             reached = plan.trajectory.positions[-1]
             is_served = plan.is_executable or plan.status == ALREADY_THERE
@@ -139,24 +123,28 @@ class InteractivePlanner:
         The search begins where the last one ended, so that the configuration follows a drag without
         jumps.
         """
-        reached, error = nearest_configuration(self.robot, self.limits, pose, start)
+        reached, error = nearest_configuration(
+            self._content.robot, self._content.limits, pose, start
+        )
         if np.abs(error).max() <= POSE_TOLERANCE:
             return reached, 0.0
         return reached, float(np.linalg.norm(error[:3]))
 
     def _use_world(self, world: World) -> None:
         """Avoid obstacles; those that were used before are kept as they are."""
-        if self.collision is None:
+        collision = self._content.collision
+        if collision is None:
             if len(world):
                 raise WorldError(
                     "obstacles can't be avoided: the robot's collision geometry can't be read"
                 )
-        elif self.collision.world is not world:
-            self.collision.set_world(world)
+        elif collision.world is not world:
+            collision.set_world(world)
 
     def _new_planner(self, naturalness: float | None) -> Planner:
         options = PlannerOptions(naturalness=naturalness, max_solve_time=self._max_solve_time)
-        return Planner(self.robot, self.primitives, self.limits, options, self.collision)
+        shown = self._content
+        return Planner(shown.robot, shown.primitives, shown.limits, options, shown.collision)
 
 
 def answer_html(answer: PlanAnswer) -> str:

@@ -73,8 +73,6 @@ class RobotShapes:
     ----------
     robot : Robot
         The robot.
-    urdf : str
-        Its description, XML text.
     folders : sequence of Path
         Folders with the packages that ``package://`` paths of meshes name, and folders of relative
         paths.
@@ -89,12 +87,12 @@ class RobotShapes:
         Number of joints of Pinocchio's model, the base included.
     """
 
-    def __init__(self, robot: Robot, urdf: str, folders: Sequence[Path]) -> None:
+    def __init__(self, robot: Robot, folders: Sequence[Path]) -> None:
         self._model, order = robot.pinocchio_model()
         self._data = self._model.createData()
         self._order = np.argsort(order)
         self.n_joints = int(self._model.njoints)
-        root = parse_xml(urdf, "the robot description")
+        root = parse_xml(robot.urdf, "the robot description")
         colours = dict(filter(None, map(_named_colour, root.findall("material"))))
         notes: dict[str, None] = {}
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from support.arm import arm_robot
 
-from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot
 
 trimesh = pytest.importorskip("trimesh", reason="the extra 'view' is not installed")
@@ -29,7 +28,7 @@ MESH = '<visual><geometry><mesh filename="{}" scale="2 1 1"/></geometry></visual
 
 def shapes(base: str = "", arm: str = "", folders: tuple[Path, ...] = ()) -> RobotShapes:
     urdf = URDF.format(base=base, arm=arm)
-    return RobotShapes(Robot(urdf), urdf, folders)
+    return RobotShapes(Robot(urdf), folders)
 
 
 def part(shape: str, tag: str = "visual", more: str = "") -> str:
@@ -99,7 +98,7 @@ def test_a_malformed_shape_is_left_out_with_a_note(shape):
 
 def test_places_agree_with_the_kinematics_of_the_robot():
     robot = arm_robot()
-    found = RobotShapes(robot, config_file("human_arm.urdf").read_text(), ())
+    found = RobotShapes(robot, ())
     rng = np.random.default_rng(0)
     for q in rng.uniform(-1.0, 1.0, (5, robot.n_joints)):
         position, turn = found.frame_pose(q, "wrist")

@@ -11,7 +11,7 @@ from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import Pose
 from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
-from mp_pca_planner.view.content import first_ends
+from mp_pca_planner.view.content import PageContent, first_ends
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.planning import InteractivePlanner, ViewRequest, answer_html
@@ -23,7 +23,8 @@ START, GOAL = first_ends(arm_primitive(), arm_robot().limits())
 def planner(*, with_collision: bool = False) -> InteractivePlanner:
     robot = arm_robot()
     collision = CollisionModel(robot) if with_collision else None
-    return InteractivePlanner(robot, [arm_primitive()], robot.limits(), collision, EVER)
+    content = PageContent(robot, [arm_primitive()], robot.limits(), collision=collision)
+    return InteractivePlanner(content, EVER)
 
 
 def wrist(q: np.ndarray) -> np.ndarray:
