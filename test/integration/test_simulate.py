@@ -26,7 +26,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from support.arm import JOINTS
+from support.arm import JOINTS, arm_primitive
 from support.commands import refusal
 from support.domains import set_domain
 from support.nodes import URDF, ros_node
@@ -95,11 +95,16 @@ class User:
 
 
 @contextmanager
-def simulated(*options, topic="mp_pca_planner/joint_trajectory", number=signal.SIGINT):
+def simulated(
+    *options,
+    topic="mp_pca_planner/joint_trajectory",
+    number=signal.SIGINT,
+    start=("--start", ",".join(map(str, START))),
+):
     """The command, its user, and what it printed in the end."""
     command = [sys.executable, "-m", "mp_pca_planner", "simulate", "--json"]
     command += ["--robot", str(config_file("human_arm.urdf"))]
-    command += ["--start", ",".join(map(str, START)), *options]
+    command += [*start, *options]
     printed = {}
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run,
@@ -149,6 +154,15 @@ def test_robot_executes_what_it_is_sent_and_records_every_command(tmp_path):
     # Commands come every millisecond, whenever the process was running.
     np.testing.assert_allclose(np.diff(record["clock"]), 1e-3, atol=1e-12)
     assert np.diff(user.stamps()).min() == 2_000_000
+
+
+def test_the_robot_of_a_primitive_starts_where_a_demonstration_did(tmp_path):
+    primitive = arm_primitive()
+    primitive.save(tmp_path / "reach.npz")
+    with simulated("--primitive", str(tmp_path / "reach.npz"), start=()) as (user, _):
+        assert list(user.states[0].name) == list(primitive.joint_names)
+        starts = primitive.boundary_states[:, 0]
+        assert np.abs(starts - user.states[0].position).max(axis=1).min() < 1e-9
 
 
 def test_options_count_and_faults_are_parameters():
