@@ -15,7 +15,7 @@ from importlib import import_module
 from types import ModuleType
 
 from .. import __version__
-from ..exceptions import MissingDependencyError
+from ..exceptions import MissingDependencyError, PlannerError, unknown_name
 from .terminal import DEBUG, DEBUG_HELP, PROGRAM, OneLineParser, guard
 
 ROS_ARGUMENTS = "--ros-args"
@@ -103,7 +103,14 @@ def parse(name: str, argv: Sequence[str]) -> argparse.Namespace:
     -------
     :
         The values, with the name of the command and, for `simulate`, the arguments for ROS.
+
+    Raises
+    ------
+    PlannerError
+        If there is no such command.
     """
+    if name and name not in COMMANDS and not name.startswith("-"):
+        raise PlannerError(unknown_name("command", name, COMMANDS, most=len(COMMANDS)))
     is_node = name == "simulate" and ROS_ARGUMENTS in argv
     cut = list(argv).index(ROS_ARGUMENTS) if is_node else len(argv)
     given = argparse.Namespace(ros_arguments=list(argv[cut:]))

@@ -35,6 +35,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from mp_pca_planner.files import config_file
 
 START = (0.1, 0.2, 0.0, 0.8)
+START_TEXT = ",".join(map(str, START))
 PATIENCE = 60.0
 
 
@@ -99,7 +100,7 @@ def simulated(
     *options,
     topic="mp_pca_planner/joint_trajectory",
     number=signal.SIGINT,
-    start=("--start", ",".join(map(str, START))),
+    start=("--start", START_TEXT),
 ):
     """The command, its user, and what it printed in the end."""
     command = [sys.executable, "-m", "mp_pca_planner", "simulate", "--json"]
