@@ -134,11 +134,13 @@ def _nearest_obstacle(
     if model is None or not len(model.world):
         return None
     every = np.linspace(0, trajectory.n_steps - 1, min(trajectory.n_steps, _N_CLEARANCES))
-    near = model.near(trajectory.positions[every.astype(np.intp)], _CLEARANCE_REACH)
-    names, obstacles = [model.pairs[pair][1] for pair in near.pairs], set(model.world.names)
-    distances = near.distances + model.margins[near.pairs]
-    found = [(d, name) for d, name in zip(distances, names, strict=True) if name in obstacles]
-    return min(found, default=None)
+    obstacles = set(model.world.names)
+    pairs = np.array([i for i, (_, name) in enumerate(model.pairs) if name in obstacles])
+    if not pairs.size:
+        return None
+    distance, pair = model.body_pairs.least(trajectory.positions[every.astype(np.intp)], pairs)
+    found = distance + float(model.margins[pair]), model.pairs[pair][1]
+    return found if distance <= _CLEARANCE_REACH else None
 
 
 def _status(best: Candidate, budget: Budget) -> tuple[str, str]:

@@ -135,6 +135,9 @@ _NEAR = 3e-3
 # all pairs take longer to make than a search for a path takes.
 _FEW, _MANY = 50, 300
 
+# Distances that are measured at once where the least one is wanted.
+_AT_ONCE = 16
+
 Indices = NDArray[np.intp]
 
 
@@ -309,6 +312,29 @@ class BodyPairs:
         configurations, pairs = configurations[is_near], pairs[is_near]
         rows = self._rows(poses, configurations, pairs, distances[is_near], points[is_near])
         return NearPairs(bounds, configurations, pairs, bounds[configurations, pairs], rows, q)
+
+    def least(self, q: FloatArray, pairs: Indices) -> tuple[float, int]:
+        """The least distance of some pairs in some configurations [m], and its pair.
+
+        Parameters
+        ----------
+        q : array, shape (n_configurations, n_joints)
+            The configurations, at least one.
+        pairs : array of int, shape (n_pairs,)
+            The pairs, at least one.
+        """
+        bounds = self.bounds(q, np.inf)[:, pairs].ravel()
+        order, best, nearest = np.argsort(bounds), np.inf, -1
+        for some in np.split(order, range(_AT_ONCE, order.size, _AT_ONCE)):
+            if bounds[some[0]] >= best:
+                break
+            k, chosen = np.divmod(some, len(pairs))
+            entries = np.arange(some.size), pairs[chosen], np.full(some.size, -np.inf)
+            distances, _ = self._nearest_points(self._tree.poses(q[k]), *entries)
+            distances -= self.margins[pairs[chosen]]
+            if distances.min() < best:
+                best, nearest = float(distances.min()), int(pairs[chosen[distances.argmin()]])
+        return best, nearest
 
     def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
         """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""

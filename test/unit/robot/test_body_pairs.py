@@ -211,6 +211,17 @@ def test_near_pairs_are_the_same_after_those_of_configurations_nearby(step):
     assert n_near > 50 and n_far > 50
 
 
+def test_least_distance_is_the_least_of_all_distances():
+    rng, limits = np.random.default_rng(5), arm_robot().limits()
+    for _ in range(6):
+        found = CollisionModel(arm_robot(), world=random_world(rng), margin=0.01)
+        q = rng.uniform(limits.lower, limits.upper, (20, 4))
+        pairs = np.flatnonzero(found.margins > 0.0)
+        every = found.near(q, np.inf).bounds
+        distance, pair = found.body_pairs.least(q, pairs)
+        assert distance == every[:, pairs].min() == every[:, pair].min()
+
+
 def test_derivatives_are_those_of_differences():
     rng, limits, step = np.random.default_rng(2), arm_robot().limits(), 1e-5
     n_checked = 0
