@@ -64,8 +64,8 @@ class MovementPrimitive:
     weights : array, shape (n_demonstrations, n_components)
         Weights of the demonstrations ([P] eq. (2)).
     boundary_states : array, shape (n_demonstrations, 6, n_joints)
-        q, q̇, q̈ of the aligned demonstrations at the start, then at the end; re-timed ones
-        start and end at rest, and q̈ is zero for all.
+        q, q̇, q̈ of the aligned demonstrations at the start, then at the end; they count as at
+        rest there.
     durations : array, shape (n_demonstrations,)
         Their durations [s].
     warps : array, shape (n_demonstrations, n_warp_phases)

@@ -62,9 +62,8 @@ def align(
     demonstrations :
         Motions of the same joints.
     method : {'linear', 'arc_length'}
-        'linear': the phase is the share of the duration. Velocities at the ends stay as they were
-        measured, with their noise. 'arc_length': see :func:`arc_length_warp`; motions start and
-        end at rest. The accelerations at the ends count as zero.
+        'linear': the phase is the share of the duration. 'arc_length': see
+        :func:`arc_length_warp`. Motions count as starting and ending at rest.
     n_samples :
         Samples of a motion to measure its path: many for each knot of the warp.
 

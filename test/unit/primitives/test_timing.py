@@ -11,6 +11,7 @@ from support.arm import JOINTS, arm_demonstrations, file_bytes
 from support.bags import minimum_jerk
 
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.primitives.timing import (
     ALIGNMENTS,
     align,
@@ -217,16 +218,22 @@ def test_alignment_removes_the_variance_of_timing():
 
 
 @pytest.mark.parametrize("method", ALIGNMENTS)
-def test_re_timed_motions_start_and_end_at_rest(method):
-    moving = [d.velocities[[0, -1]] for d in arm_demonstrations()]
+def test_motions_count_as_starting_and_ending_at_rest(method):
     primitive = build_primitive(arm_demonstrations(), "x", PrimitiveOptions(align=method))
-    kept = primitive.boundary_states[:, [1, 4]]
-    if method == "linear":
-        np.testing.assert_array_equal(kept, moving)
-    else:
-        assert not np.any(kept)
-    assert not np.any(primitive.boundary_states[:, [2, 5]])
+    assert not np.any(primitive.boundary_states[:, [1, 2, 4, 5]])
     assert primitive.joint_names == JOINTS
+
+
+@pytest.mark.filterwarnings("ignore:8 of 8 motions")
+def test_motions_that_are_cut_while_they_move_are_predicted_along_their_path():
+    """Circles in the plane at constant speed, aligned by time."""
+    times = np.linspace(0.0, 1.0, 101)
+    angles = [a + b * times for a in (0.0, 0.2, 0.4) for b in (1.8, 2.0, 2.2)]
+    circles = [np.column_stack([np.cos(x), np.sin(x)]) for x in angles]
+    start, goal = circles.pop(4)[[0, -1]]
+    primitive = MovementPrimitive.fit(circles, times=times, align="linear")
+    found = primitive.predict(start, goal, 1.0).positions
+    assert np.abs(np.linalg.norm(found, axis=1) - 1.0).max() < 0.05
 
 
 @pytest.mark.parametrize("method", ALIGNMENTS)
