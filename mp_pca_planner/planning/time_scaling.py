@@ -19,9 +19,8 @@ from ..motion.validation import Violation
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
-# Largest velocity, acceleration and jerk of the minimum-jerk motion of distance 1 in a time of 1.
-_PEAKS = (15.0 / 8.0, 10.0 / np.sqrt(3.0), 60.0)
-_PHASES = np.linspace(0.0, 1.0, 41)
+# Phases at which the minimum-jerk motion is compared with limits, those of its peaks included.
+_PHASES = np.union1d(np.linspace(0.0, 1.0, 41), 0.5 + np.array([-1.0, 1.0]) / np.sqrt(12.0))
 _POWERS = {"velocity": 1.0, "acceleration": 1.0 / 2.0, "jerk": 1.0 / 3.0, "effort": 1.0 / 2.0}
 
 
@@ -118,20 +117,13 @@ def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: F
     TrajectoryError
         If gravity and friction alone exceed the limits of effort between them.
     """
-    displacement = goal - start
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    kinematic = [
-        float(np.max(peak * np.abs(displacement) / bound)) ** (1.0 / order)
-        for order, (peak, bound) in enumerate(zip(_PEAKS, bounds, strict=True), start=1)
-    ]
-    if not np.isfinite(limits.effort).any():
-        return float(max(kinematic))
-    ends = np.zeros((6, displacement.size))
-    ends[0], ends[3] = start, goal
-    states = quintics(_PHASES, ends, 2)
-    parts = _effort_parts(robot, states, robot.inverse_dynamics(*states))
-    if np.any(np.abs(parts[0]) >= limits.effort):
+    ends = np.zeros((6, len(start)))
+    ends[3] = goal - start
+    states = quintics(_PHASES, ends, 3)
+    states[0] += start
+    duration = least_stretch(robot, limits, states)
+    if duration == np.inf:
         raise TrajectoryError(
             "gravity and friction alone exceed a limit of effort on the straight path"
         )
-    return float(max(*kinematic, _stretch_of_efforts(limits, *parts)))
+    return duration

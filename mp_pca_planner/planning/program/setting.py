@@ -148,17 +148,6 @@ def lasting(setting: Setting, duration: float) -> Setting:
     return replace(setting, initial=(initial,), is_timed=False)
 
 
-def sequence_setting(
-    context: Context,
-    request: Request,
-    bases: tuple[MotionBasis, ...],
-    joined: tuple[Motion, ...],
-) -> Setting:
-    """The setting of a motion through several targets, from one that is joined."""
-    options = context.options
-    return Setting(bases, joined, request.naturalness, options.objectives)
-
-
 def joined_motion(
     request: Request,
     bases: Sequence[MotionBasis],

@@ -27,7 +27,6 @@ from ..program.setting import (
     first_setting,
     joined_motion,
     lasting,
-    sequence_setting,
     stretched,
 )
 from ..request import Request
@@ -262,7 +261,8 @@ def first_case(
             ]
         )
         expected = _joined(context, request, bases, budget)
-        first = sequence_setting(context, request, bases, expected.motions)
+        objectives = context.options.objectives
+        first = Setting(bases, expected.motions, request.naturalness, objectives)
         return Case(context, request, first, expected, earlier=earlier)
     first = expected_setting(context, request)
     if context.collision is None or not context.collision.pairs:

@@ -23,7 +23,7 @@ from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.compile import compile_program
 from mp_pca_planner.planning.program.motion_program import MotionProgram
-from mp_pca_planner.planning.program.setting import joined_motion, sequence_setting
+from mp_pca_planner.planning.program.setting import Setting, joined_motion
 from mp_pca_planner.planning.resolve import resolve
 from mp_pca_planner.planning.solver import solve
 from mp_pca_planner.primitives.file import save_primitive
@@ -123,7 +123,8 @@ def chained(posed: bool, *, with_limits: bool) -> MotionProgram:
         for one in resolved.segments
     )
     joined = joined_motion(resolved, bases, [one.duration for one in resolved.segments])
-    program = compile_program(context, resolved, sequence_setting(context, resolved, bases, joined))
+    setting = Setting(bases, joined, resolved.naturalness, context.options.objectives)
+    program = compile_program(context, resolved, setting)
     if with_limits:
         return program.constrained([[one.everywhere() for one in p] for p in program.constraints])
     return program.constrained([[] for _ in program.segments])
