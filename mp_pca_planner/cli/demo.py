@@ -43,7 +43,7 @@ from ..robot.model import Robot
 from .common import make_folder, usual_ends
 from .example_robots import robot_file, write_example
 from .main import run_command
-from .terminal import DONE, FAILED, flush, say
+from .terminal import DONE, FAILED, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _GOOD = "executable"
@@ -101,7 +101,6 @@ def run(arguments: argparse.Namespace) -> int:
     with suppress(KeyboardInterrupt), _children(node, simulation):
         say("The node and a simulated robot run until Ctrl-C. In another terminal:")
         say(f"   mp-pca send_goal --wait 30 {goal}")
-        flush()
         threading.Event().wait()
     return DONE
 

@@ -16,7 +16,7 @@ from ..motion.goal import JointState
 from .common import print_json, reported, show
 from .goal_arguments import joint_values, pose, sequence_goal
 from .options import add_node, add_targets, number
-from .terminal import DONE, FAILED, REFUSED, flush, say
+from .terminal import DONE, FAILED, REFUSED, say
 
 # Arguments are checked before ROS is imported.
 if TYPE_CHECKING:
@@ -101,7 +101,6 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     facts: dict[str, Any] = {"message": found.message, **answer.values}
     if not arguments.json:
         show(arguments, {"message": found.message, **reported(answer.values)})
-        flush()
     status = DONE if is_served(found) else FAILED
     margin = arguments.wait or _MARGIN
     execution = None if arguments.wait == 0.0 else client.execution(answer, margin)
@@ -111,7 +110,6 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
         status = DONE if values["outcome"] == MotionOutcome.ARRIVED else FAILED
         if not arguments.json:
             say(execution.message)
-            flush()
     if arguments.json:
         print_json(facts)
     return REFUSED if found.level == DiagnosticStatus.ERROR else status

@@ -28,7 +28,7 @@ from ..teaching.session import (
 from .common import check_frame, check_output, fact_lines, reported
 from .main import run_command
 from .options import add_node, name_list
-from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, flush, say
+from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, say
 
 _DESCRIPTION = """\
 Teach a primitive to the running robot: record, cut, learn and try.
@@ -127,15 +127,10 @@ def _taught(
 
 def _is_built(session: TeachingSession, source: Source | None, keys: Keys) -> bool:
     """Whether to build the primitive; Ctrl-C quits."""
-    _say_now(KEYS)
+    say(KEYS)
     with suppress(KeyboardInterrupt):
-        return hold_dialogue(session, source, keys.pressed, _say_now)
+        return hold_dialogue(session, source, keys.pressed, say)
     return False
-
-
-def _say_now(*lines: str) -> None:
-    say(*lines)
-    flush()
 
 
 def _build(arguments: argparse.Namespace, session: TeachingSession) -> int:
@@ -160,7 +155,7 @@ def _try(arguments: argparse.Namespace, session: TeachingSession, keys: Keys) ->
             say(reloaded.message)
             if not reloaded.success:
                 return FAILED
-            _say_now(
+            say(
                 f"first goal   {goal_words}",
                 "y sends it to the robot, any other key does not",
             )
@@ -169,7 +164,7 @@ def _try(arguments: argparse.Namespace, session: TeachingSession, keys: Keys) ->
                 return DONE
             goals = dict(zip(names, goal.tolist(), strict=True))
             answer = robot.move(arguments.output.stem, goals, arguments.timeout)
-            _say_now(answer.report.message, *fact_lines(reported(answer.values)))
+            say(answer.report.message, *fact_lines(reported(answer.values)))
             if not is_served(answer.report):
                 return REFUSED
             execution = robot.execution(answer)

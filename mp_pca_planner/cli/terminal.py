@@ -54,9 +54,9 @@ def _is_number(text: str) -> bool:
 
 
 def say(*lines: str) -> None:
-    """Print lines on stdout; characters that are not printable are escaped."""
+    """Print lines on stdout at once; characters that are not printable are escaped."""
     for line in lines:
-        print(printable(line))
+        print(printable(line), flush=True)
 
 
 def complain(text: str) -> None:
@@ -87,7 +87,11 @@ def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> i
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
-        return _flushed(command)
+        try:
+            return command()
+        finally:  # not every text is flushed as it is printed
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except BrokenPipeError:
         # The reader of the output, such as `head`, has closed it.
         sys.stdout = None
@@ -101,22 +105,6 @@ def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> i
         complain(f"{program}: {_reason(error)}")
         is_refused = isinstance(error, PlannerError) and not isinstance(error, TimeoutError)
         return REFUSED if is_refused else FAILED
-
-
-def _flushed(command: Callable[[], int]) -> int:
-    try:
-        status = command()
-    except SystemExit:
-        flush()
-        raise
-    flush()
-    return status
-
-
-def flush() -> None:
-    """Write all buffered output; raise an error if that fails."""
-    if sys.stdout is not None:
-        sys.stdout.flush()
 
 
 def _reason(error: BaseException) -> str:

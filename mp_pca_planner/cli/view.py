@@ -14,7 +14,7 @@ from ..primitives.library import load_primitives
 from ..robot.world import World
 from .common import robot_of
 from .options import add_robot_files, limits_given, whole
-from .terminal import DONE, flush, say
+from .terminal import DONE, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +58,6 @@ def run(arguments: argparse.Namespace) -> int:
         is_moved = arguments.port and page.server.get_port() != arguments.port
         moved = f"port {arguments.port} is in use; " if is_moved else ""
         say(f"page         {page.url} ({moved}for this machine only; Ctrl-C ends it)")
-        flush()
         with suppress(KeyboardInterrupt):  # the usual end
             threading.Event().wait()
     return DONE
