@@ -64,7 +64,10 @@ def run(arguments: argparse.Namespace) -> int:
         demonstrated_distance(motion, request.primitives)
         for motion in (RefinedMotion(plan.motions), found.motion)
     )
-    facts = request.facts(found.trajectory) | {
+    facts = {
+        "message": f"saves {found.gain:.1%} of the cost; RMS distance in path from what the "
+        f"demonstrations predict: {before:.3g} before, {after:.3g} after [rad or m]",
+        **request.facts(found.trajectory),
         "in_span_score": plan.in_span_score,
         "primitive": ", ".join(primitive.name for primitive in request.primitives),
         "original_duration": plan.duration,

@@ -9,7 +9,6 @@ import json
 import math
 import zipfile
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -177,46 +176,37 @@ def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
     check_form(metadata, _METADATA, "it")
     names = metadata["joint_names"]
     if metadata["coupling"] not in COUPLINGS:
-        expected = " or ".join(COUPLINGS)
-        raise PrimitiveError(f"its coupling is '{metadata['coupling']}', expected {expected}")
+        raise PrimitiveError(
+            f"its coupling is '{metadata['coupling']}', expected {' or '.join(COUPLINGS)}"
+        )
     if not names or len(set(names)) < len(names) or not all([metadata["name"], *names]):
         raise PrimitiveError("it and its joints need names that differ")
-    # Numbers denote themselves.
     sizes: dict[str | int, int] = {"joints": len(names), "entries": 2 * len(names) + 1}
     sizes |= {"rates": PACE_DEGREE, "demonstrations": len(metadata["demonstrations"])}
-    sizes |= {1: 1, 2: 2, 6: 6}
     for name, (shape, low, high) in _ARRAYS.items():
-        array, expected_shape = arrays[name], tuple(sizes.get(x) for x in shape)
-        fits = len(array.shape) == len(shape) and all(
-            x in (y, None) for x, y in zip(expected_shape, array.shape, strict=True)
-        )
-        if not fits or array.dtype != np.float64:
+        array = arrays[name]
+        # The first array with a size decides it.
+        sizes = dict(zip(shape, array.shape)) | sizes  # noqa: B905 (numbers of axes may differ)
+        expected = tuple(sizes.get(x, x) if isinstance(x, str) else x for x in shape)
+        if array.shape != expected or array.dtype != np.float64:
             raise PrimitiveError(
-                f"array '{name}' has shape {array.shape} of {array.dtype}, expected "
-                f"{expected_shape} of float64"
+                f"array '{name}' has shape {array.shape} of {array.dtype}, expected {expected} of "
+                "float64"
             )
         if not np.all((array >= low) & (array <= high)):
             worst = array[~((array >= low) & (array <= high))][0]
             raise PrimitiveError(f"array '{name}' holds {worst:g}, expected {low:g} to {high:g}")
-        sizes |= dict(zip(shape, array.shape, strict=True))
     for name in ("weight_covariance", "request_precision"):
-        if not _is_positive(arrays[name]):
+        if np.linalg.eigvalsh(arrays[name]).min(initial=1.0) <= 0.0:
             raise PrimitiveError(f"matrix '{name}' is not positive definite")
     degree, log_times = sizes["degrees"] - 1, np.abs(arrays["requests"][:, -1])
     if not N_END_CONDITIONS <= degree <= MAX_DEGREE:
-        expected = f"{N_END_CONDITIONS} to {MAX_DEGREE}"
-        raise PrimitiveError(f"its polynomials are of degree {degree}, expected {expected}")
+        raise PrimitiveError(
+            f"its polynomials are of degree {degree}, expected {N_END_CONDITIONS} to {MAX_DEGREE}"
+        )
     if min(sizes["demonstrations"], sizes["requests"]) == 0 or sizes["phases"] < 2:
         raise PrimitiveError("it needs at least one demonstration")
     if log_times.max() > math.log(_TIME):
         raise PrimitiveError(f"array 'requests' holds durations that are not up to {_TIME:g} s")
     if metadata["checksum"] != checksum(arrays, metadata):
         raise PrimitiveError("its content does not match its checksum: it was damaged")
-
-
-def _is_positive(matrix: FloatArray) -> bool:
-    """Whether a matrix is positive definite."""
-    with suppress(np.linalg.LinAlgError):
-        np.linalg.cholesky(matrix + matrix.T)
-        return True
-    return False

@@ -55,6 +55,7 @@ def test_refined_motion_is_written_and_kept_as_a_primitive(primitive, tmp_path):
     distance = np.sqrt(np.mean(np.subtract(*apart) ** 2))
     assert facts["demonstrated_distance"] == pytest.approx(distance, rel=0.02)
     assert facts["original_demonstrated_distance"] < distance
+    assert f"{facts['gain']:.1%} of the cost" in facts["message"]
     family = load_primitive(new)
     assert family.name == "better"
     assert family.metadata["refined_from"]["name"] == arm_primitive().name
