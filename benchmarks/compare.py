@@ -46,16 +46,15 @@ from mp_pca_planner.cli.common import progress_bar
 from mp_pca_planner.cli.example_robots import (
     DEMONSTRATIONS_SEED,
     demonstrations_of,
-    robot_file,
 )
-from mp_pca_planner.exceptions import PlannerError, quote_names, unknown_name
+from mp_pca_planner.exceptions import PlannerError, RobotError, quote_names, unknown_name
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.options import SHORTEST, PlannerOptions
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.library import load_primitives
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.robot.examples import EXAMPLE_ROBOTS, HUMAN_ARM
+from mp_pca_planner.robot.examples import EXAMPLE_ROBOTS, HUMAN_ARM, example_file
 from mp_pca_planner.robot.meshes import package_folders
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import World
@@ -327,6 +326,16 @@ _SCENE_COLUMNS = {
 }
 
 
+def _robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
+    """Name, URDF file and joints of an example, or of the robot of a URDF file."""
+    if name in EXAMPLE_ROBOTS:
+        return name, *example_file(name)
+    if not Path(name).is_file():
+        known = quote_names(EXAMPLE_ROBOTS)
+        raise RobotError(f"the robot '{name}' is neither a URDF file nor one of {known}")
+    return Path(name).stem, Path(name), None
+
+
 def main() -> int:
     """Compare the methods; returns the exit status."""
     parser = benchmark_parser(__doc__)
@@ -364,7 +373,7 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
     if arguments.seed == DEMONSTRATIONS_SEED:
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     peers = _named_peers(arguments.peers, list(PEERS))
-    scene = _scene(arguments, *robot_file(arguments.robot or HUMAN_ARM), arguments.limits)
+    scene = _scene(arguments, *_robot_file(arguments.robot or HUMAN_ARM), arguments.limits)
     draw = random_problems if arguments.random_ends else held_out_problems
     problems = draw(scene, arguments.problems, arguments.seed)
     methods, absent = set_up(scene, peers, arguments.time_limit or 10.0)

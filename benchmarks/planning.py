@@ -30,7 +30,6 @@ from support.problems import Problem, Scene, held_out_problems, scene_of
 from support.tables import Table, benchmark_parser, show
 from support.virtual_node import JERK_OF_ACCELERATION, MAX_ACCELERATION
 
-from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.planning.configurations import (
     POSE_TOLERANCE,
@@ -45,6 +44,7 @@ from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.request import NATURAL
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.in_span import UNUSUAL_IN_SPAN_SCORE
+from mp_pca_planner.robot.examples import example_file
 from mp_pca_planner.robot.limits import JointLimits
 
 END_EFFECTORS = {
@@ -70,7 +70,7 @@ def main() -> None:
 
 def scenes(robots: str) -> list[Scene]:
     """Robots by their names, with 40 demonstrations each."""
-    return [scene_of(*robot_file(name), n_motions=40) for name in robots.split(",")]
+    return [scene_of(name, *example_file(name), n_motions=40) for name in robots.split(",")]
 
 
 def planner_of(

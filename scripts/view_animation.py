@@ -23,10 +23,10 @@ from PIL import Image
 from scipy.interpolate import CubicSpline
 from support.view_browser import chromium, handle_length, on_screen
 
-from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import progress
+from mp_pca_planner.robot.examples import example_file
 from mp_pca_planner.robot.world import Box, Obstacle, World
 from mp_pca_planner.view.content import PageContent, read_content
 from mp_pca_planner.view.page import ViewPage
@@ -213,7 +213,7 @@ def film(camera: Camera) -> list[Image.Image]:
 
 def panda() -> PageContent:
     """A panda that was shown how to reach over the middle, to and fro, and a box beside it."""
-    _, urdf, joints = robot_file("panda")
+    urdf, joints = example_file("panda")
     random = np.random.default_rng(1)
     times = np.linspace(0.0, 2.0, 201)
     curve = CubicSpline([0.0, 0.5, 1.0], np.eye(3), bc_type="natural")(progress(times / 2.0, 0.5))

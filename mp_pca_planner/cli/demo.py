@@ -38,10 +38,10 @@ from ..primitives.file import save_primitive
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.load import load_recordings
 from ..recordings.synthetic import JOINT_NAMES, generate_motions, write_example_recording
-from ..robot.examples import EXAMPLE_ROBOTS
+from ..robot.examples import EXAMPLE_ROBOTS, example_file
 from ..robot.model import Robot
 from .common import make_folder, usual_ends
-from .example_robots import robot_file, write_example
+from .example_robots import write_example
 from .main import run_command
 from .terminal import DONE, FAILED, say
 
@@ -85,8 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
     session, urdf, *others = map(str, files)
     primitive = folder / "reach.npz"
-    _, _, joints = robot_file(arguments.robot)
-    robot = Robot.from_file(urdf, joints)
+    robot = Robot.from_file(urdf, example_file(arguments.robot)[1])
     ends = _learn(Path(session), primitive, robot).boundary_states[:, [0, 3]]
     shown = by_name(robot.joint_names, usual_ends(ends)[1].round(2))
     goal = ",".join(f"{name}={q:g}" for name, q in shown.items())

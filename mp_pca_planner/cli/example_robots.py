@@ -9,35 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import by_name
-from ..exceptions import RobotError, quote_names
 from ..files import check_writable, config_file, read_text, write_whole
 from ..recordings.bags import write_joint_states
 from ..recordings.demonstration import Demonstration
 from ..recordings.reaches import random_reaches, reach_recording
 from ..recordings.synthetic import continuous_recording, generate_motions
-from ..robot.examples import EXAMPLE_ROBOTS, HUMAN_ARM, example_file
+from ..robot.examples import HUMAN_ARM, example_file
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 
 DEMONSTRATIONS_SEED = 1
 """Seed of the demonstrations."""
 _WITH_SCENE = (HUMAN_ARM, "panda")
-
-
-def robot_file(name: str) -> tuple[str, Path, tuple[str, ...] | None]:
-    """Name, URDF file and joints of a robot, by its name here or the path of a URDF file.
-
-    Raises
-    ------
-    MissingDependencyError
-        If the robot is one of example-robot-data's, which is not installed.
-    """
-    if name in EXAMPLE_ROBOTS:
-        return name, *example_file(name)
-    if not Path(name).is_file():
-        known = quote_names(EXAMPLE_ROBOTS)
-        raise RobotError(f"the robot '{name}' is neither a URDF file nor one of {known}")
-    return Path(name).stem, Path(name), None
 
 
 def demonstrations_of(
@@ -55,7 +38,7 @@ def demonstrations_of(
 
 def write_example(name: str, folder: Path, *, force: bool) -> list[Path]:
     """Write session.mcap, arm.urdf and, of two robots, limits.yaml and scene.yaml."""
-    _, source, joints = robot_file(name)
+    source, joints = example_file(name)
     robot = Robot.from_file(source, joints)
     # Paths of meshes that hold in every folder.
     package = next((one for one in source.parents if one.name == "example-robot-data"), "")

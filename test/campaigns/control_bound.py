@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from support.tables import benchmark_parser, show
 
-from mp_pca_planner.cli.example_robots import DEMONSTRATIONS_SEED, robot_file
+from mp_pca_planner.cli.example_robots import DEMONSTRATIONS_SEED
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, verify
 from mp_pca_planner.control.law import KINDS, ControlLaw
 from mp_pca_planner.control.stability import analyse
@@ -28,6 +28,7 @@ from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.reaches import random_reaches
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
+from mp_pca_planner.robot.examples import example_file
 from mp_pca_planner.robot.model import Robot
 
 ARMATURES = (0.0, 0.05, 0.1)
@@ -49,7 +50,7 @@ def main() -> None:
     wanted = generate_motions(arguments.motions, 2)
     motions = planned(arm, generate_motions(40, 1), wanted)
     rows = [bounds(kind, arm, motions, n, frequency) for kind in KINDS]
-    _, urdf, joints = robot_file("panda")
+    urdf, joints = example_file("panda")
     panda = Robot.from_file(urdf, joints)
     reaches = random_reaches(panda, panda.limits(), 24, DEMONSTRATIONS_SEED)
     motions = planned(panda, reaches[4:], reaches[:4])

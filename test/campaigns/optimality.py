@@ -16,7 +16,6 @@ from scipy.optimize import minimize
 from support.problems import held_out_problems, scene_of
 from support.tables import benchmark_parser, show
 
-from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import SOLVED
@@ -25,6 +24,7 @@ from mp_pca_planner.planning.program.motion_program import MotionProgram as Prog
 from mp_pca_planner.planning.search import candidate
 from mp_pca_planner.planning.solver import Solution, solve
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.robot.examples import example_file
 
 ROBOTS = ("human_arm", "panda", "ur5", "kinova")
 ACTIVE = 1e-4
@@ -65,7 +65,7 @@ def solved_programs(
     name: str, coupling: str, n_components: int, n_problems: int
 ) -> list[tuple[Program, Solution]]:
     """The last program of every solved motion, and its solution."""
-    scene = scene_of(*robot_file(name), n_motions=30)
+    scene = scene_of(name, *example_file(name), n_motions=30)
     robot, limits = scene.robot, scene.limits
     components = PrimitiveOptions(coupling, n_components)
     primitive = build_primitive(scene.demonstrations, name, components)

@@ -26,8 +26,8 @@ from support.tables import benchmark_parser, show
 from support.virtual_node import VirtualNode, scene_and_model
 
 import mp_pca_planner as mp
-from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.robot.examples import example_file
 from mp_pca_planner.robot.meshes import package_folders
 
 KINDS = ("on its motion", "new obstacle", "slowed", "held", "silent")
@@ -63,7 +63,7 @@ class Course:
     """Motions of a robot between the ends of its demonstrations."""
 
     def __init__(self, name: str, n_obstacles: int) -> None:
-        folders = package_folders([], robot_file(name)[1])
+        folders = package_folders([], example_file(name)[0])
         self._scene, self._model = scene_and_model(
             name,
             collision=True,

@@ -89,7 +89,7 @@ def scene_of(name: str, urdf: Path, joints: Sequence[str] | None, n_motions: int
     Parameters
     ----------
     name, urdf, joints :
-        The robot, see :func:`robot_file`.
+        Its name, its description and the joints of its arm.
     n_motions :
         Number of demonstrations.
     """

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from support.problems import Scene, scene_of
 
-from mp_pca_planner.cli.example_robots import robot_file
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.link import (
     Place,
@@ -35,6 +34,7 @@ from mp_pca_planner.execution.tracking import StatedCommand, Tracker
 from mp_pca_planner.execution.watching import Watcher
 from mp_pca_planner.motion.goal import Goal, JointState
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.robot.examples import example_file
 from mp_pca_planner.robot.world import World
 from mp_pca_planner.simulation.robot import SimulatedRobot
 
@@ -46,7 +46,7 @@ MAX_ACCELERATION = {"panda": (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0), "ur5": (
 
 def scene_and_model(name: str, **others: Any) -> tuple[Scene, Model]:
     """A robot with acceleration and jerk limits, and the planner of its node."""
-    scene = scene_of(*robot_file(name), n_motions=30)
+    scene = scene_of(name, *example_file(name), n_motions=30)
     joints = scene.robot.joint_names
     limits = {
         joint: {"max_acceleration": most, "max_jerk": JERK_OF_ACCELERATION * most}
