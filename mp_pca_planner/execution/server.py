@@ -500,7 +500,7 @@ class MotionServer:
             where = self.tracker.where(model.settings)
             self._check_carriers(attempt)
             motion = join(planned.trajectory, start, where, self.tracker, model.settings)
-            self._check(motion, planned, start, model)
+            self._check(motion, planned, start, where, model)
         except TooLateError as error:
             if attempt.number >= _MAX_ATTEMPTS and not attempt.is_detour:
                 self._failed(attempt, str(error))
@@ -538,7 +538,12 @@ class MotionServer:
                 )
 
     def _check(
-        self, motion: PublishedMotion, planned: Planned, start: MotionStart, model: NodeModel
+        self,
+        motion: PublishedMotion,
+        planned: Planned,
+        start: MotionStart,
+        where: Where,
+        model: NodeModel,
     ) -> None:
         """Check a motion that is to be published, where it joins the present one, too.
 
@@ -558,10 +563,10 @@ class MotionServer:
                     "the goal again"
                 )
             first = JointState(first.joint_names, motion.sent.positions[0])
-            following = start.following
+            following = where.following
             assert following is not None
             if following.rate == 1.0 and motion.is_timed:
-                reference = following.motion.state(motion.time - following.motion.began)
+                reference = following.motion.state(following.at(motion.time))
                 jump = float(np.abs(first.positions - reference.positions).max())
                 if jump > _ROUNDING:
                     raise TrajectoryError(

@@ -38,6 +38,8 @@ _BELIEVED, _ON_PATH = 0.1, 1.5e-4
 # Rate of a controller on time differs less from 1; a robot slower than this is being stopped, or
 # held; a rate that changes faster is not joined [1/s].
 _FULL_RATE, _MIN_RATE, _HELD_RATE, _MAX_CHANGE = 0.01, 0.05, 1e-3, 0.5
+# A rate that follows from two commands is 1 if it differs by less.
+_ABOUT = 0.1
 # Distance that a robot at rest may move from the choice of a start to publishing [rad or m].
 _START_TOLERANCE = 0.005
 # Shortest part of a motion that another one continues [s]; else that begins at its end.
@@ -125,16 +127,34 @@ class ControllerStates:
         if self._message is None or not self.is_fresh(now):
             return None
         (read, time), last = self._message, self._last
-        if last is not None and last.time == time and last.state.joint_names == joint_names:
-            return last
-        try:
-            found = replace(read(joint_names), time=time)
-        except GoalError:
-            return None
-        if last is not None and 0.0 < time - last.time <= _MAX_AGE:
-            found = replace(found, change=(found.rate - last.rate) / (time - last.time))
-        self._last = found
-        return found
+        if last is None or last.time != time or last.state.joint_names != joint_names:
+            try:
+                found = replace(read(joint_names), time=time)
+            except GoalError:
+                return None
+            is_next = last is not None and 0.0 < time - last.time <= _MAX_AGE
+            last = self._last = _with_rates(found, last if is_next else None)
+        return last if math.isfinite(last.rate) else None
+
+
+def _with_rates(command: StatedCommand, last: StatedCommand | None) -> StatedCommand:
+    """A command with its rate, and how that changes since the last one.
+
+    Controllers of ros2_controllers before 4.39 state a rate of 0 at any speed: then it is how far
+    the command moved by its velocities, and NaN where there is no last command.
+    """
+    rate, v = command.rate, command.state.velocities
+    if rate == 0.0 and v.any():
+        rate = math.nan
+        if last is not None:
+            mean = 0.5 * (last.state.velocities + v)
+            moved = command.state.positions - last.state.positions
+            full = float(mean @ mean) * (command.time - last.time)
+            rate = float(mean @ moved) / max(full, 1e-12)
+            rate = 1.0 if abs(rate - 1.0) < _ABOUT else max(rate, 0.0)
+    if last is None or not math.isfinite(last.rate):
+        return replace(command, rate=rate)
+    return replace(command, rate=rate, change=(rate - last.rate) / (command.time - last.time))
 
 
 class How(Enum):

@@ -144,9 +144,11 @@ class VirtualNode:
         Whether joint states come in two messages, one after the other.
     has_controller_state : bool
         Whether the node receives the state of the controller.
+    states_scaling : bool
+        Whether that holds the factor of its speed; else 0, as of ros2_controllers before 4.39.
     """
 
-    has_velocities, is_split, has_controller_state = True, False, False
+    has_velocities, is_split, has_controller_state, states_scaling = True, False, False, True
 
     def __init__(
         self,
@@ -268,7 +270,8 @@ class VirtualNode:
         is_stated = self.has_controller_state and controller.is_active
         if not is_stated or self._ticks % STATE_PERIOD:
             return
-        names, scaling = self.robot.joint_names, controller.speed_scaling
+        names = self.robot.joint_names
+        scaling = controller.speed_scaling if self.states_scaling else 0.0
         reference = controller.stated()[0].copy()
 
         def read(wanted: Sequence[str]) -> StatedCommand:

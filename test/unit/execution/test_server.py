@@ -543,6 +543,34 @@ def test_stated_command_of_a_slowed_or_held_robot_is_continued_without_a_jump(fa
     node.assert_smooth()
 
 
+@pytest.mark.parametrize("event", ["goal", "stop", "hold", "slowed"])
+def test_controllers_that_do_not_state_their_speed_are_joined_without_a_jump(event):
+    node = Node()
+    node.has_controller_state, node.states_scaling = True, False
+    for wait in (0.05, 0.2, 0.5, 0.9):
+        node.ask(GOAL, duration=2.0)
+        node.run(0.3 + wait)
+        if event == "slowed":
+            node.robot.faults.speed_scaling = 0.4
+            node.run(0.5)
+        if event == "hold":
+            node.robot.faults.held = True
+            node.run(1.0)
+            node.robot.faults.held = False
+            node.run(0.5)
+        if event == "stop":
+            node.stop()
+            node.run(2.0)
+        node.ask(START)
+        node.run(4.0)
+    assert set(node.statuses) == {"served"}
+    if event == "slowed":  # how slow it is follows from two commands
+        assert node.verdict().largest_jump < 1e-4
+    else:
+        node.assert_smooth()
+    node.assert_rests_at(START)
+
+
 def test_goal_of_a_slowed_robot_is_refused_where_its_command_is_not_stated(node):
     node.robot.faults.speed_scaling = 0.4
     node.run(0.5)
