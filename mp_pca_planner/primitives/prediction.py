@@ -320,21 +320,22 @@ def _fit(
     """
     n, n_candidates = len(similarities), len(candidates)
     coefficients, residuals, scores = [], [], []
-    for (reversal, noise, length), (outputs, twins) in product(KERNELS, candidates):
+    for reversal, noise, length in KERNELS:
         there, back = similarities[:, length, 0], reversal * similarities[:, length, 1]
         # The parts that are even and odd in reversed time are independent.
         even, odd = np.linalg.inv([there + back, there - back] + noise * np.eye(n))
-        of_even, of_odd = even @ (outputs + twins) / 2.0, odd @ (outputs - twins) / 2.0
-        # Of what is left out: variances and residuals (equations 5.10 to 5.12), and the logarithm
-        # of the density of one output, with the scale that makes it highest.
         variances = 1.0 / np.array([np.diag(even), np.diag(odd)])[..., None]
-        left_out = variances * [of_even, of_odd]
-        square = np.sum(left_out**2 / variances)
-        scores.append(-0.25 * np.sum(np.log(variances)) - 0.5 * n * np.log(square + _TINY))
-        residuals.append(left_out[0] + left_out[1])
-        both = np.zeros((len(LENGTHS), 2, *outputs.shape))
-        both[length] = of_even + of_odd, reversal * (of_even - of_odd)
-        coefficients.append(both)
+        for outputs, twins in candidates:
+            of_even, of_odd = even @ (outputs + twins) / 2.0, odd @ (outputs - twins) / 2.0
+            # Residuals of what is left out (equations 5.10 to 5.12), and the logarithm of the
+            # density of one output, with the scale that makes it highest.
+            left_out = variances * [of_even, of_odd]
+            square = np.sum(left_out**2 / variances)
+            scores.append(-0.25 * np.sum(np.log(variances)) - 0.5 * n * np.log(square + _TINY))
+            residuals.append(left_out[0] + left_out[1])
+            both = np.zeros((len(LENGTHS), 2, *outputs.shape))
+            both[length] = of_even + of_odd, reversal * (of_even - of_odd)
+            coefficients.append(both)
     # The outputs depend on each other: their effective number.
     squares = outputs @ outputs.T
     freedom = np.trace(squares) ** 2 / (np.sum(squares**2) + _TINY)
