@@ -200,8 +200,9 @@ class Execution:
                 return None  # on a busy machine, the message comes late
             return self._end(
                 MotionOutcome.NEVER_STARTED,
-                "never started: the robot does not follow the motion; check that the controller is "
-                "active and accepts the trajectory",
+                f"never started: {now - self.motion.time:.1f} s after it was sent, the robot is "
+                "not seen on the motion; the controller may be inactive, have rejected it, or be "
+                "late",
             )
         self._last = following
         if following.distance > self._largest_deviation:

@@ -747,7 +747,7 @@ class PlannerNode(Node):
         notes = model.facts.notes if model is not None else self._notes
         for note in notes:
             if note not in self._notes:
-                self.get_logger().info(to_text(note))
+                self.get_logger().warning(to_text(note))
         self._notes = notes
 
 

@@ -426,7 +426,7 @@ def test_motion_that_a_controller_does_not_accept_never_started(either):
     either.run(2.0)
     assert either.outcomes == ["never_started"]
     (_, report), *_ = either.execution_reports
-    assert "check that the controller is active" in report.message and report.progress == 0.0
+    assert "the controller may be inactive" in report.message and report.progress == 0.0
 
 
 def test_stop_after_a_motion_that_was_rejected_is_on_the_one_before(either):
