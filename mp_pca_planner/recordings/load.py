@@ -559,8 +559,13 @@ def _kinds(motions: Sequence[Demonstration]) -> tuple[str, ...]:
     """A note if motions are of a few kinds, by clusters of their starts and goals."""
     if len({motion.joint_names for motion in motions}) != 1 or len(motions) < _LEAST_OF_KINDS:
         return ()
-    ends = np.array([motion.positions[[0, -1]].ravel() for motion in motions])
-    tree = hierarchy.linkage(ends, "average")
+    ends = np.array([motion.positions[[0, -1]] for motion in motions])
+    back = ends[:, ::-1]  # a way and its way back are of one kind
+    is_back = np.linalg.norm(back - ends[0], axis=(1, 2)) < np.linalg.norm(
+        ends - ends[0], axis=(1, 2)
+    )
+    ends = np.where(is_back[:, None, None], back, ends)
+    tree = hierarchy.linkage(ends.reshape(len(ends), -1), "average")
     kinds, greatest = list[int](), _APART
     for k in range(2, _MOST_KINDS + 1):
         sizes = Counter(hierarchy.fcluster(tree, k, "maxclust").tolist()).values()

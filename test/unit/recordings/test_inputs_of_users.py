@@ -477,6 +477,8 @@ def test_motions_of_several_kinds_are_told(tmp_path: Path, n_kinds: int) -> None
     table = write_csv(tmp_path / "t.csv", NAMES, episodes)
     notes = "".join(mp.load_demonstrations(table).notes)
     assert (f"these look like {n_kinds} kinds" in notes) if n_kinds > 1 else not notes
+    # A way and its way back are one kind.
+    assert not mp.load_demonstrations(write_csv(tmp_path / "b.csv", NAMES, reaches(12))).notes
 
 
 # Files of other programs
