@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import io
 import signal
-import threading
 import time
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -103,17 +102,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command until SIGINT or SIGTERM; returns the exit status."""
-    stop = threading.Event()
+    received = list[int]()
     signals = (signal.SIGINT, signal.SIGTERM)
-    previous = {number: signal.signal(number, lambda *_: stop.set()) for number in signals}
+    previous = {n: signal.signal(n, lambda number, _: received.append(number)) for n in signals}
     try:
-        return _simulate(arguments, stop)
+        return _simulate(arguments, received)
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
 
 
-def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
+def _simulate(arguments: argparse.Namespace, received: list[int]) -> int:
     check_output(arguments.record, ".npz", force=arguments.force)
     shown: dict[str, float] = {}
     if arguments.primitive is None:
@@ -139,7 +138,7 @@ def _simulate(arguments: argparse.Namespace, stop: threading.Event) -> int:
         arguments.controller_topic,
         keep_record=arguments.record is not None,
     )
-    spin_until(stop, node, lambda: max(node.advance(), 0.0))
+    spin_until(lambda: bool(received), node, lambda: max(node.advance(), 0.0))
     if arguments.record is not None:
         arrays = simulated.record.arrays() | {
             "taken": np.reshape(simulated.taken, (-1, 2)),

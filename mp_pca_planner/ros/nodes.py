@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -52,17 +51,18 @@ def start_ros(arguments: Sequence[str]) -> None:
 
 
 def spin_until(
-    stop: threading.Event,
+    is_ending: Callable[[], bool],
     node: Node,
     pause: Callable[[], float],
     failed: Callable[[Exception], None] | None = None,
 ) -> None:
-    """Run a node until the event is set, then end it and ROS.
+    """Run a node until it is to end, then end it and ROS.
 
     Parameters
     ----------
-    stop : Event
-        Ends the node.
+    is_ending : callable
+        Whether the node is to end. Handlers of signals must take no lock for it, as they interrupt
+        each other.
     node : Node
         The node.
     pause : callable
@@ -73,7 +73,7 @@ def spin_until(
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        while not stop.is_set():
+        while not is_ending():
             try:
                 executor.spin_once(timeout_sec=pause())
             except Exception as error:

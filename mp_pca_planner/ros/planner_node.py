@@ -8,7 +8,6 @@ import argparse
 import os
 import signal
 import sys
-import threading
 from collections.abc import Sequence
 
 from ..exceptions import MissingDependencyError, PlannerError, printable
@@ -39,11 +38,11 @@ def main(args: Sequence[str] | None = None) -> int:
     # One thread, because the matrices of planning are too small for several.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Installed before the slow imports, which a signal may interrupt.
-    stop = threading.Event()
+    received = list[int]()
     for number in _SIGNALS:
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda number, _: received.append(number))
     try:
-        _run(arguments, unknown, options.managed, stop)
+        _run(arguments, unknown, options.managed, received)
     except PlannerError as error:
         print(f"{_PROGRAM}: {printable(str(error))}", file=sys.stderr)
         return REFUSED
@@ -55,7 +54,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(
-    arguments: list[str], unknown: Sequence[str], is_managed: bool, stop: threading.Event
+    arguments: list[str], unknown: Sequence[str], is_managed: bool, received: list[int]
 ) -> None:
 
     if unknown:
@@ -74,7 +73,7 @@ def _run(
 
         node = LifecyclePlannerNode() if is_managed else PlannerNode()
         # A message ends the wait at once; the time bounds only how long a signal waits.
-        spin_until(stop, node, lambda: 0.1, node.failed)
+        spin_until(lambda: bool(received), node, lambda: 0.1, node.failed)
     finally:
         rclpy.try_shutdown()
 
