@@ -58,7 +58,8 @@ def _contents(name: str, arguments: argparse.Namespace) -> tuple[list[dict[str, 
     options = {"state_field": arguments.field, "salvage": arguments.recover}
     paths = find_recordings([name])
     found = [asdict(inspect_recording(path, arguments.topic, **options)) for path in paths]
-    return found, "\n\n".join("\n".join(fact_lines(facts)) for facts in found).splitlines()
+    lines = [line for facts in found for line in (*fact_lines(facts), "")]
+    return found, lines[:-1]
 
 
 def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, check_number
-from ..exceptions import GoalError, PrimitiveError
+from ..exceptions import GoalError, PrimitiveError, printable
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import StateLike, joint_positions
 from ..motion.interpolation import boundary_values, hermite_functions, quintics
@@ -135,7 +135,9 @@ class MovementPrimitive:
         for joint in self.joint_names:
             ends = (*facts["starts"][joint], *facts["goals"][joint])
             a, b, c, d = (round(x, 2) + 0.0 for x in ends)  # no minus before zero
-            lines.append(f"  {joint}: starts {a:.2f} to {b:.2f}, goals {c:.2f} to {d:.2f}")
+            lines.append(
+                f"  {printable(joint)}: starts {a:.2f} to {b:.2f}, goals {c:.2f} to {d:.2f}"
+            )
         return "\n".join(lines)
 
     def summary(self) -> dict[str, Any]:
