@@ -17,7 +17,7 @@ from support.bags import EPOCH, S
 def storage_file(path: Path) -> Path:
     if path.is_file():
         return path
-    return next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+    return next(file for file in path.iterdir() if file.suffix != ".yaml")
 
 
 def compressed_bag(folder: Path, compression: str, n_messages: int) -> Path:

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import hashlib
-import random
 import shutil
 import subprocess
 import sys
@@ -24,25 +22,19 @@ from support.bags import (
     stamped,
     write_bag,
 )
+from support.compressed_bags import storage_file
 from support.embedded_bags import write_embedded_bag
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.recordings.bags import (
     checksum,
-    choose_topic,
     find_recordings,
     recording_names,
     write_joint_states,
     write_joint_trajectory,
 )
 from mp_pca_planner.recordings.load import load_recordings
-
-
-def storage_file(path: Path) -> Path:
-    if path.is_file():
-        return path
-    return next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
 
 
 def own_bag(path: Path, bag_format: str, **options: object) -> Path:
@@ -227,12 +219,6 @@ def test_path_without_recording_is_named(tmp_path: Path, name: str) -> None:
         find_recordings([tmp_path / name])
 
 
-def test_one_path_may_stand_alone(tmp_path: Path) -> None:
-    write_bag(tmp_path / "one", "mcap", stamped(reaching([0.0, 1.0])))
-    for path in (tmp_path, str(tmp_path)):
-        assert find_recordings(path) == (tmp_path / "one",)
-
-
 def test_recordings_of_the_same_name_are_told_apart_by_their_folder(tmp_path: Path) -> None:
     paths = [tmp_path / "left" / "x.bag", tmp_path / "right" / "x.bag", tmp_path / "y.bag"]
     assert recording_names(paths) == ("left/x", "right/x", "y")
@@ -246,29 +232,6 @@ def test_link_that_leads_to_itself_is_no_recording(tmp_path: Path) -> None:
     assert "loop.bag' can't be read" in refused.reason
 
 
-def test_unknown_types_on_other_topics_do_not_matter(tmp_path: Path, bag_format: str) -> None:
-    path = write_bag(tmp_path / "x", bag_format, stamped(np.ones((20, 2))), unknown_type=True)
-    topics = list_topics(path)
-    assert [(t.name, t.count) for t in topics] == [("/joint_states", 20), ("/strange", 1)]
-    assert read_joint_states(path, choose_topic(topics).name).n_messages == 20
-
-
-def test_topic_must_be_chosen_among_several(tmp_path: Path, bag_format: str) -> None:
-    messages = [Message(["a"], [0.0], EPOCH, topic=topic) for topic in ("/left", "/right")]
-    topics = list_topics(write_bag(tmp_path / "x", bag_format, messages))
-    assert choose_topic(topics, "/right").name == "/right"
-    with pytest.raises(RecordingError, match="'/left', '/right'"):
-        choose_topic(topics)
-    with pytest.raises(RecordingError, match="'/left', '/right'"):
-        choose_topic(topics, "/wrong")
-
-
-def test_bag_without_joint_states_lists_what_it_has(tmp_path: Path, bag_format: str) -> None:
-    path = write_bag(tmp_path / "x", bag_format, [], unknown_type=True)
-    with pytest.raises(RecordingError, match=r"'/strange' \(nobody_msgs/msg/Strange\)"):
-        choose_topic(list_topics(path))
-
-
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.1, 0.5, 0.9, 0.999])
 def test_cut_off_file_is_refused_by_name(tmp_path: Path, bag_format: str, share: float) -> None:
     file = storage_file(write_bag(tmp_path / "x", bag_format, stamped(reaching([0, 1]))))
@@ -276,27 +239,6 @@ def test_cut_off_file_is_refused_by_name(tmp_path: Path, bag_format: str, share:
     file.write_bytes(content[: int(share * len(content))])
     with pytest.raises(RecordingError, match=file.name):
         read_joint_states(file, "/joint_states")
-
-
-def test_damage_anywhere_raises_nothing_but_the_package_error(
-    tmp_path: Path, bag_format: str
-) -> None:
-    file = storage_file(write_bag(tmp_path / "x", bag_format, stamped(np.ones((40, 2)))))
-    content = file.read_bytes()
-    generator = random.Random(3)
-    reasons = []
-    for _ in range(150):
-        damaged = bytearray(content)
-        for _ in range(8):
-            damaged[generator.randrange(len(damaged))] = generator.randrange(256)
-        file.write_bytes(damaged)
-        try:
-            list_topics(file)
-            read_joint_states(file, "/joint_states")
-        except RecordingError as error:
-            reasons.append(str(error))
-    assert reasons
-    assert all(file.name in reason for reason in reasons)
 
 
 @pytest.mark.parametrize("suffix", [".bag", ".db3", ".mcap", ".txt"])
@@ -320,11 +262,6 @@ def test_folder_without_its_storage_is_refused_by_name(tmp_path: Path) -> None:
     storage_file(path).unlink()
     with pytest.raises(RecordingError, match="hollow"):
         list_topics(path)
-
-
-def test_checksum_is_that_of_the_stored_bytes(tmp_path: Path, bag_format: str) -> None:
-    path = own_bag(tmp_path / "x", bag_format)
-    assert checksum(path) == hashlib.sha256(storage_file(path).read_bytes()).hexdigest()
 
 
 def test_existing_file_is_replaced_only_on_request(tmp_path: Path, bag_format: str) -> None:

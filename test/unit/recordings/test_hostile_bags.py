@@ -13,17 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.bags import EPOCH, FORMATS, S, reaching, stamped, write_bag
-from support.compressed_bags import compressed_bag
+from support.compressed_bags import compressed_bag, storage_file
 
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.input_limits import INPUT_LIMITS
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.reading import inspect_recording
-
-
-def storage_file(path: Path) -> Path:
-    return path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
 
 
 def refusal(path: Path) -> str:

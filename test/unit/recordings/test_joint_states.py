@@ -103,15 +103,3 @@ def test_what_was_serialised_comes_back(
             with np.errstate(over="ignore"):
                 expected = velocity.astype(np.float32)
             np.testing.assert_array_equal(raw.velocities[row, columns], expected)
-
-
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("share", np.linspace(0.0, 0.99, 12))
-def test_a_message_that_is_cut_off_is_no_joint_state(way: str, share: float) -> None:
-    kind = {"frame": "f", "name": ["a", "b"], "position": [1.0, 2.0], "velocity": [], "effort": []}
-    _, (message,) = serialised([kind], way, 0)
-    bag_format = "rosbag1" if way == "ros1" else "mcap"
-    decode = decoder(known_types(bag_format), bag_format)
-    # Of many kinds, of which damage_reported makes one.
-    with pytest.raises(Exception):  # noqa: B017, PT011
-        decode(message[: int(share * len(message))], JOINT_STATE)

@@ -89,7 +89,7 @@ def test_chunks_before_the_cut_are_salvaged_when_compressed(
     tmp_path: Path, compression: str
 ) -> None:
     path = compressed_bag(tmp_path, compression, 40_000)
-    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    file = storage_file(path)
     content = file.read_bytes()
     file.write_bytes(content[: int(0.8 * len(content))])
     raw = read_joint_states(path, "/joint_states", salvage=True)
@@ -149,7 +149,7 @@ def test_a_compressed_bag_that_is_cut_off_is_refused_by_name(
 ) -> None:
     path = tmp_path / ("x.bag" if kind in ("bz2", "lz4") else "x")
     compressed_bag(tmp_path, kind, 300)
-    file = path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+    file = storage_file(path)
     content = file.read_bytes()
     file.write_bytes(content[: int(share * len(content))])
     found = inspect_recording(path)

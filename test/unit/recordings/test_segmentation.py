@@ -25,7 +25,6 @@ from mp_pca_planner.recordings.segmentation import (
     least_extent,
     smooth,
     speed_thresholds,
-    trim,
 )
 
 OPTIONS = SegmentationOptions()
@@ -61,11 +60,6 @@ def passing(via: FloatArray, seconds: float, dip: float, rate: float = 100.0) ->
     parts = [a + share[:, None] * (b - a) for a, b in pairwise(via)]
     still = round(rate)
     return np.concatenate([np.tile(via[0], (still, 1)), *parts, np.tile(via[-1], (still, 1))])
-
-
-def test_each_reach_between_rests_is_a_motion() -> None:
-    found = motions_in(reaching([0, 1, -0.5, 0.7]))
-    np.testing.assert_allclose(found, [(1, 2), (3, 4), (5, 6)], atol=0.12)
 
 
 @settings(max_examples=30)
@@ -129,20 +123,6 @@ def test_ripple_on_a_motion_does_not_cut() -> None:
     assert len(motions_in(motion)) == 1
 
 
-def test_recording_that_starts_and_ends_in_motion_is_used_to_its_ends() -> None:
-    positions = reaching([0, 1])[130:170]
-    ((start, end),) = motions_in(positions)
-    assert (start, end) == pytest.approx((0.0, 0.39), abs=0.02)
-
-
-def test_stillness_yields_no_motion() -> None:
-    still = np.random.default_rng(0).normal(scale=1e-3, size=(500, 2))
-    moving = smoothed(reaching([0, 1]))
-    thresholds = speed_thresholds(joint_speed(moving.velocities))
-    assert find_motions(smoothed(still), thresholds, OPTIONS) == []
-    assert trim(smoothed(np.zeros((500, 2))), thresholds) is None
-
-
 def test_slow_sampling_is_cut_at_rests_only() -> None:
     via = np.array([[0.0, 0.0], [1.0, 0.1], [0.0, 0.2]])
     assert len(motions_in(passing(via, 1.5, dip=0.1, rate=10.0), rate=10.0)) == 1
@@ -158,13 +138,6 @@ def test_no_motion_is_shorter_than_asked() -> None:
         found = motions_in(wild, options=options)
         assert found
         assert min(end - start for start, end in found) >= shortest - 0.01
-
-
-def test_trim_keeps_all_between_the_outer_rests() -> None:
-    piece = smoothed(reaching([0, 1, -0.5]))
-    span = trim(piece, speed_thresholds(joint_speed(piece.velocities)))
-    assert span is not None
-    np.testing.assert_allclose(piece.times[list(span)], (1, 4), atol=0.12)
 
 
 @pytest.mark.parametrize(

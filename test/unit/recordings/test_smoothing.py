@@ -27,14 +27,6 @@ def test_slow_motion_keeps_its_course_and_derivatives(rate: float) -> None:
         np.testing.assert_allclose(values[inner], exact[inner], atol=2e-3 * np.abs(exact).max())
 
 
-def test_there_is_no_delay() -> None:
-    times = np.arange(0.0, 3.0, 0.01)
-    positions = np.concatenate([np.zeros(100), minimum_jerk(0, 1, 100), np.ones(100)])[:, None]
-    result = smooth(Samples(times, positions), 100.0)
-    assert result.times[np.argmax(result.velocities[:, 0])] == pytest.approx(1.495, abs=0.011)
-    assert np.interp(1.495, result.times, result.positions[:, 0]) == pytest.approx(0.5, abs=1e-3)
-
-
 def test_noise_over_the_cutoff_is_taken_out() -> None:
     times = np.arange(0.0, 4.0, 0.002)
     hum = 0.01 * sine(times, 6 * CUTOFF)
