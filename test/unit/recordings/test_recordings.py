@@ -136,6 +136,16 @@ def test_motion_never_spans_a_gap(tmp_path: Path) -> None:
         assert [m.start > 2.59 for m in report.motions] == [True]
 
 
+def test_a_part_that_rests_holds_no_motion(tmp_path: Path) -> None:
+    messages = stamped(reaching([0.1, 1.1], rest=2.0))
+    path = write_bag(tmp_path / "x", "mcap", messages[:320] + messages[400:])
+    for segment in ("none", "auto"):
+        (report,) = load_recordings([path], segment=segment).reports
+        assert report.repairs == {"gaps": 1}
+        ((start, end),) = [(m.start, m.end) for m in report.motions]
+        assert (start, end) == pytest.approx((2.0, 3.0), abs=0.12)
+
+
 @pytest.mark.parametrize("segment", ["auto", "none"])
 def test_a_recording_of_halves_is_rejected(tmp_path: Path, segment: str) -> None:
     messages = stamped(REACHES[:250])

@@ -74,6 +74,16 @@ def test_messages_before_the_cut_are_salvaged(file: Path, share: float) -> None:
     assert f"only the {raw.n_messages} messages" in note
 
 
+@pytest.mark.parametrize("bag_format", ["mcap"])
+def test_bytes_that_changed_in_the_middle_are_damage(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    for place in range(len(content) // 2, len(content), 5000):
+        content[place] = 0
+    file.write_bytes(content)
+    with pytest.raises(RecordingError, match=file.name):
+        read_joint_states(file, "/joint_states")
+
+
 def test_file_without_a_message_before_the_damage_is_refused(file: Path) -> None:
     file.write_bytes(file.read_bytes()[:60])
     for read in (
