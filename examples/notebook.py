@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a recording to a motion in a few lines; as an executed notebook: notebook.ipynb."""
 
+import matplotlib.pyplot as plt
+
 import mp_pca_planner as mp
 
 urdf = mp.config_file("human_arm.urdf")
@@ -17,5 +19,6 @@ plan = planner.plan(
     start=demonstrations[0].positions[0], goal={"shoulder1": -1.8, "shoulder3": 0.6}
 )
 print(plan)
-plan.plot(planner).flat[0].figure.savefig("motion.png")
+plan.plot(planner)
+plt.savefig("motion.png")
 plan.trajectory.save("motion.csv", overwrite=True)

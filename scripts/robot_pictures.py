@@ -36,7 +36,8 @@ def picture(name: str, browser: object) -> Image.Image:
         write_example(name, folder, force=True)
         urdf, (_, joints) = folder / "arm.urdf", example_file(name)
         motions = mp.load_demonstrations(folder / "session.mcap", joints=joints)
-        content = read_content(urdf, [mp.MovementPrimitive.fit(motions, name=name)])
+        robot = mp.Robot.from_file(urdf, joints)
+        content = read_content(robot, [mp.MovementPrimitive.fit(motions, name=name)])
         with ViewPage(content, port=0) as page:
             page.player.seek(0.4)
             tab = browser.new_page(viewport={"width": SIZE[0] + PANEL, "height": SIZE[1]})

@@ -27,6 +27,7 @@ from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import progress
 from mp_pca_planner.robot.examples import example_file
+from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Box, Obstacle, World
 from mp_pca_planner.view.content import PageContent, read_content
 from mp_pca_planner.view.page import ViewPage
@@ -222,7 +223,7 @@ def panda() -> PageContent:
         way = WAY[:: 1 if i % 2 else -1] + random.normal(0.0, 0.12, WAY.shape)
         demonstrations.append(Demonstration.from_arrays(joints, times, curve @ way))
     primitive = MovementPrimitive.fit(demonstrations, name="reach_over")
-    content = read_content(urdf, [primitive])
+    content = read_content(Robot.from_file(urdf, joints), [primitive])
     world = World([Obstacle("box", BOX)])
     return replace(content, world=world, ends=(WAY[0], WAY[-1]))
 

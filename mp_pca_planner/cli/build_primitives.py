@@ -349,7 +349,6 @@ def _print(
         "refused": [asdict(refusal) for refusal in recordings.refused],
         "repairs": {report.name: report.repairs for report in recordings.reports},
         "notes": {report.name: list(report.notes) for report in recordings.reports},
-        "thresholds": {one.name: asdict(one.thresholds) for one in recordings.reports},
         "foreign": [{"recording": name, "reason": why} for name, why in foreign],
         "marker_residuals": {
             report.name: {name: asdict(r) for name, r in report.marker_residuals.items()}

@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -32,10 +32,9 @@ from ..motion.validation import check_executable, check_limits
 from ..plotting.motion import motion_figure
 from ..plotting.primitive import primitive_figure
 from ..plotting.style import picture, require_matplotlib
-from ..plotting.text import prediction_words
 from ..primitives.build import build_primitive
 from ..primitives.file import save_primitive
-from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive import MovementPrimitive, prediction_words
 from ..recordings.load import load_recordings
 from ..recordings.synthetic import JOINT_NAMES, generate_motions, write_example_recording
 from ..robot.examples import EXAMPLE_ROBOTS, example_file
@@ -134,9 +133,9 @@ def _pipeline(folder: Path) -> int:
     node = ["planner_node", "--ros-args", "--log-level", "error", "-p", f"primitives:=['{file}']"]
     simulation = ["simulate", "--robot", str(arm), "--start", start]
     record = ["--record", str(folder / "commands.npz"), "--force"]
-    with _children(node, [*simulation, *record]) as check:
+    with _children(node, [*simulation, *record]):
         ends = [end for _, goal in goals for end in (goal, home)]
-        rows, motions = _serve(robot, home, ends, check)
+        rows, motions = _serve(robot, home, ends)
     say(*text_table(rows, header=_HEADER).splitlines(), "", f"4. Drawing into {folder}")
     with picture(folder / "primitive.png", force=True) as figure:
         primitive_figure(figure, primitive, title="Demonstrations and components")
@@ -148,38 +147,30 @@ def _pipeline(folder: Path) -> int:
 
 
 @contextmanager
-def _children(*commands: Sequence[str]) -> Iterator[Callable[[], None]]:
+def _children(*commands: Sequence[str]) -> Iterator[None]:
     """Run commands of this package, and end them with the block; their stdout is discarded.
 
-    The first SIGINT, SIGTERM or SIGHUP raises KeyboardInterrupt, once they are started; later ones
-    are ignored. What the block gets raises it again after a signal: Python ignores exceptions in
-    some places, such as within an import.
+    A signal raises KeyboardInterrupt in the block, or at its end: Python ignores exceptions in some
+    places, such as within an import.
     """
-    processes: list[subprocess.Popen[bytes]] = []
-    is_starting, is_interrupted = True, False
+    processes, received = list[subprocess.Popen[bytes]](), list[int]()
 
-    def check() -> None:
-        if is_interrupted:
-            raise KeyboardInterrupt
+    def interrupt(number: int, _: object) -> None:
+        received.append(number)
+        raise KeyboardInterrupt
 
-    def interrupt(*_: object) -> None:
-        nonlocal is_interrupted
-        is_first, is_interrupted = not is_interrupted, True
-        if is_first and not is_starting:
-            raise KeyboardInterrupt
-
-    for number in _SIGNALS:
-        signal.signal(number, interrupt)
     try:
         for words in commands:
             command = [sys.executable, "-m", __package__.partition(".")[0], *words]
             processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL))
-        is_starting = False
-        check()
-        yield check
-        check()
+        for number in _SIGNALS:
+            signal.signal(number, interrupt)
+        yield
+        if received:
+            raise KeyboardInterrupt
     finally:
-        is_interrupted = True
+        for number in _SIGNALS:  # one is enough
+            signal.signal(number, signal.SIG_IGN)
         for process in processes:
             process.send_signal(signal.SIGINT)
         for process in processes:
@@ -191,9 +182,9 @@ def _children(*commands: Sequence[str]) -> Iterator[Callable[[], None]]:
 
 
 def _serve(
-    robot: Robot, home: FloatArray, goals: Sequence[FloatArray], check: Callable[[], None]
+    robot: Robot, home: FloatArray, goals: Sequence[FloatArray]
 ) -> tuple[list[list[str]], list[Trajectory]]:
-    """Send goals one after the other, each after a check; returns rows of a table, and motions."""
+    """Send goals one after the other; returns rows of a table, and motions."""
     from sensor_msgs.msg import JointState as Message
 
     from ..ros.client import READY, GoalClient
@@ -216,7 +207,6 @@ def _serve(
         client.wait(partial(is_at, home), _PATIENCE, "has no robot at rest")
         client.wait_for_diagnostics(lambda values: values["text"] == READY)
         for goal in goals:
-            check()
             start = state[0].copy()
             answer = client.send(Message(name=list(JOINT_NAMES), position=goal.tolist()))
             verdict = str(answer.report.message)

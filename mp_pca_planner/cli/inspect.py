@@ -8,8 +8,6 @@ import argparse
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from ..control.law import control_statement
 from ..exceptions import PlannerError
 from ..primitives.file import load_primitive
@@ -73,12 +71,5 @@ def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
         **{field: getattr(primitive, field) for field in shown},
         **primitive.summary(),
         "durations": primitive.durations,
-        "usual_error": _usual_error(primitive),
         "control_statement": control_statement(primitive),
     }
-
-
-def _usual_error(primitive: MovementPrimitive) -> float:
-    """Median of the expected errors at the ends of the demonstrations [rad or m]."""
-    ends = primitive.boundary_states[:: -(-len(primitive.durations) // 200), [0, 3]]
-    return float(np.median([primitive.prediction_error(primitive.model.predict(*x)) for x in ends]))

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays import FloatArray, by_name
 from ..exceptions import GoalError, quote_names
-from ..files import read_text, write_whole
+from ..files import write_whole
 from ..primitives.library import load_primitives
 from ..robot.model import Robot
 from ..ros.nodes import spin_until, start_ros
@@ -102,17 +102,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command until SIGINT or SIGTERM; returns the exit status."""
-    received = list[int]()
-    signals = (signal.SIGINT, signal.SIGTERM)
-    previous = {n: signal.signal(n, lambda number, _: received.append(number)) for n in signals}
-    try:
-        return _simulate(arguments, received)
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-def _simulate(arguments: argparse.Namespace, received: list[int]) -> int:
     check_output(arguments.record, ".npz", force=arguments.force)
     shown: dict[str, float] = {}
     if arguments.primitive is None:
@@ -132,9 +121,12 @@ def _simulate(arguments: argparse.Namespace, received: list[int]) -> int:
     )
     simulated.faults = Faults(**{name: getattr(arguments, name) for name in _FAULTS})
     start_ros(arguments.ros_arguments)
+    received = list[int]()
+    for kind in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(kind, lambda caught, _: received.append(caught))
     node = SimulatedRobotNode(
         simulated,
-        read_text(arguments.robot),
+        robot.urdf,
         arguments.controller_topic,
         keep_record=arguments.record is not None,
     )

@@ -42,19 +42,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit status."""
     primitives = load_primitives(arguments.primitives)
-    robot_of(arguments.robot, primitives)
+    robot = robot_of(arguments.robot, primitives)
     # After the files were read: it takes a second.
     from ..view.content import read_content
     from ..view.page import ViewPage
 
-    content = read_content(arguments.robot, primitives, arguments.package_dirs)
-    given = limits_given(arguments, content.robot)
-    robot = content.robot.with_drives(given)
+    given = limits_given(arguments, robot)
+    content = read_content(robot.with_drives(given), primitives, arguments.package_dirs)
     limits = robot.limits(given)
     world = World() if arguments.obstacles is None else World.from_file(arguments.obstacles)
-    with ViewPage(
-        replace(content, robot=robot, limits=limits, world=world), arguments.port
-    ) as page:
+    with ViewPage(replace(content, limits=limits, world=world), arguments.port) as page:
         is_moved = arguments.port and page.server.get_port() != arguments.port
         moved = f"port {arguments.port} is in use; " if is_moved else ""
         say(f"page         {page.url} ({moved}for this machine only; Ctrl-C ends it)")

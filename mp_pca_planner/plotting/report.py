@@ -15,7 +15,7 @@ from ..arrays import FloatArray
 from ..control.law import control_statement
 from ..exceptions import PlannerError
 from ..primitives.differences import PHASES
-from ..primitives.primitive import MovementPrimitive
+from ..primitives.primitive import MovementPrimitive, prediction_words
 from ..primitives.timing import aligned_positions
 from ..recordings.demonstration import Demonstration
 from ..recordings.recording import REPAIRS
@@ -32,7 +32,7 @@ from .style import (
     palette_line,
     render,
 )
-from .text import prediction_words, primitive_unit, prismatic_joints, unit_of, variance_table
+from .text import primitive_unit, prismatic_joints, unit_of, variance_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

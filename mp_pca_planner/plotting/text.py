@@ -100,18 +100,3 @@ def variance_table(shares: Mapping[str, Sequence[float]], n_components: int | No
 def percents(values: Sequence[float], n: int) -> list[str]:
     """The first n shares [%], with empty texts where there are fewer."""
     return [percent(values[k]) if k < len(values) else "" for k in range(n)]
-
-
-def prediction_words(primitive: MovementPrimitive, few: int = 10) -> str:
-    """How well motions that are left out are predicted, and whether more are needed."""
-    n, facts, unit = len(primitive.durations), primitive.summary(), primitive_unit(primitive)
-    if n == 1:
-        return "the error can't be estimated from one motion: record ten to thirty"
-    left_out, straight = facts["left_out_error"], facts["minimum_jerk_error"]
-    if not left_out >= 0.0:
-        return "the error is unknown: the primitive holds no statistics of its demonstrations"
-    advice = f"; {n} motions give an uncertain estimate: record ten to thirty" if n < few else ""
-    return (
-        f"left-out motions are predicted to {unit.number(left_out)} {unit.name} RMS "
-        f"(by minimum jerk to {unit.number(straight)}){advice}"
-    )

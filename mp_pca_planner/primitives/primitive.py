@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 COUPLINGS = ("joint", "arm")
 
 _MAX_DRAWS = 10_000
+# Motions of which the errors of left-out ones are uncertain, if there are fewer.
+_FEW = 10
 # Joints hardly turn further [rad]: more looks like degrees, as in demonstrations.
 _MAX_ANGLE = 12.0
 
@@ -117,21 +119,8 @@ class MovementPrimitive:
         )
 
     def __str__(self) -> str:
-        facts = self.summary()
-        left_out, straight = facts["left_out_error"], facts["minimum_jerk_error"]
-        lines = [repr(self)]
-        if np.isfinite(left_out):
-            nearer = 1.0 - left_out / straight if straight > 0.0 else 0.0
-            judgement = (
-                f"{nearer:.0%} nearer than minimum-jerk motions ({straight:.3g})"
-                if nearer >= 0.1
-                else f"hardly nearer than minimum-jerk motions ({straight:.3g}): show more "
-                "demonstrations, of one kind"
-            )
-            lines.append(
-                f"  left-out motions: {left_out:.3g} rad or m RMS from their predictions, "
-                f"{judgement}"
-            )
+        facts, words = self.summary(), prediction_words(self)
+        lines = [repr(self), *([f"  {words}"] if words else [])]
         for joint in self.joint_names:
             ends = (*facts["starts"][joint], *facts["goals"][joint])
             a, b, c, d = (round(x, 2) + 0.0 for x in ends)  # no minus before zero
@@ -572,3 +561,20 @@ def _warn_if_unusual(name: str, score: float, ends: FloatArray) -> None:
             f"about 1 is usual), so the motion may look unlike them{question}",
             stacklevel=3,
         )
+
+
+def prediction_words(primitive: MovementPrimitive) -> str:
+    """How near left-out motions are to their predictions; empty where that is unknown."""
+    facts, n = primitive.summary(), len(primitive.durations)
+    left_out, straight = facts["left_out_error"], facts["minimum_jerk_error"]
+    if not left_out >= 0.0:
+        return ""
+    nearer = 1.0 - left_out / straight if straight > 0.0 else 0.0
+    much = f"{nearer:.0%}" if nearer >= 0.1 else "hardly"
+    advice = "" if nearer >= 0.1 else ": show more demonstrations, of one kind"
+    if n < _FEW:
+        advice = f"; {n} motions give an uncertain estimate: record ten to thirty"
+    return (
+        f"left-out motions: {left_out:.3g} rad or m RMS from their predictions, {much} nearer than "
+        f"minimum-jerk motions ({straight:.3g}){advice}"
+    )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import FloatArray, check_type
-from ..exceptions import MissingDependencyError, PlannerError, RobotError
+from ..exceptions import MissingDependencyError, PlannerError
 from ..motion.collision import CollisionModel
 from ..planning.plan import Plan
 from ..planning.planner import Planner
@@ -61,28 +61,22 @@ class PageContent:
 
 
 def read_content(
-    urdf: Path, primitives: Sequence[MovementPrimitive], package_dirs: Sequence[Path] = ()
+    robot: Robot, primitives: Sequence[MovementPrimitive], package_dirs: Sequence[Path] = ()
 ) -> PageContent:
-    """The content of a page for primitives and the URDF file of their robot.
+    """The content of a page for primitives and their robot.
 
     Self-collisions are checked if the robot's collision geometry can be read.
 
     Parameters
     ----------
-    urdf : Path
-        The URDF file.
+    robot : Robot
+        The robot of their joints.
     primitives : sequence of MovementPrimitive
         At least one.
     package_dirs : sequence of Path
         Folders of packages with meshes; searched before ROS's and those above the URDF.
-
-    Raises
-    ------
-    RobotError
-        If the URDF can't be used.
     """
-    robot = Robot.from_file(urdf, primitives[0].joint_names)
-    folders = package_folders(package_dirs, urdf)
+    folders = package_folders(package_dirs, robot.path)
     # Where meshes are missing, the page states that for the visual ones.
     collision, _ = robot_collision(robot, primitives, package_dirs=folders)
     return PageContent(robot, tuple(primitives), robot.limits(), folders, collision)
@@ -129,7 +123,7 @@ def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> Vie
     Parameters
     ----------
     planner : Planner
-        A planner whose robot was read from a file.
+        A planner.
     plan : Plan, optional
         A plan whose start and goal are shown first.
     port : int
@@ -142,8 +136,6 @@ def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> Vie
 
     Raises
     ------
-    RobotError
-        If the robot was not read from a file.
     MissingDependencyError
         If the extra `view` is not installed.
 
@@ -157,10 +149,7 @@ def show(planner: Planner, plan: Plan | None = None, *, port: int = 8080) -> Vie
         from .page import ViewPage
     except ImportError as error:
         raise MissingDependencyError(str(error.name), "view", "the page") from None
-    path = planner.robot.path
-    if path is None:
-        raise RobotError("the page needs the URDF file of the robot: use Robot.from_file")
-    content = replace(read_content(path, planner.primitives), limits=planner.limits)
+    content = replace(read_content(planner.robot, planner.primitives), limits=planner.limits)
     if planner.collision is not None:
         content = replace(content, world=planner.collision.world)
     if plan is not None:

@@ -177,7 +177,9 @@ class Fuzzer:
                 self._flood(topic, MarkerArray, [none] * 5)
             self.check(topic)
         self._set({"use_sim_time": True})
-        self._flood("/clock", Clock, garbage(Clock(), n_messages, self._random))
+        clocks = garbage(Clock(), n_messages, self._random)
+        # Of a negative time, rclpy itself raises an error.
+        self._flood("/clock", Clock, [x for x in clocks if len(x) < 8 or x[7] < 0x80])
         self.check("/clock")
 
     def send_too_much(self) -> None:

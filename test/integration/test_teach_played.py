@@ -59,7 +59,7 @@ def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     # What is in the session already is not recorded again.
     assert "of the messages to play" in done.stdout
-    assert "n_motions 7 " in " ".join(done.stdout.split())
+    assert "of 7 demonstrations" in done.stdout
     # The primitive is not overwritten without a word.
     done = teach(tmp_path, "b\n")
     assert (done.returncode, done.stdout) == (2, "")

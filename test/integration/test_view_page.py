@@ -15,12 +15,11 @@ from support.arm import arm_primitive, arm_robot
 from support.patience import HANG
 
 import mp_pca_planner as mp
-from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
-from mp_pca_planner.view.content import PageContent, first_ends, read_content, show
+from mp_pca_planner.view.content import PageContent, first_ends, read_content
 
 pytest.importorskip("playwright", reason="playwright is not installed")
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
@@ -55,7 +54,7 @@ def browser() -> Iterator[Any]:
 
 
 def content(**changes: Any) -> PageContent:
-    return replace(read_content(config_file("human_arm.urdf"), [arm_primitive()]), **changes)
+    return replace(read_content(arm_robot(), [arm_primitive()]), **changes)
 
 
 @pytest.fixture
@@ -140,7 +139,8 @@ def test_the_page_loads_without_errors_and_without_the_internet(browser, page):
 
 
 def test_a_plan_is_shown_from_python():
-    planner = Planner(arm_robot(), [arm_primitive()])
+    text = config_file("human_arm.urdf").read_text()
+    planner = Planner(Robot(text, arm_robot().joint_names), [arm_primitive()])
     goal, start = arm_primitive().boundary_states[3, [3, 0]]
     plan = planner.plan(goal, start)
     with mp.show(planner, plan, port=0) as page:
@@ -148,9 +148,6 @@ def test_a_plan_is_shown_from_python():
         request = page.plan.answer.request
         np.testing.assert_allclose([request.start, request.goal], [start, goal], atol=1e-9)
         assert page.url in repr(page)
-    robot = Robot(config_file("human_arm.urdf").read_text(), arm_robot().joint_names)
-    with pytest.raises(RobotError, match=r"Robot\.from_file"):
-        show(Planner(robot, [arm_primitive()]))
 
 
 @pytest.mark.parametrize("size", [SIZE, (390, 844)])

@@ -168,7 +168,7 @@ def test_goal_near_the_running_one_is_served_after_its_primitive_was_renamed(
     answer = bench.send(np.array(goal) + 0.01)
     assert answer.trajectory is not None
     assert answer.report.level != DiagnosticStatus.ERROR, answer.report.message
-    assert answer.values["primitive"] == arm_primitive().name
+    assert answer.values["primitive"] == "renamed"
     assert len(bench.client.trajectories) == n + 1
     bench.set(primitives=[bench.primitive])
     bench.client.stop()

@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.arm import arm_primitive
+from support.arm import arm_primitive, arm_robot
 from support.patience import HANG
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
-from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import Pose
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.content import PageContent, read_content
@@ -23,7 +22,7 @@ from mp_pca_planner.view.page import ViewPage
 
 
 def content(**changes: Any) -> PageContent:
-    return replace(read_content(config_file("human_arm.urdf"), [arm_primitive()]), **changes)
+    return replace(read_content(arm_robot(), [arm_primitive()]), **changes)
 
 
 @pytest.fixture
