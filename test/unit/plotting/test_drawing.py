@@ -371,5 +371,5 @@ def test_a_prediction_without_a_robot_is_drawn_as_it_is() -> None:
     for axes, q in zip(panels, motion.positions.T, strict=True):
         (drawn,) = [one for one in axes.lines if len(one.get_ydata()) == motion.n_steps]
         np.testing.assert_allclose(drawn.get_ydata(), np.rad2deg(q), atol=1e-9)
-    assert pyplot.gcf() is panels[0].get_figure(root=True)
+    assert pyplot.gcf() is panels[0].figure.figure
     pyplot.close(pyplot.gcf())

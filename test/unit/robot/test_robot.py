@@ -200,7 +200,7 @@ def test_wrong_locks_are_refused(locked, message):
         ),
         (
             CART.replace('velocity="2"', 'velocity="fast"'),
-            r"joint 'slide': velocity value \(fast\) is not a valid float",
+            r"(?=.*joint 'slide')(?=.*velocity value \(fast\) is not a valid float)",
         ),
         (CART.replace('value="3"', 'value="${mass}"'), "xacro"),
         (
