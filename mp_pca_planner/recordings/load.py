@@ -64,6 +64,7 @@ _STEP, _ARM_MOVES, _WITH_ARM = 0.2, 0.1, 0.2
 # Fewest motions that are looked at for kinds; most kinds; how many times farther kinds are from
 # each other than the parts of one.
 _LEAST_OF_KINDS, _MOST_KINDS, _APART = 8, 6, 2.5
+_MOST_COMPARED = 5000  # of 20,000, the distances of all pairs take 1.6 GB
 
 _OPTIONS = [item.name for item in fields(LoadOptions)]
 _OPTIONS += ["jobs", "dask", "executor", "progress", "continuous"]
@@ -557,7 +558,8 @@ def _idle_grippers(recordings: Sequence[Recording]) -> set[str]:
 
 def _kinds(motions: Sequence[Demonstration]) -> tuple[str, ...]:
     """A note if motions are of a few kinds, by clusters of their starts and goals."""
-    if len({motion.joint_names for motion in motions}) != 1 or len(motions) < _LEAST_OF_KINDS:
+    is_looked_at = _LEAST_OF_KINDS <= len(motions) <= _MOST_COMPARED
+    if not is_looked_at or len({motion.joint_names for motion in motions}) != 1:
         return ()
     ends = np.array([motion.positions[[0, -1]] for motion in motions])
     back = ends[:, ::-1]  # a way and its way back are of one kind
