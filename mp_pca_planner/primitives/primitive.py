@@ -570,7 +570,7 @@ def prediction_words(primitive: MovementPrimitive) -> str:
     if not left_out >= 0.0:
         return ""
     nearer = 1.0 - left_out / straight if straight > 0.0 else 0.0
-    much = f"{nearer:.0%}" if nearer >= 0.1 else "hardly"
+    much = f"{nearer:.0%}" if nearer >= 0.1 else "barely"
     advice = "" if nearer >= 0.1 else ": show more demonstrations, of one kind"
     if n < _FEW:
         advice = f"; {n} motions give an uncertain estimate: record ten to thirty"

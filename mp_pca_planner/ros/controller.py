@@ -134,7 +134,7 @@ class ControllerAction:
             return "none"
         if self._client.server_is_ready():
             return "ready"
-        return f"nobody serves '{self._name}': motions are sent on the topic alone"
+        return f"no server for '{self._name}': motions are sent on the topic alone"
 
     @property
     def has_unanswered_motion(self) -> bool:

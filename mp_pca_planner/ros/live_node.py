@@ -85,7 +85,7 @@ class JointStateSource(NodeInOwnContext):
             if "sensor_msgs/msg/JointState" in types and self.node.count_publishers(name)
         ]
         return (
-            f"nobody publishes on '{self._topic}' yet; topics with joint states: "
+            f"no node publishes on '{self._topic}' yet; topics with joint states: "
             f"{quote_names(sorted(found))}"
         )
 

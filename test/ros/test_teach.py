@@ -172,5 +172,5 @@ def test_a_topic_that_nobody_publishes_on_is_named_beside_the_others(
         while "'/joint_states'" not in typo.silence() or "nobody" in right.silence():
             assert time.monotonic() < deadline
             time.sleep(0.02)
-        assert typo.silence().startswith("nobody publishes on '/typo' yet; topics with joint")
+        assert typo.silence().startswith("no node publishes on '/typo' yet; topics with joint")
         assert right.silence() == "nothing has been received on '/joint_states' yet"
