@@ -161,10 +161,12 @@ def judge(
     arm: RigidArm,
     limits: JointLimits,
     surroundings: SceneReferee | None = None,
+    *,
+    period: float = REFEREE_PERIOD,
 ) -> Verdict:
     """Evaluate a motion as a controller executes it: quintic polynomials between its points."""
     curve = executed(trajectory)
-    n_steps = int(np.ceil(trajectory.duration / REFEREE_PERIOD))
+    n_steps = int(np.ceil(trajectory.duration / period))
     times = np.linspace(0.0, trajectory.duration, n_steps + 1)
     q, v, a, jerk = (curve(times) if k == 0 else curve.derivative(k)(times) for k in range(4))
     tau = arm.efforts(q, v, a)
