@@ -2,28 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Valid files of every format that the package reads, and functions that corrupt them.
 
-Structured files (trees of JSON and YAML, arrays, messages in bags) are also corrupted inside and
-get valid checksums. Otherwise the code behind the checksum would not be tested.
+Structured files (trees of JSON and YAML, arrays, tables, messages in bags) are also corrupted
+inside and get valid checksums. Otherwise the code behind the checksum would not be tested.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import re
 import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import pyarrow
 import yaml
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from pyarrow import parquet
+from support.bags import EPOCH, JOINT_STATE, Message, Messages, storage_file, write_messages
+from support.forged import rewrite
+from support.marker_bags import TF
+from support.marker_bags import Messages as MarkerMessages
 
 from mp_pca_planner.cli.main import main as command
 from mp_pca_planner.files import config_file
@@ -34,9 +36,8 @@ Random = np.random.Generator
 Spoil = Callable[[Path, Random], None]
 
 START, GOAL = "-0.2,-0.2,-0.1,-0.4", "0.1,-0.9,0.2,-0.9"
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
-JOINT_STATE = "sensor_msgs/msg/JointState"
-EPOCH = 1_700_000_000 * 10**9  # a plausible wall-clock time [ns]
+FORMATS = {".bag": "rosbag1", ".db3": "sqlite3", ".mcap": "mcap"}
+RATE = 50.0
 ODD_TEXTS = (
     *("", " ", "\x00", "\x1b[31m", "a\nb", "\u202e", "$$", "$\\frac$", "../x", "/etc/passwd"),
     *("~", "nan", "-inf", "1e308", "-1", "0", "9" * 400, "2001-02-30", "!!int x", "!!bool"),
@@ -48,9 +49,13 @@ ODD_VALUES = (
     *("", "\x1b[31m", "\ud800", "../../x", "/x", "$$", "a" * 5000, [], {}, [[]], [None]),
     *({"": None}, ["a", "a"], list(range(1000))),
 )
-ODD_NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, -1.0, 1e6)
+ODD_NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, -1.0, 1e6, 3000.0)
 NUMBER_OR_WORD = re.compile(r"-?\d+\.?\d*(?:[eE][-+]?\d+)?|[A-Za-z_]\w*")
-
+SRDF = """<robot name="human_arm">
+ <disable_collisions link1="upper_arm" link2="lower_arm" reason="Adjacent"/>
+ <disable_collisions link1="torso" link2="wrist" reason="Never"/>
+</robot>
+"""
 SCENE = """\
 robot_model_name: human_arm
 allowed_collision_matrix:
@@ -79,7 +84,8 @@ robot_state:
         primitives: [{type: cylinder, dimensions: [0.1, 0.03]}]
         primitive_poses: [{position: [0, 0, -0.1], orientation: [0, 0, 0, 1]}]
 """
-SCENE_TEXT = """\
+_REST = "0 0 0\n0 0 0 1\n0 0 0 0\n0"
+SCENE_TEXT = f"""\
 scene
 * table
 0.8 0 -0.5
@@ -87,104 +93,93 @@ scene
 1
 box
 1.0 1.0 0.05
-0 0 0
-0 0 0 1
-0 0 0 0
-0
+{_REST}
 * can
 0.7 0.2 -0.4
 0 0 0 1
 1
 cylinder
 0.05 0.2
-0 0 0
-0 0 0 1
-0 0 0 0
-0
+{_REST}
 .
 """
 
 
 def make_seeds(folder: Path) -> None:
     """Small valid files of every format."""
-    for suffix in (".bag", ".db3", ".mcap"):
+    for suffix in FORMATS:
         _write(folder / f"a{suffix}", messages_of(suffix))
-    with Writer2(folder / "folder", version=9) as writer:
-        _write_to(writer, messages_of(".db3"))
-    with Writer2(folder / "markers", version=9) as writer:
-        _write_to(writer, marker_messages(), "/tf", TRANSFORMS)
+    write_messages(folder / "folder", Messages("sqlite3"), _entries(messages_of(".db3")))
+    write_messages(folder / "markers", *_markers())
+    for name in ("human_arm.urdf", "human_arm_markers.yaml", "human_arm_joint_limits.yaml"):
+        shutil.copy(config_file(name), folder)
+    for name, text in (("a.srdf", SRDF), ("scene.yaml", SCENE), ("a.scene", SCENE_TEXT)):
+        (folder / name).write_text(text)
+    q = continuous_recording(generate_motions(5, seed=1, rate=RATE), RATE, seed=1)
+    header = ",".join(["time", *JOINT_NAMES])
+    table = np.column_stack([q.times, q.positions])
+    np.savetxt(folder / "table.csv", table, "%.6g", delimiter=",", header=header, comments="")
+    _write_dataset(folder / "dataset")
     bag, primitive = str(folder / "a.mcap"), str(folder / "a.npz")
-    urdf = config_file("human_arm.urdf")
-    shutil.copy(urdf, folder / "a.urdf")
-    (folder / "a.srdf").write_text(
-        '<robot name="human_arm">\n <disable_collisions link1="upper_arm" link2="lower_arm" '
-        'reason="Adjacent"/>\n <disable_collisions link1="torso" link2="wrist" reason="Never"/>\n'
-        "</robot>\n"
-    )
-    (folder / "limits.yaml").write_text(
-        "joint_limits:\n"
-        + "".join(
-            f"  {joint}: {{has_velocity_limits: true, max_velocity: 3.0, max_effort: 40.0,\n"
-            "    has_acceleration_limits: true, max_acceleration: 20.0}\n"
-            for joint in JOINT_NAMES
-        )
-    )
-    (folder / "scene.yaml").write_text(SCENE)
-    (folder / "a.scene").write_text(SCENE_TEXT)
-    shutil.copy(config_file("human_arm_markers.yaml"), folder / "markers.yaml")
-    _run("build_primitives", bag, "--output", primitive, "--write-segments", folder / "a.csv")
+    segments = str(folder / "a.csv")
+    if command(["build_primitives", bag, "--output", primitive, "--write-segments", segments]):
+        raise SystemExit("no valid primitive could be made")
+
+
+def _write_dataset(folder: Path) -> None:
+    """A dataset of LeRobot with five episodes in one file."""
+    state, path = "observation.state", "data/chunk-000/file-{:03d}.parquet"
+    features = {state: {"dtype": "float32", "shape": [4], "names": list(JOINT_NAMES)}}
+    info = {"codebase_version": "v3.0", "fps": RATE, "data_path": path, "features": features}
+    motions = [motion.positions for motion in generate_motions(5, 3, rate=RATE)]
+    columns = {
+        state: [row.tolist() for q in motions for row in q],
+        "timestamp": np.concatenate([np.arange(len(q)) / RATE for q in motions]),
+        "episode_index": np.repeat(np.arange(len(motions)), [len(q) for q in motions]),
+    }
+    for part in ("meta", "data/chunk-000"):
+        (folder / part).mkdir(parents=True)
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    parquet.write_table(pyarrow.table(columns), folder / path.format(0))
 
 
 @cache
 def messages_of(suffix: str) -> list[tuple[int, bytes]]:
     """Stamps [ns] and serialised joint states for a bag with this suffix."""
-    recording = continuous_recording(generate_motions(5, seed=1, rate=50.0), seed=1)
-    store = get_typestore(Stores.ROS1_NOETIC if suffix == ".bag" else Stores.ROS2_JAZZY)
-    types, empty = store.types, np.zeros(0)
-    sequence = {"seq": 0} if suffix == ".bag" else {}
-    serialize = store.serialize_ros1 if suffix == ".bag" else store.serialize_cdr
-    messages = []
-    for time, q in zip(recording.times, recording.positions, strict=True):
-        stamp = EPOCH + int(time * 1e9)
-        header = types["std_msgs/msg/Header"](
-            stamp=types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)),
-            frame_id="",
-            **sequence,
-        )
-        message = types[JOINT_STATE](header, list(JOINT_NAMES), np.array(q), empty, empty)
-        messages.append((stamp, bytes(serialize(message, JOINT_STATE))))
-    return messages
+    recording = continuous_recording(generate_motions(5, seed=1, rate=RATE), seed=1)
+    messages, stamps = Messages(FORMATS[suffix]), EPOCH + (recording.times * 1e9).astype(int)
+    states = map(Message, [JOINT_NAMES] * len(stamps), recording.positions, stamps.tolist())
+    made = ((x.stamp, messages.joint_state(x)) for x in states)
+    return [(stamp, bytes(messages.serialise(state, JOINT_STATE))) for stamp, state in made]
 
 
-def marker_messages() -> list[tuple[int, bytes]]:
-    """Stamps [ns] and serialised transforms of the markers of the map while the arm moves."""
-    recording = continuous_recording(generate_motions(1, seed=1, rate=50.0), seed=1)
+def _markers() -> tuple[Messages, list[Any]]:
+    """Transforms of the markers of the map while the arm moves."""
+    recording = continuous_recording(generate_motions(1, seed=1, rate=RATE), seed=1)
     placements = yaml.safe_load(config_file("human_arm_markers.yaml").read_text())["markers"]
     model = pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
-    data, store = model.createData(), get_typestore(Stores.ROS2_JAZZY)
-    make, messages = store.types, []
-    upright = make["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    data, messages, entries = model.createData(), MarkerMessages(), []
     for time, q in zip(recording.times[::5], recording.positions[::5], strict=True):
         pin.framesForwardKinematics(model, data, np.array(q))
         stamp = EPOCH + int(time * 1e9)
-        header = make["std_msgs/msg/Header"](
-            make["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)), "world"
-        )
         transforms = []
         for name, placement in placements.items():
             link = data.oMf[model.getFrameId(placement["link"])]
-            place = make["geometry_msgs/msg/Vector3"](*link.act(np.array(placement["position"])))
-            transform = make["geometry_msgs/msg/Transform"](place, upright)
-            transforms.append(make["geometry_msgs/msg/TransformStamped"](header, name, transform))
-        messages.append(
-            (stamp, bytes(store.serialize_cdr(make[TRANSFORMS](transforms), TRANSFORMS)))
-        )
-    return messages
+            place = link.act(np.array(placement["position"]))
+            transforms.append(messages.transform("world", name, place, stamp))
+        entries.append(("/tf", TF, stamp, messages.make(TF, transforms=transforms)))
+    return messages, entries
 
 
-def _run(*arguments: object) -> None:
-    if command([str(argument) for argument in arguments]) != 0:
-        raise SystemExit(f"no valid file could be made by {arguments}")
+def _entries(raw: list[tuple[int, bytes]]) -> list[Any]:
+    return [("/joint_states", JOINT_STATE, max(stamp, 0), content) for stamp, content in raw]
+
+
+def _write(path: Path, raw: list[tuple[int, bytes]]) -> None:
+    """Write a bag of one file."""
+    with TemporaryDirectory() as folder:
+        messages, entries = Messages(FORMATS[path.suffix]), _entries(raw)
+        shutil.move(storage_file(write_messages(Path(folder, "new"), messages, entries)), path)
 
 
 def spoil_bytes(path: Path, random: Random) -> None:
@@ -198,9 +193,8 @@ def spoil_bytes(path: Path, random: Random) -> None:
             case 0 if at < n:
                 content[at] ^= 1 << int(random.integers(0, 8))
             case 1:
-                content[at : at + 4] = [b"\x00" * 4, b"\xff" * 4, b"\x00\x00\x00\x80"][
-                    int(random.integers(0, 3))
-                ]
+                odd = (b"\x00" * 4, b"\xff" * 4, b"\x00\x00\x00\x80")
+                content[at : at + 4] = odd[int(random.integers(0, 3))]
             case 2 if to - at < n // 2:
                 del content[at:to]
             case 3:
@@ -253,53 +247,86 @@ def spoil_tree(tree: Any, random: Random) -> Any:
 
 
 def spoil_yaml(path: Path, random: Random) -> None:
-    """Corrupt one value of a YAML file, or its text."""
+    """Corrupt one value of a YAML or JSON file, or its text."""
     if random.random() < 0.4:
         return spoil_text(path, random)
     spoilt = spoil_tree(yaml.safe_load(path.read_text()), random)
-    path.write_text(json.dumps(spoilt) if random.random() < 0.3 else yaml.safe_dump(spoilt))
+    is_json = path.suffix == ".json" or random.random() < 0.3
+    path.write_text(json.dumps(spoilt) if is_json else yaml.safe_dump(spoilt))
     return None
 
 
 def spoil_npz(path: Path, random: Random) -> None:
-    """Corrupt an array or the metadata of a primitive with a valid checksum; or its bytes."""
-    if random.random() < 0.3:
+    """Corrupt arrays or the metadata of a primitive with a valid checksum; or its bytes."""
+    if random.random() < 0.2:
         return spoil_bytes(path, random)
-    with np.load(path) as content:
-        arrays = {name: content[name] for name in content.files}
-    metadata = json.loads(str(arrays.pop("metadata")))
-    if random.random() < 0.5:
-        metadata = spoil_tree(metadata, random)
-    else:
-        name = str(random.choice(list(arrays)))
-        arrays[name] = _spoilt_array(arrays[name], random)
-        if arrays[name] is None:
-            del arrays[name]
-    if isinstance(metadata, dict):
+
+    def change(arrays: dict[str, Any], metadata: dict[str, Any]) -> None:
+        if random.random() < 0.4:
+            spoilt = spoil_tree(dict(metadata), random)
+            metadata.clear()
+            metadata.update(spoilt if isinstance(spoilt, dict) else {"metadata": spoilt})
+        for name in random.choice(list(arrays), int(random.integers(1, 4))).tolist():
+            arrays[name] = _spoilt_array(arrays.get(name), random)
+            if arrays[name] is None:
+                del arrays[name]
         metadata.pop("checksum", None)
         metadata["checksum"] = checksum(arrays, metadata)
-    buffer = io.BytesIO()
-    np.savez(buffer, metadata=np.array(json.dumps(metadata, sort_keys=True)), **arrays)
-    path.write_bytes(buffer.getvalue())
+
+    rewrite(path, change)
     return None
 
 
 def _spoilt_array(array: Any, random: Random) -> Any:
-    match random.integers(0, 7):
-        case 0 if array.size:
+    if array is None:
+        return None
+    match random.integers(0, 9):
+        case 0 | 1 | 2 if array.size:
             spoilt = array.copy()
             spoilt.flat[random.integers(0, array.size)] = random.choice(ODD_NUMBERS)
             return spoilt
-        case 1:
-            return array[:0]
-        case 2:
-            return array[..., None]
-        case 3:
-            return array.astype(random.choice(["f4", "i8", "U8", "c16", "?"]))
+        case 3 if array.dtype.kind == "f":
+            return array * random.choice([1e6, -1e3, 1e-9, 1e200])
         case 4:
-            return np.zeros_like(array)
+            return array[:0]
         case 5:
+            return array[..., None]
+        case 6:
+            return array.astype(random.choice(["f4", "i8", "U8", "c16", "?"]))
+        case 7:
+            return np.zeros_like(array)
+        case 8:
             return array[..., : array.shape[-1] // 2] if array.ndim else array
+    return None
+
+
+def spoil_parquet(path: Path, random: Random) -> None:
+    """Corrupt columns of a table and their number; or its bytes."""
+    if random.random() < 0.3:
+        return spoil_bytes(path, random)
+    columns = parquet.read_table(path).to_pydict()
+    for name in random.choice(list(columns), int(random.integers(1, 3))).tolist():
+        values, at = columns[name], int(random.integers(0, len(columns[name])))
+        match random.integers(0, 6):
+            case 0:
+                del columns[name]
+                break
+            case 1:
+                columns[name] = [str(random.choice(ODD_TEXTS))] * len(values)
+            case 2:
+                values[at] = None
+            case 3:  # compresses well
+                n = int(random.choice([1_000, 30_000, 3_000_000]))
+                columns = {
+                    key: (column * (1 + n // len(column)))[:n] for key, column in columns.items()
+                }
+            case 4 if isinstance(values[at], list):
+                values[at] = [float(random.choice(ODD_NUMBERS))] * int(
+                    random.choice([0, 3, 4, 500])
+                )
+            case 5 if not isinstance(values[at], list):
+                values[at] = type(values[at])(random.choice([-1, 0, 2**40, 7]))
+    parquet.write_table(pyarrow.table(columns), path)
     return None
 
 
@@ -337,28 +364,3 @@ def _spoilt_message(raw: bytes, random: Random) -> bytes:
             at = 4 * int(random.integers(0, len(content) // 4 + 1))
             content[at : at + 4] = np.uint32(random.choice([0, 1, 2**31, 2**32 - 1])).tobytes()
     return bytes(content)
-
-
-def _write(path: Path, messages: list[tuple[int, bytes]]) -> None:
-    if path.suffix == ".bag":
-        with Writer1(path) as writer:
-            _write_to(writer, messages)
-        return
-    folder = path.parent / "new"
-    plugin = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
-    with Writer2(folder, version=9, storage_plugin=plugin) as writer2:
-        _write_to(writer2, messages)
-    next(folder.glob(f"*{path.suffix}")).rename(path)
-    shutil.rmtree(folder)
-
-
-def _write_to(
-    writer: Writer1 | Writer2,
-    messages: list[tuple[int, bytes]],
-    topic: str = "/joint_states",
-    kind: str = JOINT_STATE,
-) -> None:
-    store = get_typestore(Stores.ROS1_NOETIC if isinstance(writer, Writer1) else Stores.ROS2_JAZZY)
-    connection = writer.add_connection(topic, kind, typestore=store)
-    for stamp, raw in messages:
-        writer.write(connection, max(stamp, 0), raw)  # type: ignore[arg-type]

@@ -163,7 +163,7 @@ def build(folder: Path) -> list[str]:
 def refined(folder: Path) -> list[str]:
     """A refined motion over an older primitive."""
     return [
-        *("refine", str(folder / "a.npz"), "--robot", str(folder / "a.urdf")),
+        *("refine", str(folder / "a.npz"), "--robot", str(folder / "human_arm.urdf")),
         *(f"--start={START}", f"--goal={GOAL}", "--output", str(folder / "other.npz"), "--force"),
     ]
 

@@ -30,17 +30,18 @@ def test_fuzz_notices_what_it_looks_for(tmp_path):
     script = (
         f"import sys; sys.path.insert(0, {str(TEST)!r}); from campaigns import fuzz\n"
         "from pathlib import Path\n"
-        "sys.addaudithook(fuzz._audit)\n"
         "def bad(arguments):\n"
         "    Path(arguments[0]).write_text('x'); print('\\x1b[31m'); raise ValueError('oh')\n"
-        "fuzz.command = bad\n"
-        f"for problem in fuzz.judged([{str(tmp_path / 'elsewhere')!r}], ()):\n"
-        "    print(ascii(problem))\n"
+        "def endless(arguments):\n"
+        "    while True: bytearray(600 << 20)\n"
+        "for fuzz.command in (bad, endless):\n"
+        f"    for problem in fuzz.judged([{str(tmp_path / 'elsewhere')!r}], ()):\n"
+        "        print(ascii(problem))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
-    for word in ("raised", "wrote open", "printed"):
+    for word in ("raised", "wrote open", "printed", "ended by signal SIGXCPU", "took"):
         assert word in done.stdout
 
 

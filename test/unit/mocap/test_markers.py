@@ -174,7 +174,7 @@ def tf_bag(path: Path, hand_parent: str = "room", bag_format: str = "mcap", kind
             messages.transform("/room", "marker", PATHS[1, k], stamp),
             messages.transform("room" if k < N // 2 else hand_parent, "/hand", PATHS[2, k], stamp),
         ]
-        entries.append(("/tf", kind, stamp, messages.make(kind, frames)))
+        entries.append(("/tf", kind, stamp, messages.make(kind, transforms=frames)))
     return write_messages(path, messages, entries)
 
 
