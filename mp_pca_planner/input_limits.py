@@ -74,7 +74,7 @@ class InputLimits:
     definition_characters: int = 1 << 17
     unpacked_bytes: int = 256 << 20
     columns: int = 10_000
-    small_table_values: int = 10_000_000
+    small_table_values: int = 500_000
     joints: int = 500
     position: float = 1e6
     state_rate: float = 5000.0

@@ -199,6 +199,8 @@ def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
     for name in ("weight_covariance", "request_precision"):
         if np.linalg.eigvalsh(arrays[name]).min(initial=1.0) <= 0.0:
             raise PrimitiveError(f"matrix '{name}' is not positive definite")
+    if arrays["explained_variance"].sum() > 1.001 * arrays["total_variance"].sum():
+        raise PrimitiveError("its components explain more than the total variance")
     degree, log_times = sizes["degrees"] - 1, np.abs(arrays["requests"][:, -1])
     if not N_END_CONDITIONS <= degree <= MAX_DEGREE:
         raise PrimitiveError(

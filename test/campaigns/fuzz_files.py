@@ -301,13 +301,18 @@ def _spoilt_array(array: Any, random: Random) -> Any:
 
 
 def spoil_parquet(path: Path, random: Random) -> None:
-    """Corrupt columns of a table and their number; or its bytes."""
+    """Corrupt columns of a table, or repeat it, which compresses well; or its bytes."""
     if random.random() < 0.3:
         return spoil_bytes(path, random)
-    columns = parquet.read_table(path).to_pydict()
+    table = parquet.read_table(path)
+    if random.random() < 0.1:
+        n = int(random.choice([2, 100, 1_000, 10_000]))
+        parquet.write_table(pyarrow.concat_tables([table] * n), path, row_group_size=10_000)
+        return None
+    columns = table.to_pydict()
     for name in random.choice(list(columns), int(random.integers(1, 3))).tolist():
         values, at = columns[name], int(random.integers(0, len(columns[name])))
-        match random.integers(0, 6):
+        match random.integers(0, 5):
             case 0:
                 del columns[name]
                 break
@@ -315,16 +320,10 @@ def spoil_parquet(path: Path, random: Random) -> None:
                 columns[name] = [str(random.choice(ODD_TEXTS))] * len(values)
             case 2:
                 values[at] = None
-            case 3:  # compresses well
-                n = int(random.choice([1_000, 30_000, 3_000_000]))
-                columns = {
-                    key: (column * (1 + n // len(column)))[:n] for key, column in columns.items()
-                }
-            case 4 if isinstance(values[at], list):
-                values[at] = [float(random.choice(ODD_NUMBERS))] * int(
-                    random.choice([0, 3, 4, 500])
-                )
-            case 5 if not isinstance(values[at], list):
+            case 3 if isinstance(values[at], list):
+                odd = float(random.choice(ODD_NUMBERS))
+                values[at] = [odd] * int(random.choice([0, 3, 4, 500]))
+            case 4 if not isinstance(values[at], list):
                 values[at] = type(values[at])(random.choice([-1, 0, 2**40, 7]))
     parquet.write_table(pyarrow.table(columns), path)
     return None
