@@ -2,29 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Control laws against closed forms, and their error bounds against simulations."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.arm import JOINTS, arm_primitive, arm_robot, mass_matrix
+from support.arm import JOINTS, arm_robot, mass_matrix
 from support.reaches import arm_reach, reach
 
-from mp_pca_planner.cli.main import main
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate, verify
 from mp_pca_planner.control.law import (
     COMPUTED_TORQUE,
     FEEDFORWARD_PD,
     ControlLaw,
-    control_statement,
-    pair_law,
-    paired_law,
 )
 from mp_pca_planner.control.stability import analyse
-from mp_pca_planner.exceptions import ControlError, PrimitiveError
 from mp_pca_planner.files import config_file
-from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.robot.model import Robot
 
 PENDULUM = """<robot name="pendulum">
@@ -36,22 +27,7 @@ PENDULUM = """<robot name="pendulum">
 </robot>"""
 
 
-def test_forward_dynamics_undo_inverse_dynamics_in_any_joint_order() -> None:
-    rng = np.random.default_rng(1)
-    for names in (JOINTS, JOINTS[::-1]):
-        robot = Robot.from_file(config_file("human_arm.urdf"), names)
-        q, v, a = rng.uniform(-0.5, 0.5, (3, 1, 4))
-        tau = robot.inverse_dynamics(q, v, a)
-        assert np.allclose(robot.forward_dynamics(q[0], v[0], tau[0]), a[0], atol=1e-9)
-
-
 def test_payload_adds_its_weight_and_inertia_at_its_place() -> None:
-    robot = Robot(PENDULUM)
-    loaded = robot.with_link_inertias(np.full((1, 4), 1.5)).with_payload(3.0)
-    q, a = np.array([[0.4]]), np.array([[2.0]])
-    # The link's own origin is on the axis: the payload there has no effect.
-    tau = 1.5 * robot.inverse_dynamics(q, 0 * q, a)
-    assert np.allclose(loaded.inverse_dynamics(q, 0 * q, a), tau)
     arm = arm_robot()
     frame = arm.end_effector
     heavy = arm.with_payload(0.5)
@@ -139,59 +115,8 @@ def test_loop_that_delay_makes_unstable_has_no_bound() -> None:
     assert not known.holds
 
 
-def test_law_survives_the_primitive_file(tmp_path: Path) -> None:
-    primitive = arm_primitive()
-    law = ControlLaw(FEEDFORWARD_PD, JOINTS, [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, 0.4])
-    assert paired_law(primitive) is None
-    save_primitive(pair_law(primitive, law, "bounded"), tmp_path / "p.npz")
-    found = load_primitive(tmp_path / "p.npz")
-    read = paired_law(found)
-    assert read is not None
-    assert read.kind == law.kind
-    assert np.array_equal(read.position_gains, law.position_gains)
-    assert control_statement(found) == "feedforward_pd; bounded"
-    found.metadata["control_law"]["velocity_gains"][0] = -1.0
-    with pytest.raises(PrimitiveError, match="must be positive"):
-        paired_law(found)
-
-
 def pendulum_loop(**sampling: float) -> ControlLoop:
     robot = Robot(PENDULUM)
     motion = reach(robot, [0.0], [1.0], 1.0)
     law = ControlLaw.from_frequency(COMPUTED_TORQUE, robot, motion, 10.0)
     return ControlLoop(robot, law, motion, **sampling)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("build", "reason"),
-    [
-        (
-            lambda: ControlLaw("pid", JOINTS, np.ones(4), np.ones(4)),
-            "must be one of 'feedforward_pd'",
-        ),
-        (lambda: ControlLaw(FEEDFORWARD_PD, JOINTS, np.ones(4), -np.ones(4)), "positive"),
-    ],
-)
-def test_unusable_values_are_refused_in_a_sentence(build: object, reason: str) -> None:
-    with pytest.raises(ControlError, match=reason):
-        build()  # type: ignore[operator]
-
-
-def test_command_verifies_and_writes_the_law(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    save_primitive(arm_primitive(), tmp_path / "reach.npz")
-    urdf = str(config_file("human_arm.urdf"))
-    request = [str(tmp_path / "reach.npz"), "--robot", urdf, "--start", "-0.5,-0.9,0.9,-0.5"]
-    request += ["--goal", "-0.2,-0.4,0.9,-0.9", "--trials", "2", "--json"]
-    paired = tmp_path / "paired.npz"
-    outputs = ["--output", str(paired)]
-    assert main(["verify", *request, *outputs]) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["bound_held"] == facts["n_trials"] == 2
-    assert facts["saturated"] == 0
-    law = paired_law(load_primitive(paired))
-    assert law is not None
-    assert law.position_gains.tolist() == facts["position_gains"]
-    assert main(["verify", *request, *outputs]) == 2
-    assert "exists already" in capsys.readouterr().err

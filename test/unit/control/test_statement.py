@@ -6,7 +6,6 @@ import contextlib
 import io
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from mp_pca_planner.control.law import (
     pair_law,
     paired_law,
 )
+from mp_pca_planner.exceptions import ControlError, PrimitiveError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 
@@ -33,40 +33,27 @@ LAW = ControlLaw(FEEDFORWARD_PD, JOINTS, np.full(4, 100.0), np.full(4, 10.0))
 
 
 @pytest.fixture(scope="module")
-def paired(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """File of a primitive with a control law, and what `verify` printed of it."""
+def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """File of a primitive with the control law that `verify` printed, and the bound of it."""
     folder = tmp_path_factory.mktemp("verified")
     save_primitive(arm_primitive(), folder / "reach.npz")
     path = folder / "paired.npz"
     options = ["--output", str(path), "--trials", "2", "--json"]
     with contextlib.redirect_stdout(io.StringIO()) as out:
         assert main(["verify", str(folder / "reach.npz"), *REQUEST, *options]) == 0
-    return path, json.loads(out.getvalue())
-
-
-@pytest.fixture(scope="module")
-def verified(paired: tuple[Path, dict[str, Any]]) -> Path:
-    return paired[0]
-
-
-def test_statement_says_bound_case_and_errors_assumed(
-    paired: tuple[Path, dict[str, Any]],
-) -> None:
-    path, facts = paired
-    text = control_statement(load_primitive(path))
-    bound = ", ".join(
-        f"{name}={b:.6g}" for name, b in zip(JOINTS, facts["error_bound"], strict=True)
-    )
+    facts, found = json.loads(out.getvalue()), load_primitive(path)
+    assert facts["bound_held"] == facts["n_trials"] == 2 and facts["saturated"] == 0
+    law = paired_law(found)
+    assert law is not None and law.position_gains.tolist() == facts["position_gains"]
+    text, bounds = control_statement(found), zip(JOINTS, facts["error_bound"], strict=True)
+    assert ", ".join(f"{name}={b:.6g}" for name, b in bounds) in text
     for words in (
-        "feedforward_pd; errors stay within",
-        bound,
-        "from shoulder1=-0.5, shoulder2=-0.9, shoulder3=0.9, elbow=-0.5 to",
-        "to shoulder1=-0.2, shoulder2=-0.4, shoulder3=0.9, elbow=-0.9 in",
-        f"in {facts['duration']:.6g} s of robot 'human_arm'",
+        f"to shoulder1=-0.2, shoulder2=-0.4, shoulder3=0.9, elbow=-0.9 in {facts['duration']:.6g}",
         "within 5 %",
         "the start within 0.001 rad or m",
     ):
         assert words in text
+    return path
 
 
 def test_statement_says_what_it_excludes_and_how_much_friction_it_holds_for(
@@ -92,12 +79,22 @@ def test_without_a_bound_the_remedy_is_named(
         assert "there is no bound: " in out and words in out
 
 
-def test_inspect_shows_the_statement(verified: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    statement = control_statement(load_primitive(verified))
+def test_what_is_no_law_is_refused_and_said(
+    verified: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", str(verified), *REQUEST, "--output", str(verified)]) == 2
+    assert "exists already" in capsys.readouterr().err
     assert main(["inspect", str(verified)]) == 0
-    assert statement in capsys.readouterr().out
-    assert main(["inspect", str(verified), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["files"][0]["control_statement"] == statement
+    assert control_statement(load_primitive(verified)) in capsys.readouterr().out
+    assert control_statement(arm_primitive()) == NO_LAW
+    primitive = pair_law(arm_primitive(), LAW)
+    assert "no error bound: run verify" in control_statement(primitive)
+    primitive.metadata["control_law"]["velocity_gains"][0] = -1.0
+    assert "unusable: " in control_statement(primitive)
+    with pytest.raises(PrimitiveError, match="can't be used: velocity_gains must be positive"):
+        paired_law(primitive)
+    with pytest.raises(ControlError, match="must be one of 'feedforward_pd'"):
+        ControlLaw("pid", JOINTS, np.ones(4), np.ones(4))
 
 
 def test_refined_primitive_keeps_gains_but_not_the_bound(verified: Path, tmp_path: Path) -> None:
@@ -110,14 +107,3 @@ def test_refined_primitive_keeps_gains_but_not_the_bound(verified: Path, tmp_pat
     assert np.array_equal(after.position_gains, before.position_gains)
     assert np.array_equal(after.velocity_gains, before.velocity_gains)
     assert "no error bound: run verify" in control_statement(refined)
-
-
-def test_a_law_of_an_unknown_kind_is_unusable() -> None:
-    primitive = pair_law(arm_primitive(), LAW)
-    assert "no error bound: run verify" in control_statement(primitive)
-    primitive.metadata["control_law"]["kind"] = "pid"
-    assert "unusable" in control_statement(primitive)
-
-
-def test_primitive_without_a_law_says_so() -> None:
-    assert control_statement(arm_primitive()) == NO_LAW

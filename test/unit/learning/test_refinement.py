@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 from support.arm import JOINTS, arm_primitive, arm_robot
 from support.patience import PATIENT
@@ -18,8 +20,8 @@ from mp_pca_planner.learning.refined_motion import (
     LOG_DURATION,
     N_PARAMETERS,
     RefinedMotion,
+    evaluate_warp,
     primitive_around,
-    segment_states,
 )
 from mp_pca_planner.learning.refinement import (
     MARGIN,
@@ -29,7 +31,7 @@ from mp_pca_planner.learning.refinement import (
 )
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.motion.validation import LimitCheck, Violation, check_limits
+from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.motion import Motion
 from mp_pca_planner.planning.planner import Planner
 
@@ -74,11 +76,11 @@ def test_no_parameters_leave_a_motion_as_it_is():
         np.testing.assert_allclose(mine, its, atol=1e-9)
 
 
-@pytest.mark.parametrize("n_segments", [2, 3, 9, 17])
+@pytest.mark.parametrize("n_segments", [2, 17])
 def test_ends_are_kept_to_the_last_bit_whatever_the_durations(n_segments):
     there, back = joined_motions()
     segments = [(there, back)[i % 2] for i in range(n_segments)]
-    for seed in range(40):
+    for seed in range(20):
         motion = RefinedMotion(segments, some_parameters(n_segments, seed, 1.0))
         q, v, a = motion.evaluate(np.linspace(0.0, motion.duration, 7))
         for k, state in ((0, segments[0].start), (-1, segments[-1].goal)):
@@ -87,17 +89,7 @@ def test_ends_are_kept_to_the_last_bit_whatever_the_durations(n_segments):
             np.testing.assert_array_equal(a[k], state.accelerations)
 
 
-def test_limits_are_watched_where_a_motion_broke_them():
-    first, second = joined_motions()
-    constraints = Constraints(ExecutableMotions((first, second), ROBOT, LIMITS))
-    broken = [Violation("velocity", "elbow", time, 9.0, 1.0, 8.0) for time in (0.2371, 1.2345)]
-    before = [set(phases) for phases in constraints.phases]
-    constraints.add(RefinedMotion((first, second)), LimitCheck(tuple(broken)), ())
-    added = [sorted({*now} - then) for now, then in zip(constraints.phases, before, strict=True)]
-    np.testing.assert_allclose(added, [[0.2371 / 1.1], [(1.2345 - 1.1) / 0.8]])
-
-
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_segments_stay_joined_to_the_acceleration(seed):
     motion = RefinedMotion(joined_motions(seed), some_parameters(2, seed, 1.0))
     join, step = motion.durations[0], 1e-7
@@ -122,14 +114,14 @@ def test_velocities_and_accelerations_are_derivatives_of_the_positions():
     np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * step), a, rtol=1e-6, atol=1e-6)
 
 
-def test_states_are_derivatives_of_each_other_up_to_the_jerk():
-    segment, x = joined_motions()[1], some_parameters(1, 3)[0]
-    phases, step = np.linspace(0.05, 0.95, 11), 1e-6
-    ahead, behind = (segment_states(segment, x, phases + s * step) for s in (1, -1))
-    duration = RefinedMotion([segment], x).duration
-    slopes = (ahead - behind)[:3] / (2 * step * duration)
-    found = segment_states(segment, x, phases)[1:]
-    np.testing.assert_allclose(slopes, found, rtol=1e-5, atol=1e-6 * np.abs(found).max())
+@given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3).map(np.array))
+@settings(max_examples=60, deadline=None)
+def test_a_warp_increases_and_keeps_its_ends(c):
+    s, rate, bend, _ = evaluate_warp(c, np.linspace(0.0, 1.0, 201))
+    assert np.all(rate > 0.0) and np.all(np.diff(s) > 0.0)
+    np.testing.assert_allclose(s[[0, -1]], [0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(rate[[0, -1]], 1.0, atol=1e-10)
+    np.testing.assert_allclose(bend[[0, -1]], 0.0, atol=1e-7)
 
 
 def least(motion, world):
@@ -163,14 +155,13 @@ def test_gradients_of_clearances_are_those_of_differences():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("price", [None, 3.0])
-def test_refining_keeps_clear_of_an_obstacle_that_it_would_meet_otherwise(price):
+def test_refining_keeps_clear_of_an_obstacle_that_it_would_meet_otherwise():
     plan = planned_stiffly()
-    bare = refine(plan.motions, ROBOT, LIMITS, time_price=price)
+    bare = refine(plan.motions, ROBOT, LIMITS)
     world = ball_beside(plan.trajectory, bare.trajectory)
     assert least(bare, world) < 0.0
     model = CollisionModel(ROBOT, world=world)
-    found = refine(plan.motions, ROBOT, LIMITS, model, time_price=price)
+    found = refine(plan.motions, ROBOT, LIMITS, model)
     assert least(found, world) > 1e-3
     assert 0.0 < found.gain < bare.gain
 
@@ -275,21 +266,6 @@ def test_family_expects_the_refined_motion_for_the_same_request():
     assert family.metadata["refined_from"] == {"name": arm_primitive().name, "why": "test"}
 
 
-def test_family_plans_goals_around_the_motion_more_cheaply():
-    rng = np.random.default_rng(0)
-    plan = planned()
-    refined = refine([plan.motion], ROBOT, LIMITS).motion
-    family = primitive_around(arm_primitive(), refined, "refined", {})
-    old, new = (Planner(ROBOT, [p], LIMITS, PATIENT) for p in (arm_primitive(), family))
-    for _ in range(5):
-        start = JointState(JOINTS, plan.motion.start.positions + 0.05 * rng.normal(size=4))
-        goal = JointState(JOINTS, plan.motion.goal.positions + 0.05 * rng.normal(size=4))
-        request = JointGoal(goal, duration=plan.motion.duration)
-        before, after = (p.plan(request, start) for p in (old, new))
-        assert before.is_executable and after.is_executable
-        assert after.solution.effort_cost <= before.solution.effort_cost
-
-
 def test_amplitude_of_minus_one_is_the_motion_of_least_jerk():
     first = joined_motions()[0]
     straight = Motion(
@@ -324,12 +300,11 @@ def test_limits_and_their_slopes_are_those_of_differences(n_segments):
         assert values.min() == pytest.approx(1.0 - np.abs(jerk).max() / 40.0 - MARGIN, rel=0.05)
 
 
-@pytest.mark.parametrize("max_jerk", [25.0, 60.0])
-def test_a_motion_at_its_limit_of_jerk_becomes_cheaper_within_it(max_jerk):
-    limits = ROBOT.limits({name: {"max_jerk": max_jerk} for name in JOINTS})
+def test_a_motion_at_its_limit_of_jerk_becomes_cheaper_within_it():
+    limits = ROBOT.limits({name: {"max_jerk": 25.0} for name in JOINTS})
     planner = Planner(ROBOT, [arm_primitive()], limits, PATIENT)
     states, gains = arm_primitive().boundary_states, []
-    for i in range(4):
+    for i in range(2):
         goal = JointGoal(JointState(JOINTS, states[i, 3]))
         plan = planner.plan(goal, JointState(JOINTS, states[i, 0]))
         found = refine([plan.motion], ROBOT, limits)

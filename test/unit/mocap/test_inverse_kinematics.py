@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inverse kinematics of whole trajectories against the joint angles that made the markers."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -41,54 +42,23 @@ def places(robot: Robot, q: np.ndarray, markers: tuple[MarkerPlacement, ...] = A
     return robot.attach_points([m.link for m in markers], offsets).positions_and_jacobians(q)[0]
 
 
-def test_the_joint_angles_that_made_the_markers_are_found() -> None:
-    q = solve(MarkerProblem(arm_robot(), ARM, targets(), UNSMOOTHED), PERIOD)
-    np.testing.assert_allclose(q, motion(), atol=1e-7)
-
-
-def test_noisy_markers_give_the_least_squares_of_scipy() -> None:
-    robot = arm_robot()
-    noisy = targets()[:12] + 0.01 * np.random.default_rng(0).normal(size=(12, 3, 3))
-    limits = robot.limits()
-    q = solve(MarkerProblem(robot, ARM, noisy, UNSMOOTHED), PERIOD)
-    for q_k, noisy_k, start in zip(q, noisy, motion(), strict=False):
-        oracle = least_squares(
-            lambda x, there=noisy_k: (places(robot, x[None])[0] - there).ravel(),
-            start,
-            bounds=(limits.lower, limits.upper),
-            xtol=1e-12,
-            ftol=1e-12,
-        )
-        np.testing.assert_allclose(q_k, oracle.x, atol=1e-5)
-
-
-def test_smoothing_minimises_the_stated_sum() -> None:
-    robot, smoothness = arm_robot(), 1e-4
+@pytest.mark.parametrize("smoothness", [UNSMOOTHED, 1e-4])
+def test_the_stated_sum_is_minimal_within_the_limits(smoothness: float) -> None:
+    robot, limits, roots = arm_robot(), arm_robot().limits(), np.sqrt([1.0, 0.1, 0.5])
+    markers = [replace(m, weight=float(x**2)) for m, x in zip(ARM, roots, strict=True)]
     noisy = targets()[:8] + 0.01 * np.random.default_rng(0).normal(size=(8, 3, 3))
-    q = solve(MarkerProblem(robot, ARM, noisy, smoothness), PERIOD)
+    q = solve(MarkerProblem(robot, markers, noisy, smoothness), PERIOD)
 
     def stated(x: np.ndarray) -> np.ndarray:
         x = x.reshape(8, 4)
-        errors = places(robot, x) - noisy
+        errors = roots[:, None] * (places(robot, x) - noisy)
         accelerations = np.diff(x, n=2, axis=0) / PERIOD**2
         return np.concatenate([errors.ravel(), smoothness * accelerations.ravel()])
 
-    oracle = least_squares(stated, motion()[:8].ravel(), xtol=1e-12, ftol=1e-12)
+    bounds = np.tile(limits.lower, 8), np.tile(limits.upper, 8)
+    oracle = least_squares(stated, motion()[:8].ravel(), bounds=bounds, xtol=1e-12, ftol=1e-12)
     np.testing.assert_allclose(q.ravel(), oracle.x, atol=1e-4)
     assert np.sum(stated(q.ravel()) ** 2) == pytest.approx(2.0 * oracle.cost, rel=1e-6)
-
-
-def test_weights_say_which_marker_to_believe() -> None:
-    wrong = targets().copy()
-    wrong[:, 2, 2] += 0.03
-    residuals = []
-    for weight in (1.0, 1e-4):
-        markers = (*ARM[:2], MarkerPlacement("wrist", "wrist", (0, 0, 0), weight=weight))
-        problem = MarkerProblem(arm_robot(), markers, wrong)
-        q = solve(problem, PERIOD)
-        residuals.append(np.median(problem.residuals(np.arange(len(q)), q), axis=0))
-    assert residuals[1][0] < 0.1 * residuals[0][0]
-    assert residuals[1][2] > residuals[0][2]
 
 
 def test_joint_limits_are_kept_where_markers_ask_for_more() -> None:
@@ -103,24 +73,15 @@ def test_joint_limits_are_kept_where_markers_ask_for_more() -> None:
     np.testing.assert_allclose(q[:35], motion()[:35], atol=1e-2)
 
 
-def test_a_marker_that_comes_and_goes_is_tolerated() -> None:
-    seen = targets().copy()
-    seen[10:30, 1] = np.nan  # elbow and wrist fix the arm while it is bent
-    seen[50:60, 0] = np.nan
-    q = solve(MarkerProblem(arm_robot(), ARM, seen, UNSMOOTHED), PERIOD)
-    np.testing.assert_allclose(q, motion(), atol=1e-6)
-
-
 def test_frames_with_too_few_markers_are_gaps() -> None:
     seen = targets().copy()
     seen[20:25, 2] = np.nan  # nothing is left beyond the elbow
     seen[60] = np.nan
+    seen[10:18, 1] = seen[90:95, 0] = np.nan  # the others fix the arm while it is bent
     q = solve(MarkerProblem(arm_robot(), ARM, seen, UNSMOOTHED), PERIOD)
     gaps = np.flatnonzero(np.isnan(q).any(axis=1))
     assert gaps.tolist() == [20, 21, 22, 23, 24, 60]
-    np.testing.assert_allclose(
-        np.delete(q, gaps, axis=0), np.delete(motion(), gaps, axis=0), atol=1e-7
-    )
+    np.testing.assert_allclose(np.delete(q, gaps, 0), np.delete(motion(), gaps, 0), atol=1e-6)
 
 
 def test_turn_of_a_straight_arm_is_bridged_smoothly() -> None:

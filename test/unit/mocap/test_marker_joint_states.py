@@ -21,7 +21,6 @@ from mp_pca_planner.mocap.marker_joint_states import (
     marker_source,
 )
 from mp_pca_planner.recordings.joint_states import JointStates
-from mp_pca_planner.recordings.load import load_recordings
 from mp_pca_planner.recordings.recording_set import MarkerResidual
 from mp_pca_planner.robot.model import Robot
 
@@ -30,6 +29,8 @@ CHEST = {"chest_origin": (0, 0, 0), "chest_up": (0, 0, 0.1), "chest_right": (0, 
 ARM = {"right_shoulder": "upper_arm", "right_elbow": "lower_arm", "right_wrist": "wrist"}
 SMALL = {"-0.0154 -0.1667 0.0788": "-0.02 -0.19 0.04", "-0.3447": "-0.28", "-0.3074": "-0.26"}
 N = 150
+FITS = MAP.read_text(encoding="utf-8").partition("fit_origins:")[2].partition("\n# link")[0]
+FITS = f"fit_origins:{FITS}"
 
 
 def motion() -> np.ndarray:
@@ -87,24 +88,15 @@ def test_angles_of_a_moving_person_are_found_whatever_the_lengths(tmp_path: Path
     np.testing.assert_allclose(q, motion(), atol=2e-3)
     assert list(found.residuals) == [*CHEST, *ARM]
     assert all(r.median < 1e-4 and r.n_frames == N for r in found.residuals.values())
-    residuals, *fitted = found.joint_states.notes
-    assert residuals.startswith("distances of the markers from the model's, median and 95 % [mm]: ")
+    residuals, shoulder, *others = found.joint_states.notes
     assert "'right_shoulder' 0.00 and 0.00" in residuals
-    assert fitted == [
+    assert shoulder == (
         "joint 'shoulder1' fits the markers best at (-20.0, -190.0, 40.0) mm in its parent link; "
-        "the URDF has it at (-15.4, -166.7, 78.8) mm",
-        "joint 'elbow' fits the markers best at (0.0, 0.0, -280.0) mm in its parent link; "
-        "the URDF has it at (0.0, 0.0, -344.7) mm",
-        "joint 'wrist_joint' fits the markers best at (0.0, 0.0, -260.0) mm in its parent link; "
-        "the URDF has it at (0.0, 0.0, -307.4) mm",
-    ]
-
-
-def test_without_the_fit_wrong_lengths_show_in_the_residuals(tmp_path: Path) -> None:
-    path = write_marker_arrays(tmp_path / "bag", markers(small=True))
-    text = MAP.read_text(encoding="utf-8")
-    fits = text[text.index("fit_origins:") : text.index("\n# link and position")]
-    _, found = solved(path, marker_source("/markers", URDF, changed_map(tmp_path, (fits, ""))))
+        "the URDF has it at (-15.4, -166.7, 78.8) mm"
+    )
+    assert [note.split("'")[1] for note in others] == ["elbow", "wrist_joint"]
+    # Without the fit, wrong lengths show.
+    _, found = solved(path, marker_source("/markers", URDF, changed_map(tmp_path, (FITS, ""))))
     assert found.residuals["right_elbow"].median > 0.01
     assert found.residuals["chest_up"].median < 1e-9
 
@@ -113,11 +105,9 @@ def test_a_base_in_whose_frame_markers_are_recorded_is_not_fitted(tmp_path: Path
     places = markers(base="identity")
     places["chest_up"][30:] = np.nan
     path = write_marker_arrays(tmp_path / "bag", places)
-    source = marker_source(
-        "/markers", URDF, changed_map(tmp_path, ("base: moving", "base: identity"))
-    )
-    q, _ = solved(path, source)
-    np.testing.assert_allclose(q, motion(), atol=2e-3)
+    identity = changed_map(tmp_path, ("base: moving", "base: identity"))
+    q, _ = solved(path, marker_source("/markers", URDF, identity, JOINTS[::-1]))
+    np.testing.assert_allclose(q[:, ::-1], motion(), atol=2e-3)
 
 
 def test_frames_without_enough_markers_are_nan_and_told(tmp_path: Path) -> None:
@@ -149,12 +139,6 @@ def test_a_joint_that_stays_at_its_limit_is_told(tmp_path: Path) -> None:
     assert any("joint 'elbow' is at its limit in" in note for note in found.joint_states.notes)
 
 
-def test_chosen_joints_come_in_the_chosen_order(tmp_path: Path) -> None:
-    path = write_marker_arrays(tmp_path / "bag", markers())
-    q, _ = solved(path, marker_source("/markers", URDF, MAP, JOINTS[::-1]))
-    np.testing.assert_allclose(q[:, ::-1], motion(), atol=2e-3)
-
-
 def test_a_recording_in_which_nothing_can_be_solved_is_refused(tmp_path: Path) -> None:
     places = markers()
     places["right_wrist"][75:] = np.nan
@@ -164,9 +148,7 @@ def test_a_recording_in_which_nothing_can_be_solved_is_refused(tmp_path: Path) -
     source = marker_source("/markers", URDF, changed_map(tmp_path, ("elbow: length", "")))
     with pytest.raises(RecordingError, match="no frame has all markers, so the origins of"):
         source.joint_states(path)
-    text = MAP.read_text(encoding="utf-8")
-    fits = text[text.index("fit_origins:") : text.index("\n# link and position")]
-    source = marker_source("/markers", URDF, changed_map(tmp_path, (fits, "")))
+    source = marker_source("/markers", URDF, changed_map(tmp_path, (FITS, "")))
     with pytest.raises(RecordingError, match="in none of the 150 frames.*'right_wrist' in 75"):
         source.joint_states(path)
 
@@ -244,11 +226,7 @@ def test_markers_before_the_damage_are_taken_on_request(
     options = ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP)
     output = tmp_path / "x.npz"
     status, _, err = build(capsys, file, *options, "--output", output)
-    assert (
-        status == 2
-        and "; recovering it (--recover; salvage=True in Python) reads the part before the damage"
-        in err
-    )
+    assert status == 2 and "recovering it (--recover" in err
     status, out, err = build(capsys, file, *options, "--output", output, "--salvage", "--json")
     assert status == 0, err
     assert 2 <= json.loads(out)["n_motions"] < 8
@@ -257,11 +235,9 @@ def test_markers_before_the_damage_are_taken_on_request(
 @pytest.mark.parametrize(
     "options",
     [
-        ("--markers", "/markers"),
         ("--markers", "/markers", "--robot", URDF),
         ("--markers", "/markers", "--marker-map", MAP),
         ("--marker-map", MAP),
-        ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP, "--field", "a"),
         ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP, "--topic", "/joint_states"),
     ],
 )
@@ -273,24 +249,3 @@ def test_options_for_markers_come_together(
     assert status == 2
     assert "--markers" in err
     assert not (tmp_path / "x.npz").exists()
-
-
-def test_reports_hold_residuals_whatever_the_number_of_processes(tmp_path: Path) -> None:
-    places = {name: np.concatenate([p, p[::-1]]) for name, p in markers().items()}
-    for name, every in (("a", 1), ("b", 2)):  # b is faster, and no copy
-        faster = {marker: p[::every] for marker, p in places.items()}
-        write_marker_arrays(tmp_path / "bags" / name, faster)
-    source = marker_source("/markers", URDF, MAP)
-    alone, together = (
-        load_recordings([tmp_path / "bags"], markers=source, jobs=jobs) for jobs in (1, 2)
-    )
-    assert not alone.refused
-    assert [r.marker_residuals for r in alone.reports] == [
-        r.marker_residuals for r in together.reports
-    ]
-    for ours, theirs in zip(alone.demonstrations, together.demonstrations, strict=True):
-        np.testing.assert_array_equal(ours.positions, theirs.positions)
-    notes = alone.reports[0].notes
-    assert len(set(notes)) == len(notes)
-    assert sum("fits the markers best at" in note for note in notes) == 3
-    assert not any("velocities" in note for note in notes)

@@ -3,7 +3,6 @@
 """The pose of a rigid body against SciPy's own solution and known poses."""
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from mp_pca_planner.mocap.marker_joint_states import fit_poses, fix_a_pose
@@ -18,29 +17,20 @@ def placed(points: np.ndarray) -> np.ndarray:
     return np.einsum("kij,pj->kpi", TURNS.as_matrix(), points) + SHIFTS[:, None]
 
 
-@pytest.mark.parametrize("points", [TRIANGLE, RNG.normal(size=(5, 3))], ids=["plane", "space"])
-def test_known_poses_are_found(points: np.ndarray) -> None:
-    rotations, translations = fit_poses(points, placed(points), np.ones((8, len(points))))
-    np.testing.assert_allclose(rotations, TURNS.as_matrix(), atol=1e-12)
-    np.testing.assert_allclose(translations, SHIFTS, atol=1e-12)
-
-
 def test_noisy_points_give_the_weighted_least_squares_of_scipy() -> None:
     points = RNG.normal(size=(6, 3))
     measured = placed(points) + 0.05 * RNG.normal(size=(8, 6, 3))
     weights = RNG.uniform(0.1, 2.0, size=(8, 6))
-    rotations, _ = fit_poses(points, measured, weights)
+    rotations, translations = fit_poses(points, measured, weights)
     for k in range(8):
         w = weights[k][:, None] / weights[k].sum()
-        there, here = measured[k] - (w * measured[k]).sum(0), points - (w * points).sum(0)
+        centres = (w * measured[k]).sum(0), (w * points).sum(0)
+        there, here = measured[k] - centres[0], points - centres[1]
         expected, _ = Rotation.align_vectors(there, here, weights=weights[k])
         np.testing.assert_allclose(rotations[k], expected.as_matrix(), atol=1e-9)
-
-
-def test_a_mirrored_body_is_not_fitted_by_a_reflection() -> None:
-    points = RNG.normal(size=(5, 3))
-    rotations, _ = fit_poses(points, placed(points * [1.0, 1.0, -1.0]), np.ones((8, 5)))
-    np.testing.assert_allclose(np.linalg.det(rotations), 1.0, atol=1e-12)
+        np.testing.assert_allclose(translations[k], centres[0] - expected.apply(centres[1]))
+    mirrored, _ = fit_poses(points, placed(points * [1.0, 1.0, -1.0]), weights)
+    np.testing.assert_allclose(np.linalg.det(mirrored), 1.0, atol=1e-12)
 
 
 def test_two_points_or_points_on_a_line_fix_no_pose() -> None:

@@ -15,44 +15,26 @@ from mp_pca_planner.primitives.basis import (
 )
 
 BASES = [arm_primitive("arm").basis, arm_primitive("joint").basis, BSplineBasis(4)]
-IDS = ["arm", "joint", "bspline"]
 
 
-@pytest.mark.parametrize("basis", BASES, ids=IDS)
-def test_every_shape_vanishes_at_both_ends_to_the_second_derivative(basis):
-    ends = np.array([0.0, 1.0])
+@pytest.mark.parametrize("basis", BASES, ids=["arm", "joint", "bspline"])
+def test_shapes_vanish_at_both_ends_are_linear_and_have_the_derivatives_of_differences(basis):
+    phases, step = np.linspace(0.03, 0.97, 31), 1e-6
     weights = np.linspace(-2.0, 2.0, basis.n_weights) * basis.scales
     for order in range(3):
-        size = np.abs(basis.shape(weights, np.linspace(0.0, 1.0, 50), order)).max()
-        np.testing.assert_allclose(basis.shape(weights, ends, order), 0.0, atol=1e-11 * size)
-
-
-@pytest.mark.parametrize("basis", BASES, ids=IDS)
-def test_derivatives_by_phase_agree_with_central_differences(basis):
-    phases, step = np.linspace(0.03, 0.97, 31), 1e-6
-    weights = np.cos(np.arange(basis.n_weights)) * basis.scales
-    for order in range(1, 3):
-        above, below = (basis.shape(weights, phases + x, order - 1) for x in (step, -step))
         found = basis.shape(weights, phases, order)
-        np.testing.assert_allclose(
-            found, (above - below) / (2.0 * step), atol=1e-6 * np.abs(found).max()
-        )
+        ends = basis.shape(weights, np.array([0.0, 1.0]), order)
+        np.testing.assert_allclose(ends, 0.0, atol=1e-11 * np.abs(found).max())
+        mean = basis.shape(np.zeros(basis.n_weights), phases, order)
+        weighted = mean + basis.functions(phases, order) @ weights
+        np.testing.assert_allclose(found, weighted, atol=1e-9)
+        if order > 0:
+            above, below = (basis.shape(weights, phases + x, order - 1) for x in (step, -step))
+            slope, tolerance = (above - below) / (2.0 * step), 1e-6 * np.abs(found).max()
+            np.testing.assert_allclose(found, slope, atol=tolerance)
 
 
-@pytest.mark.parametrize("basis", BASES, ids=IDS)
-def test_a_shape_is_the_mean_and_the_weighted_functions(basis):
-    phases = np.linspace(0.0, 1.0, 17)
-    weights = np.sin(np.arange(basis.n_weights) + 1.0) * basis.scales
-    for order in range(3):
-        expected = (
-            basis.shape(np.zeros(basis.n_weights), phases, order)
-            + basis.functions(phases, order) @ weights
-        )
-        np.testing.assert_allclose(basis.shape(weights, phases, order), expected, atol=1e-9)
-        assert basis.functions(phases, order).shape == (17, basis.n_joints, basis.n_weights)
-
-
-@pytest.mark.parametrize("degree", [6, 15, 26])
+@pytest.mark.parametrize("degree", [6, 26])
 def test_series_agree_with_those_of_an_independent_library(degree):
     series = np.random.default_rng(degree).normal(size=(3, 2, degree + 1))
     phases = np.linspace(0.0, 1.0, 41)
@@ -66,7 +48,7 @@ def test_series_agree_with_those_of_an_independent_library(degree):
             np.testing.assert_allclose(values, np.moveaxis(expected, 2, 0), atol=tolerance)
 
 
-@pytest.mark.parametrize("degree", [6, 10, 15, 25])
+@pytest.mark.parametrize("degree", [6, 25])
 def test_admissible_polynomials_are_orthonormal(degree):
     coefficients = end_vanishing_coefficients(degree)
     x, w = legendre.leggauss(degree + 1)
@@ -74,15 +56,6 @@ def test_admissible_polynomials_are_orthonormal(degree):
     np.testing.assert_allclose(
         values.T @ (values * w[:, None] / 2.0), np.eye(degree - 5), atol=1e-12
     )
-
-
-def test_admissible_polynomials_span_all_that_vanish_at_the_ends():
-    s = np.linspace(0.0, 1.0, 60)
-    basis = legendre_values(end_vanishing_coefficients(9), s)
-    for power in range(4):
-        wanted = s ** (3 + power) * (1.0 - s) ** 3
-        found = basis @ np.linalg.lstsq(basis, wanted, rcond=None)[0]
-        np.testing.assert_allclose(found, wanted, atol=1e-14)
 
 
 def test_b_splines_have_six_free_control_points_per_joint_and_smooth_accelerations():

@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import norm
 from support.arm import arm_demonstrations, arm_primitive
 
-from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
+from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.differences import FINE_PHASES, expected_motion, path_difference
-from mp_pca_planner.primitives.in_span import in_span_score, request_precision
+from mp_pca_planner.primitives.in_span import request_precision
 from mp_pca_planner.primitives.motion_statistics import thinned
 from mp_pca_planner.primitives.prediction import ConditionalModel
 from mp_pca_planner.primitives.timing import reversed_paces
@@ -111,49 +111,6 @@ def test_predictions_are_averages_of_gaussian_processes():
     np.testing.assert_allclose(found, textbook(x, y, request), rtol=1e-8)
 
 
-def test_the_prior_is_a_straight_motion():
-    """Where shapes scatter about a minimum-jerk motion, nothing else is predicted."""
-    rng = np.random.default_rng(8)
-    x, y = rng.normal(size=(30, 5)), rng.normal(size=(30, 2))
-    found = predict(fit(x, y), x.mean(axis=0) + 0.1)
-    assert np.abs(found).max() < 0.5 * np.abs(y.mean(axis=0)).max()
-
-
-def share_left(x, y, reversed_y=None):
-    """Mean square of what is left of left-out outputs, as a share of theirs."""
-    errors = []
-    backwards = y if reversed_y is None else reversed_y
-    for i in range(len(x)):
-        rest = np.arange(len(x)) != i
-        errors.append(y[i] - predict(fit(x[rest], y[rest], backwards[rest]), x[i]))
-    return np.mean(np.square(errors)) / np.mean(y**2)
-
-
-def test_what_can_be_predicted_is_and_noise_is_not():
-    rng = np.random.default_rng(4)
-    x = np.column_stack([rng.normal(size=(30, 2)), np.zeros(30)])
-    # Shapes grow with the square root of the distance; these are far from where it is small.
-    x[:, 1] += 5.0
-    assert share_left(x, x[:, :1] * 2.0) < 0.05
-    assert share_left(x, np.sin(2.0 * x[:, :1])) < 0.3
-    assert 0.9 < share_left(x, rng.normal(size=(30, 3))) < 1.15
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_motions_predict_reversed_ones(sign):
-    """Each motion and one that retraces it, or mirrors it, predict each other, others don't."""
-    rng = np.random.default_rng(7)
-    starts, goals = rng.normal(size=(2, 10, 3))
-    times = np.zeros((10, 1))
-    there = np.hstack([starts, goals, times])
-    x = np.vstack([there, np.hstack([goals, starts, times])])
-    forwards = rng.normal(size=(10, 12))
-    backwards = forwards * np.repeat([1.0, -1.0], 6)
-    y = np.vstack([forwards, sign * backwards])
-    assert share_left(x, y, np.vstack([backwards, sign * forwards])) < 0.35
-    assert share_left(there, forwards, backwards) > 0.9
-
-
 def test_a_motion_is_predicted_backwards_on_the_way_back():
     """All demonstrations of one loop, half of them backwards: the last one's twin tells it."""
     demonstrations = arm_demonstrations(8, 3)
@@ -180,15 +137,6 @@ def reversed_in_time(motion):
     )
 
 
-def test_several_activities_in_one_primitive_are_told_apart():
-    """Activities whose shapes have nothing in common, at ends that partly overlap."""
-    rng = np.random.default_rng(2)
-    numbers = np.repeat(np.arange(8), 10)
-    x = rng.normal(size=(8, 5))[numbers] + 0.3 * rng.normal(size=(80, 5))
-    y = rng.normal(size=(8, 8))[numbers] + 0.1 * rng.normal(size=(80, 8))
-    assert share_left(x, y) < 0.4
-
-
 @pytest.mark.parametrize("n", [1, 2])
 def test_one_or_two_demonstrations_are_repeated(n):
     x = np.column_stack([np.arange(2.0 * n).reshape(n, 2), np.full(n, np.log(0.5))])
@@ -196,15 +144,6 @@ def test_one_or_two_demonstrations_are_repeated(n):
     assert found.weights == pytest.approx([3.0], rel=1e-2)
     assert found.duration == pytest.approx(0.5)
     assert np.isfinite(found.in_span_score)
-
-
-def test_requests_that_never_vary_predict_the_mean():
-    y = np.arange(8.0)[:, None] + 20.0
-    assert predict(fit(np.ones((8, 3)), y), np.ones(3)) == pytest.approx([23.5], rel=0.1)
-
-
-def test_a_duration_that_is_given_is_kept():
-    assert fit(*example()).predict(np.zeros(2), np.zeros(2), 3.25).duration == 3.25
 
 
 def timed(starts, goals, durations):
@@ -222,25 +161,6 @@ def test_an_expected_duration_is_one_like_those_demonstrated():
     assert far <= np.exp(0.5 + 3.0 * x.std()) * (1 + 1e-9)
 
 
-def test_longer_motions_are_expected_to_take_longer_wherever_they_are():
-    rng = np.random.default_rng(3)
-    starts, goals = rng.normal(size=(2, 30, 2))
-    lengths = np.linalg.norm(goals - starts, axis=1)
-    model = timed(starts, goals, 0.6 * lengths**0.6)
-    for angle in rng.uniform(-np.pi, np.pi, size=20):
-        start, direction = rng.normal(3.0, size=2), np.array([np.cos(angle), np.sin(angle)])
-        short, long = (model.predict(start, start + x * direction).duration for x in (0.75, 3.0))
-        assert 1.6 < long / short < 2.8  # about 4**0.6
-
-
-def test_motions_that_are_all_as_long_leave_some_growth_of_durations():
-    angles = np.linspace(0.0, np.pi, 4)
-    goals = np.column_stack([np.cos(angles), np.sin(angles)])
-    model = timed(np.zeros((4, 2)), goals, [0.5, 0.9, 0.6, 1.2])
-    usual, twice = (model.predict(np.zeros(2), k * goals[1]).duration for k in (1.0, 2.0))
-    assert 1.05 < twice / usual < np.sqrt(2.0)
-
-
 @pytest.mark.parametrize("exponent", [0.0, 0.5])
 def test_the_data_say_whether_durations_grow_with_the_distance(exponent):
     rng = np.random.default_rng(3)
@@ -252,22 +172,13 @@ def test_the_data_say_whether_durations_grow_with_the_distance(exponent):
 
 
 @pytest.mark.parametrize("goals", [[[0.0, 0.0]] * 3, [[1.0, 0.0]] * 3])
-def test_motions_to_nowhere_and_equal_durations_are_no_trouble(goals):
+def test_motions_to_nowhere_and_equal_requests_are_no_trouble(goals):
     model = timed(np.zeros((3, 2)), np.array(goals), np.full(3, 0.8))
     for goal in (np.zeros(2), np.ones(2)):
         assert model.predict(np.zeros(2), goal).duration == pytest.approx(0.8)
 
 
-def test_the_covariance_is_that_of_predictions_of_left_out_motions():
-    rng = np.random.default_rng(1)
-    model = fit(rng.normal(size=(400, 3)), rng.normal(size=(400, 2)))
-    # Noise can't be predicted: what is left is its variance of 1.
-    found = model.predict(np.zeros(1), np.zeros(1))
-    np.testing.assert_allclose(found.covariance, np.eye(2), atol=0.3)
-    np.testing.assert_allclose(found.covariance @ found.precision, np.eye(2), atol=1e-9)
-
-
-@pytest.mark.parametrize("n", [3, 6, 400])
+@pytest.mark.parametrize("n", [3, 400])
 def test_errors_of_new_motions_are_as_large_as_predicted(n):
     """Noise can't be predicted: what is left is its variance of 1, widened as Student's t is."""
     rng = np.random.default_rng(1)
@@ -303,17 +214,6 @@ def test_more_than_200_demonstrations_are_thinned_out():
         )
 
 
-def test_the_in_span_score_is_about_one_inside_and_grows_outside():
-    primitive = arm_primitive()
-    ends = primitive.boundary_states[:, [0, 3]]
-    scores = [primitive.model.predict(start, goal).in_span_score for start, goal in ends]
-    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.2
-    start, goal = ends.mean(axis=0)
-    assert primitive.model.predict(start, goal).in_span_score < 1e-9
-    far = [primitive.model.predict(start, goal + d).in_span_score for d in (1.0, 2.0, 4.0)]
-    assert far[0] < far[1] < far[2] and far[2] > 3.0
-
-
 @pytest.mark.parametrize("duration", [None, 0.6])
 def test_the_in_span_score_is_a_mahalanobis_distance(duration):
     """Two more requests that scatter equally in all directions are the prior."""
@@ -330,34 +230,3 @@ def test_the_in_span_score_is_a_mahalanobis_distance(duration):
     squared = deviation @ np.linalg.solve(covariance[given, given], deviation)
     found = primitive.model.predict(request[:4], request[4:8], duration).in_span_score
     assert found == pytest.approx(np.sqrt(squared / deviation.size))
-
-
-@pytest.mark.parametrize("n", [3, 5, 8, 50])
-def test_scores_of_held_out_requests_mean_the_same_with_few_demonstrations(n):
-    rng, scores = np.random.default_rng(2), []
-    for _ in range(100):
-        widths = rng.uniform(0.1, 1.0, 9)
-        requests = rng.normal(size=(n + 1, 9)) * widths
-        precision = request_precision(requests[:-1])
-        scores.append(in_span_score(requests[-1], requests[:-1].mean(axis=0), precision))
-    assert 0.7 < np.median(scores) < 1.3
-    assert np.mean(np.array(scores) < 3.0) > 0.93
-
-
-def test_expected_weights_of_held_out_motions_are_no_worse_than_the_mean():
-    demonstrations = arm_demonstrations(30, 11)
-    expected, plain = [], []
-    for i in range(0, 30, 3):
-        rest = [d for j, d in enumerate(demonstrations) if j != i]
-        options = PrimitiveOptions(n_components=4)
-        primitive = build_primitive(rest, "rest", options)
-        held_out = build_primitive([*rest, demonstrations[i]], "all", options)
-        target = held_out.basis.shape(held_out.weights[-1], np.linspace(0, 1, 50))
-        motion = demonstrations[i]
-        guess = primitive.model.predict(
-            motion.positions[0], motion.positions[-1], motion.duration
-        ).weights
-        for weights, errors in ((guess, expected), (np.zeros(4), plain)):
-            shape = primitive.basis.shape(weights, np.linspace(0, 1, 50))
-            errors.append(np.mean((shape - target) ** 2))
-    assert np.mean(expected) <= np.mean(plain)

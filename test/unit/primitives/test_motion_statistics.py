@@ -2,22 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics of demonstrations: what is kept of them is enough, and can be merged."""
 
-import pickle
-
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
 from support.arm import JOINTS, arm_demonstrations
 
-from mp_pca_planner.exceptions import PrimitiveError
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.motion_statistics import (
-    MotionStatistics,
     shape_functions,
 )
 from mp_pca_planner.primitives.timing import align, aligned_positions
-from mp_pca_planner.recordings.demonstration import Demonstration
 
 PHASES = np.linspace(0.0, 1.0, 101)
 
@@ -88,45 +83,11 @@ def test_shares_of_joint_angles_are_those_of_the_sampled_angles():
         np.testing.assert_allclose(shares, values[:4] / values.sum(), atol=1e-5)
 
 
-def test_functions_are_orthonormal_on_the_phases_and_vanish_with_two_derivatives_at_the_ends():
+def test_functions_are_orthonormal_even_or_odd_and_vanish_with_two_derivatives_at_the_ends():
     values, series = shape_functions(15, 101)
+    np.testing.assert_allclose(values[::-1], values * (-1.0) ** np.arange(10), atol=1e-12)
     np.testing.assert_allclose(values.T @ values, np.eye(10), atol=1e-12)
     for order in range(3):
         ends = legendre.legval([-1.0, 1.0], legendre.legder(series, order, axis=1).T)
         np.testing.assert_allclose(ends, 0.0, atol=1e-9)
     np.testing.assert_allclose(legendre.legval(2 * PHASES - 1, series.T).T, values, atol=1e-12)
-
-
-def test_functions_are_even_and_odd_in_turn():
-    values, _ = shape_functions(15, 101)
-    np.testing.assert_allclose(values[::-1], values * (-1.0) ** np.arange(10), atol=1e-12)
-
-
-def test_a_motion_of_seven_joints_is_a_few_hundred_numbers_however_long_it_is():
-    def statistics(n_steps):
-        times = np.linspace(0.0, 3.0, n_steps)
-        curves = np.sin(times[:, None] + np.arange(7.0))
-        motion = Demonstration(
-            tuple("abcdefg"),
-            times,
-            curves,
-            np.cos(times[:, None] + np.arange(7.0)),
-            -curves,
-            recording="x",
-            start_time=0.0,
-            end_time=3.0,
-        )
-        return MotionStatistics.of([motion], PrimitiveOptions())
-
-    sizes = {len(pickle.dumps(statistics(n))) for n in (100, 3000)}
-    assert len(sizes) == 1 and sizes.pop() < 600 * 8
-
-
-def test_statistics_of_other_joints_are_refused_by_name():
-    options = PrimitiveOptions()
-    stranger = Demonstration(
-        ["a"], [0.0, 1.0], [[0.0], [1.0]], [[0.0], [0.0]], [[0.0], [0.0]],
-        recording="stranger", start_time=0.0, end_time=1.0,
-    )  # fmt: skip
-    with pytest.raises(PrimitiveError, match="joints of 'stranger'.*are not those of 'motion_0'"):
-        MotionStatistics.of([arm_demonstrations()[0], stranger], options)

@@ -30,13 +30,6 @@ def paced(pace=PACE):
     return PacedBasis(arm_primitive().basis, WAY, time_scaling(np.asarray(pace)))
 
 
-def test_a_pace_increases_from_0_to_1():
-    phases = aligned()
-    assert phases[0] == pytest.approx(0.0, abs=1e-12)
-    assert phases[-1] == pytest.approx(1.0, abs=1e-12)
-    assert np.all(np.diff(phases) > 0.0)
-
-
 def test_time_scaling_is_a_polynomial_that_is_even_at_its_ends():
     x = 2.0 * PHASES - 1.0
     added = (1.0 - x**2) ** 3 * np.polynomial.legendre.legval(x, PACE)
@@ -58,9 +51,7 @@ def test_the_most_uneven_pace_still_increases():
 
 
 # Paces have calm ends: the inverse of a power above 1 has an infinite slope at 0.
-@pytest.mark.parametrize(
-    ("power", "tolerance"), [(0.7, 0.05), (1.0, 0.0), (1.3, 0.06), (1.6, 0.12)]
-)
+@pytest.mark.parametrize(("power", "tolerance"), [(0.7, 0.05), (1.0, 0.0), (1.6, 0.12)])
 def test_a_fitted_pace_comes_near_to_the_warp(power, tolerance):
     warp = KNOTS**power
     (pace,) = fit_paces(warp[None])
@@ -98,14 +89,6 @@ def test_motions_that_are_cut_off_are_calm_at_the_ends():
         assert jerk_at_ends(found[0]) <= 1.01 * bound < jerk_at_ends(found[1])
 
 
-def test_an_even_pace_changes_nothing():
-    basis, weights = arm_primitive().basis, np.array([0.3, -0.2, 0.1, 0.4])
-    for d in range(4):
-        np.testing.assert_allclose(
-            paced(np.zeros(4)).shape(weights, PHASES, d), basis.shape(weights, PHASES, d), atol=1e-8
-        )
-
-
 def test_a_paced_motion_goes_the_same_way():
     basis, weights = arm_primitive().basis, np.array([0.3, -0.2, 0.1, 0.4])
     family = paced()
@@ -133,8 +116,3 @@ def test_what_a_paced_motion_adds_vanishes_at_both_ends_with_two_derivatives():
     for d in range(3):
         np.testing.assert_allclose(family.functions(ends, d), 0.0, atol=1e-8)
         np.testing.assert_allclose(family.shape(np.ones(4), ends, d), 0.0, atol=1e-8)
-
-
-def test_a_fourth_derivative_is_refused():
-    with pytest.raises(ValueError, match="0 to 3, got 4"):
-        paced().functions(PHASES, 4)

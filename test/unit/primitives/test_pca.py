@@ -10,57 +10,24 @@ from hypothesis import strategies as st
 from mp_pca_planner.primitives.pca import components_for_share, fit_components
 
 
-@pytest.fixture
-def samples():
+def test_equations_1_to_5_hold():
     rng = np.random.default_rng(3)
-    return rng.normal(size=(30, 8)) @ np.diag([5, 4, 3, 2, 1, 0.5, 0.2, 0.1]) + rng.normal(size=8)
-
-
-def test_equation_1_components_are_orthonormal_eigenvectors_of_the_covariance(samples):
+    scales = np.diag([5, 4, 3, 2, 1, 0.5, 0.2, 0.1])
+    samples = rng.normal(size=(30, 8)) @ scales + rng.normal(size=8)
     found = fit_components(samples)
+    values, vectors = found.explained_variance, found.components
+    # (1) Orthonormal eigenvectors of the covariance, in decreasing order of their eigenvalues.
     covariance = np.cov(samples, rowvar=False)
-    for value, vector in zip(found.explained_variance, found.components, strict=True):
-        np.testing.assert_allclose(covariance @ vector, value * vector, atol=1e-12)
-    np.testing.assert_allclose(found.components @ found.components.T, np.eye(8), atol=1e-13)
-    assert np.all(np.diff(found.explained_variance) <= 0.0)
-    assert found.explained_variance[-1] > 0.0
-
-
-def test_equation_2_weights_are_projections_on_the_components(samples):
-    found = fit_components(samples)
+    np.testing.assert_allclose(covariance @ vectors.T, values * vectors.T, atol=1e-12)
+    np.testing.assert_allclose(vectors @ vectors.T, np.eye(8), atol=1e-13)
+    assert np.all(np.diff(values) <= 0.0) and values[-1] > 0.0
+    # (2) Weights are projections, (3) uncorrelated, with the eigenvalues as variances.
     y = found.transform(samples)
-    for i in range(8):
-        by_hand = sum(found.components[i, j] * (samples[:, j] - found.mean[j]) for j in range(8))
-        np.testing.assert_allclose(y[:, i], by_hand, atol=1e-12)
-
-
-def test_equation_3_weights_have_the_eigenvalues_as_variances_and_are_uncorrelated(samples):
-    found = fit_components(samples)
-    covariance = np.cov(found.transform(samples), rowvar=False)
-    np.testing.assert_allclose(covariance, np.diag(found.explained_variance), atol=1e-11)
-
-
-def test_equation_4_variances_add_up_to_the_eigenvalues(samples):
-    found = fit_components(samples)
-    total = samples.var(axis=0, ddof=1).sum()
-    np.testing.assert_allclose(found.explained_variance.sum(), total)
-    np.testing.assert_allclose(found.transform(samples).var(axis=0, ddof=1).sum(), total)
-    np.testing.assert_allclose(found.total_variance, total)
-
-
-def test_equation_5_shares_are_variances_over_their_sum(samples):
-    found = fit_components(samples)
-    total = samples.var(axis=0, ddof=1).sum()
-    expected = found.transform(samples).var(axis=0, ddof=1) / total
-    shares = found.explained_variance / found.total_variance
-    np.testing.assert_allclose(shares, expected)
-    np.testing.assert_allclose(shares.sum(), 1.0)
-
-
-def test_all_components_give_the_samples_back(samples):
-    found = fit_components(samples)
-    restored = found.mean + found.transform(samples) @ found.components
-    np.testing.assert_allclose(restored, samples, atol=1e-12)
+    np.testing.assert_allclose(samples.mean(axis=0) + y @ vectors, samples, atol=1e-12)
+    np.testing.assert_allclose(np.cov(y, rowvar=False), np.diag(values), atol=1e-11)
+    # (4) The variances of the features add up to the eigenvalues, of which (5) are shares.
+    np.testing.assert_allclose(found.total_variance, samples.var(axis=0, ddof=1).sum())
+    np.testing.assert_allclose(np.sum(values / found.total_variance), 1.0)
 
 
 @given(st.integers(0, 2**32 - 1))

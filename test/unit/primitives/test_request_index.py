@@ -33,8 +33,8 @@ def score(
     return in_span_score(request, mean, precision)
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.1, 3.0])
-@pytest.mark.parametrize("turning", [[], [0], [0, 2]])
+@pytest.mark.parametrize("spread", [0.1, 3.0])
+@pytest.mark.parametrize("turning", [[], [0, 2]])
 @pytest.mark.parametrize("n_entries", [2 * N_JOINTS, 2 * N_JOINTS + 1])
 def test_the_nearest_are_those_of_the_scores_one_by_one(
     spread: float, turning: list[int], n_entries: int
@@ -53,11 +53,3 @@ def test_the_nearest_are_those_of_the_scores_one_by_one(
         assert found.tolist() == expected.tolist()
         assert found_scores == pytest.approx(scores[expected], rel=1e-9)
         assert index.scores(request) == pytest.approx(scores, rel=1e-9)
-
-
-def test_few_primitives_are_all_compared() -> None:
-    means, precisions, rng = random_requests(1.0)
-    index = RequestIndex(means[:5], precisions[:5], np.zeros(N_JOINTS, dtype=bool))
-    found, scores = index.nearest(rng.normal(size=2 * N_JOINTS), 32)
-    assert sorted(found) == list(range(5))
-    assert np.all(np.diff(scores) >= 0.0)

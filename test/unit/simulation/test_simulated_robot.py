@@ -60,13 +60,7 @@ def test_motion_is_commanded_as_it_was_sent_and_followed():
     np.testing.assert_allclose(simulated.measured_state()[0], START + SHIFT, atol=1e-6)
     assert commands(simulated).is_clean
     assert (simulated.n_received, simulated.rejections) == (1, [])
-
-
-def test_record_has_one_row_per_millisecond():
-    simulated = steps(robot(), 5000)
-    assert len(simulated.record) == 5000
-    np.testing.assert_allclose(simulated.record.times, 1000.0 + 1e-3 * np.arange(1, 5001))
-    assert simulated.time == pytest.approx(1005.0)
+    assert len(record) == 1510 and simulated.time == pytest.approx(record.times[-1])
     simulated.record.clear()
     assert len(simulated.record.q) == 0
 
@@ -119,22 +113,13 @@ def test_hold_and_release_leave_the_motion_smooth_and_let_it_end():
     steps(simulated, 500)
     np.testing.assert_array_equal(simulated.record.q[-1], held)
     simulated.faults.held = False
-    steps(simulated, 2000)
+    simulated.faults.speed_scaling = 0.5
+    steps(simulated, 1000)
+    assert simulated.record.scaling[-1] == pytest.approx(0.5)
+    assert np.any(simulated.record.v[-1] != 0.0)
+    steps(simulated, 1000)
     np.testing.assert_array_equal(simulated.record.q[-1], START + SHIFT)
     assert commands(simulated).is_clean
-
-
-def test_acceleration_of_a_robot_that_is_slowed_is_bounded_by_its_velocity():
-    simulated = robot()
-    simulated.send(motion())
-    steps(simulated, 450)
-    simulated.faults.speed_scaling = 0.0
-    steps(simulated, 600)
-    scaling = simulated.record.scaling
-    rate, bend = np.diff(scaling) / 1e-3, np.diff(scaling, 2) / 1e-6
-    # Of three first-order filters of 50 ms: 2 exp(-2) and exp(-0.59) 0.59 (1 - 0.29) of 1/50 ms.
-    assert np.abs(rate).max() == pytest.approx(0.271 / 0.05, rel=0.05)
-    assert np.abs(bend).max() == pytest.approx(0.231 / 0.05**2, rel=0.05)
 
 
 @pytest.mark.parametrize("scaling", [0.1, 0.5])
@@ -151,18 +136,6 @@ def test_slowed_motion_that_its_own_rest_replaces_has_no_jump_by_the_clock(scali
     steps(simulated, round(rest / scaling * 1000) + 500)
     assert commands(simulated).is_clean
     np.testing.assert_array_equal(record.q[-1], START + SHIFT)
-
-
-@pytest.mark.parametrize("scaling", [0.1, 0.5])
-def test_slowed_motion_takes_longer(scaling):
-    simulated = robot()
-    simulated.faults.speed_scaling = scaling
-    steps(simulated, 1000)
-    simulated.send(motion())
-    steps(simulated, 2)
-    n = round(DURATION / scaling * 1000)
-    assert np.any(steps(simulated, n - 20).record.v[-1] != 0.0)
-    assert not np.any(steps(simulated, 40).record.v[-1])
 
 
 def test_lost_and_rejected_messages_are_known_with_their_reasons():
@@ -223,26 +196,6 @@ def test_noise_has_its_standard_deviation_and_does_not_move_the_robot():
     np.testing.assert_allclose(simulated.record.measured, np.tile(START, (2000, 1)), atol=1e-9)
 
 
-def test_payload_may_come_and_go():
-    simulated = robot()
-    simulated.faults.payload = 2.0
-    steps(simulated, 1500)
-    assert np.abs(simulated.measured_state()[0] - START).max() > 1e-4
-    simulated.faults.payload = 0.0
-    steps(simulated, 1500)
-    np.testing.assert_allclose(simulated.measured_state()[0], START, atol=1e-9)
-
-
-def test_commands_that_are_no_numbers_are_recorded_and_not_followed():
-    simulated = robot()
-    nan = Trajectory(JOINTS, [0.0], [START], [np.zeros(4)], [np.zeros(4)])
-    object.__setattr__(nan, "positions", np.full((1, 4), np.nan))
-    simulated.send(nan)
-    steps(simulated, 100)
-    assert np.isnan(simulated.record.q[-1]).all()
-    np.testing.assert_array_equal(simulated.measured_state()[0], START)
-
-
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
@@ -257,11 +210,6 @@ def test_fault_that_can_not_be_is_refused_and_changes_nothing(name, value, reaso
     with pytest.raises(PlannerError, match=reason):
         setattr(faults, name, value)
     assert faults == Faults()
-
-
-def test_unknown_fault_is_refused():
-    with pytest.raises(AttributeError, match="hold"):
-        Faults().hold = True
 
 
 def test_robot_is_held_while_its_clock_is_set():

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
@@ -89,14 +87,6 @@ def test_degree_of_the_spline_is_that_of_what_is_given(n_given):
             np.testing.assert_allclose(command[:, j], [q, v, a], atol=1e-9)
 
 
-def test_points_of_different_kinds_are_joined_by_what_both_ends_of_a_segment_have():
-    loop = Loop()
-    loop.send(moving(0.0, *A), moving(0.5, *B[:2]), moving(1.0, [1.0, 1.0]))
-    cubic = solved(0.0, (A[0][0], A[1][0]), 0.5, (B[0][0], B[1][0]))
-    assert loop.cycle(200)[0, 0] == pytest.approx(cubic(0.2), abs=1e-9)
-    assert loop.cycle(500)[0, 0] == pytest.approx(0.9 + (0.7 - 0.5) * (1.0 - 0.9) / 0.5, abs=1e-9)
-
-
 def test_accelerations_without_velocities_command_zero():
     loop = Loop()
     assert loop.send(moving(0.0, A[0], None, A[2]), moving(0.5, B[0], None, B[2])) is None
@@ -129,22 +119,6 @@ def test_stamp_in_the_past_enters_the_trajectory_where_it_is_by_now():
     assert loop.cycle()[0, 0] == pytest.approx(curve(0.201), abs=1e-9)
 
 
-def test_stamp_in_the_future_delays_the_first_point():
-    loop = Loop()
-    start = loop.now + MS + 100 * MS
-    loop.send(moving(0.0, [0.3, -0.1]), moving(0.5, [0.9, 0.4]), stamp=start)
-    assert loop.cycle(50)[0, 0] == pytest.approx(0.2 + 0.1 * 0.5, abs=1e-9)
-    assert loop.cycle(100)[0, 0] == pytest.approx(0.3 + 0.6 * 0.05 / 0.5, abs=1e-9)
-
-
-def test_trajectory_that_starts_as_time_passes_is_the_same_with_its_stamp_and_without():
-    loops = [Loop(), Loop()]
-    for loop, stamp in zip(loops, (0, NOW + MS), strict=True):
-        loop.send(moving(0.0, *A), moving(0.5, *B), stamp=stamp)
-    for _ in range(600):
-        np.testing.assert_array_equal(*(loop.cycle() for loop in loops))
-
-
 def test_new_message_replaces_the_running_one_in_the_next_cycle():
     loop = Loop()
     loop.send(moving(0.0, *A[:2]), moving(0.5, *B[:2]))
@@ -156,13 +130,7 @@ def test_new_message_replaces_the_running_one_in_the_next_cycle():
     np.testing.assert_array_equal(loop.cycle(1000), [[0.8, 0.5], [0, 0], [0, 0]])
 
 
-def test_joints_in_any_order_are_commanded_by_name():
-    loop = Loop()
-    loop.send(moving(0.0, [1.0, 2.0]), moving(0.1, [3.0, 4.0]), names=NAMES[::-1])
-    np.testing.assert_array_equal(loop.cycle(200)[0], [4.0, 3.0])
-
-
-@pytest.mark.parametrize("scaling", [1.0, 0.5, 0.1, 0.0])
+@pytest.mark.parametrize("scaling", [0.5, 0.0])
 def test_speed_scaling_slows_the_clock_of_the_trajectory(scaling):
     loop = Loop()
     loop.send(moving(0.0, [0.0, 0.0]), moving(1.0, [1.0, -1.0]))
@@ -185,6 +153,19 @@ def test_controller_that_is_not_active_holds_its_command_and_rejects():
     assert loop.send(moving(0.0, [1.0, 1.0])) is None
 
 
+def test_message_of_a_trajectory_in_any_order_of_joints_starts_at_its_stamp():
+    t, zero = [0.0, 0.5], np.zeros((2, 2))
+    trajectory = Trajectory(NAMES[::-1], t, [[-0.1, 0.2], [0.4, 0.9]], zero, zero)
+    message, loop = to_message(trajectory, stamp=(NOW + MS + 100 * MS) / S), Loop()
+    assert loop.controller.receive(message, loop.now) is None
+    np.testing.assert_allclose(loop.cycle(99)[0], START, atol=1e-9)
+    half = solved(0.0, (0.2, 0.0, 0.0), 0.5, (0.9, 0.0, 0.0))(0.25)
+    assert loop.cycle(251)[0, 0] == pytest.approx(half, abs=1e-9)
+    np.testing.assert_allclose(loop.cycle(300)[0], [0.9, 0.4])
+    (last,) = to_message(trajectory, last_point_only=True).points
+    assert (last.time_from_start_ns, last.positions) == (S // 2, [0.4, 0.9])
+
+
 GOOD = (moving(0.0, *A), moving(0.5, *B))
 
 
@@ -192,16 +173,13 @@ GOOD = (moving(0.0, *A), moving(0.5, *B))
     ("points", "names", "stamp", "reason"),
     [
         ((), NAMES, 0, "no points"),
-        (GOOD, (), 0, "0 joints"),
         (GOOD, NAMES[:1], 0, "1 joints, the controller 2"),
         (GOOD, ("shoulder", "wrist"), 0, "'wrist'"),
         (GOOD, ("elbow", "elbow"), 0, "'elbow' given more than once"),
-        (GOOD[:1], NAMES, 0, "moves joint 'shoulder' at 0.3"),
+        ((moving(0.0, A[0], [1.2e-7, 0.0]),), NAMES, 0, "moves joint 'shoulder' at 1.2e-07"),
         (GOOD, NAMES, NOW - S, "ended 0.5 s before"),
         (GOOD[::-1] + GOOD[1:], NAMES, 0, "points 0 and 1 are 500000000 and 0"),
-        ((GOOD[0], replace(GOOD[1], time_from_start_ns=0)), NAMES, 0, "not increasing"),
         ((moving(0.0, [0.1]),), NAMES, 0, "1 positions for 2 joints"),
-        ((moving(0.0, []),), NAMES, 0, "0 positions for 2 joints"),
         ((moving(0.0, A[0], [0.0]),), NAMES, 0, "1 velocities for 2 joints"),
         ((moving(0.0, A[0], [0.0] * 2, [0.0] * 3),), NAMES, 0, "3 accelerations for 2"),
         ((TrajectoryPoint(0, A[0], effort=(1.0, 1.0)),), NAMES, 0, "no effort interface"),
@@ -211,38 +189,6 @@ def test_message_is_rejected_with_the_reason_and_changes_nothing(points, names, 
     loop = Loop()
     assert reason in loop.send(*points, names=names, stamp=stamp)
     np.testing.assert_array_equal(loop.cycle(100), [START, [0, 0], [0, 0]])
-
-
-@pytest.mark.parametrize(("v", "is_accepted"), [(1e-7, True), (1.2e-7, False), (-0.1, False)])
-def test_last_velocity_is_zero_to_the_precision_of_the_original(v, is_accepted):
-    loop = Loop()
-    assert (loop.send(moving(0.0, A[0], [v, 0.0])) is None) == is_accepted
-
-
-def test_numbers_that_are_not_finite_are_not_rejected_as_by_the_original():
-    loop = Loop()
-    assert loop.send(moving(0.0, [np.nan, 0.0])) is None
-    assert np.isnan(loop.cycle()[0, 0])
-
-
-def test_message_of_a_trajectory_holds_what_the_trajectory_holds():
-    t = [0.0, 0.25, 1.0]
-    q, v, a = np.arange(18.0).reshape(3, 3, 2)
-    trajectory = Trajectory(NAMES, t, q, v, a)
-    message = to_message(trajectory, stamp=12.5)
-    assert (message.joint_names, message.stamp_ns) == (NAMES, 12_500_000_000)
-    assert [p.time_from_start_ns for p in message.points] == [0, S // 4, S]
-    np.testing.assert_array_equal([p.velocities for p in message.points], v)
-    (last,) = to_message(trajectory, last_point_only=True).points
-    np.testing.assert_array_equal([last.positions, last.accelerations], [q[-1], a[-1]])
-
-
-def test_controller_leads_to_the_first_point_from_the_measured_position():
-    loop = Loop()
-    loop.measured = (START + 0.01, np.zeros(2))  # a load pulls the robot away
-    loop.cycle()
-    loop.send(moving(1.0, START + 0.2, [0.0, 0.0], [0.0, 0.0]))
-    assert np.allclose(loop.cycle()[0] - START, 0.01, atol=1e-5)
 
 
 def test_reference_is_the_command_of_the_cycle_before_with_its_time_on_the_trajectory():

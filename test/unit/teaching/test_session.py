@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-from support.bags import minimum_jerk, reaching, stamped, write_bag
+from support.bags import reaching, stamped, write_bag
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import JOINT_STATE
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.load import load_recordings
-from mp_pca_planner.recordings.synthetic import write_example_recording
 from mp_pca_planner.teaching.session import (
     KEYS,
     StoredStates,
@@ -46,8 +45,8 @@ def spans(motions: tuple[Demonstration, ...]) -> list[tuple[float, float]]:
     return [(motion.start_time, motion.end_time) for motion in motions]
 
 
-def test_motions_are_those_that_are_cut_offline(tmp_path: Path) -> None:
-    bag = write_example_recording(tmp_path / "example.mcap", 8)
+def test_motions_are_those_that_are_cut_offline(tmp_path: Path, bag_format: str) -> None:
+    bag = write_bag(tmp_path / "example", bag_format, stamped(reaching(GOALS)))
     (_, messages), lines = stored_states(bag), list[str]()
     with session(tmp_path) as taught:
         for k in range(0, len(messages), 50):
@@ -61,32 +60,12 @@ def test_motions_are_those_that_are_cut_offline(tmp_path: Path) -> None:
         assert shown(lines) == list(range(1, len(expected) + 1))  # each once
 
 
-def test_joint_states_of_every_format_are_recorded(tmp_path: Path, bag_format: str) -> None:
-    with session(tmp_path) as taught:
-        taught.record(states(tmp_path, reaching(GOALS), bag_format))
-        taught.update(is_over=True)
-        assert len(taught.motions) == 3
-    assert len(load_recordings(tmp_path / "taught.mcap").demonstrations) == 3
-
-
-def test_a_motion_is_shown_when_the_arm_rests(tmp_path: Path) -> None:
-    positions = reaching(GOALS[:2])  # rests 1 s, moves 1 s, rests 1 s
-    n_shown = []
-    with session(tmp_path) as taught:
-        for message in states(tmp_path, positions):
-            taught.record([message])
-            n_shown.append(len(shown(taught.update())))
-    (step,) = np.flatnonzero(n_shown)
-    assert 250 < step < 290
-    assert n_shown[step] == 1
-
-
 def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
         taught.record(states(tmp_path, reaching(GOALS)))
         taught.update(is_over=True)
         last = taught.discard_last()
-        assert last is not None
+        assert last is not None and not shown(taught.update(is_over=True))
         kept = spans(taught.motions)
         assert len(kept) == 2 and last.start_time > kept[-1][1]
     for _ in range(2):
@@ -99,33 +78,15 @@ def test_a_continued_session_has_the_earlier_motions_but_the_discarded(tmp_path:
     np.testing.assert_allclose(spans(table.demonstrations), kept, rtol=0.0, atol=1e-6)
 
 
-def test_discarding_ends_with_the_first_motion(tmp_path: Path) -> None:
-    with session(tmp_path) as taught:
-        assert taught.discard_last() is None
-        taught.record(states(tmp_path, reaching(GOALS)))
-        taught.update(is_over=True)
-        assert [taught.discard_last() is not None for _ in range(4)] == [True] * 3 + [False]
-        assert not shown(taught.update(is_over=True)) and taught.motions == ()
-
-
 def test_a_motion_that_the_recording_cuts_off_is_left_out(tmp_path: Path) -> None:
-    positions = reaching(GOALS)[:-150]  # ends within the last motion
+    positions, lines = reaching(GOALS)[:-150], list[str]()  # ends within the last motion
     with session(tmp_path) as taught:
-        taught.record(states(tmp_path, positions))
-        assert taught.update() == []
+        for message in states(tmp_path, positions):
+            taught.record([message])
+            lines += taught.update()
+        assert shown(lines) == [1, 2]  # each when the arm rests, the third is under way
         lines = taught.update(is_over=True)
-    assert shown(lines) == [1, 2]
-    assert "lacks the start or the end" in lines[0]
-
-
-def test_small_movements_are_left_out_with_a_note(tmp_path: Path) -> None:
-    small = np.concatenate([minimum_jerk(1.0, 0.92, 40), np.full(100, 0.92)])
-    positions = np.concatenate([reaching(GOALS[:2]), np.column_stack([small, -0.5 * small])])
-    with session(tmp_path) as taught:
-        taught.record(states(tmp_path, positions))
-        note, *lines = taught.update(is_over=True)
-    assert shown(lines) == [1]
-    assert "1 motions over less than 10% of the extent of the largest are left out" in note
+        assert not shown(lines) and "lacks the start or the end" in lines[0]
 
 
 def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Path) -> None:
@@ -135,13 +96,6 @@ def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Pa
         names, goal, words = taught.first_goal()
     np.testing.assert_allclose(goal, [1.0, -0.5], atol=0.01)
     assert words.startswith(f"{names[0]}=1.00,{names[1]}=-0.50 [rad]")
-
-
-def test_tables_that_are_damaged_are_refused(tmp_path: Path) -> None:
-    discarded = tmp_path / "taught_discarded.csv"
-    discarded.write_text("recording,start_time_s,end_time_s\nother,1,2\n")
-    with pytest.raises(RecordingError, match="no recording is called 'other'"):
-        session(tmp_path)
 
 
 def test_the_recording_is_complete_from_the_first_motion_on(tmp_path: Path) -> None:
@@ -169,6 +123,10 @@ def test_the_recording_is_complete_from_the_first_motion_on(tmp_path: Path) -> N
 def test_files_of_others_and_of_other_topics_are_left_alone(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "made", "mcap", stamped(reaching(GOALS)))
     taught = tmp_path / "taught.mcap"
+    discarded = tmp_path / "taught_discarded.csv"
+    discarded.write_text("recording,start_time_s,end_time_s\nother,1,2\n")
+    with pytest.raises(RecordingError, match="no recording is called 'other'"):
+        session(tmp_path)
     for content, reason in (
         (next(path.glob("*.mcap")).read_bytes(), "holds other topics than '/x'"),
         (b"\x89MCAP0\r\nanother program's", "can't be read"),
@@ -210,31 +168,16 @@ def dialogue(folder: Path, source: Silent | None, keys: str) -> list[str]:
     return lines
 
 
-def test_a_topic_that_stays_silent_is_named_once(tmp_path: Path) -> None:
+def test_the_dialogue_names_keys_and_silence(tmp_path: Path) -> None:
     reason = "no motion yet: there is no well-formed message on '/joint_states'"
-    assert dialogue(tmp_path, Silent(), "q") == ["nobody publishes"]
-    assert dialogue(tmp_path, None, "q") == [reason]
-
-
-def test_a_continued_session_names_a_silent_topic_too(tmp_path: Path) -> None:
-    with session(tmp_path) as taught:
-        taught.record(states(tmp_path, reaching(GOALS[:2])))
-    assert "nobody publishes" in dialogue(tmp_path, Silent(), "q")
-
-
-def test_a_key_without_a_meaning_is_named(tmp_path: Path) -> None:
-    lines = dialogue(tmp_path, None, "ybdq")
-    assert lines[1:] == [
+    assert dialogue(tmp_path, Silent(), "q") == ["nobody publishes"]  # once
+    assert dialogue(tmp_path, None, "ybdq") == [
+        reason,
         f"'y' does nothing: {KEYS}",
         "there is no motion to build a primitive from",
         "there is no motion to discard",
     ]
-
-
-def test_the_same_reason_is_given_once(tmp_path: Path) -> None:
     with session(tmp_path) as taught:
-        given = []
-        for message in states(tmp_path, np.zeros((5, 2))):
-            taught.record([message])
-            given += taught.update()
-    assert len(given) == 1 and "usable samples" in given[0]
+        taught.record(states(tmp_path, reaching(GOALS[:2])))
+    assert "nobody publishes" in dialogue(tmp_path, Silent(), "q")
+    assert "motion 1 is discarded: 0 left" in dialogue(tmp_path, None, "dq")
