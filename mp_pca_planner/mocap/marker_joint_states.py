@@ -107,7 +107,8 @@ class MarkerSource:
             *_notes(robot, q),
         )
         stamps = recorded.header_stamps, recorded.receive_stamps
-        states = JointStates.of_arrays(recorded.topic, self.joint_names, *stamps, q, notes)
+        listed = np.ones(q.shape, dtype=bool)
+        states = JointStates(recorded.topic, self.joint_names, *stamps, q, listed, notes=notes)
         return states, residuals
 
     def _in_base_frame(self, robot: Robot, positions: FloatArray) -> tuple[FloatArray, FloatArray]:

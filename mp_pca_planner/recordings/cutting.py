@@ -317,14 +317,6 @@ def _without_rest(cuts: Sequence[Cut], pieces: Sequence[Samples], least_of_set: 
     return kept
 
 
-def far_moving(who: str, largest: float, absurd: float) -> str:
-    """Statement on joints that move over an absurdly large extent [rad or m]."""
-    return (
-        f"{who} over {largest:.3g} rad (or m), and over {absurd:.3g} is absurd: positions must be "
-        "in radians (or m), not in degrees (or mm); --degrees converts degrees"
-    )
-
-
 def overview(pieces: Sequence[SmoothPiece]) -> Overview:
     """About 1000 samples of a recording, the resolution of a figure, see `Overview`."""
     k = max(1, sum(piece.times.size for piece in pieces) // 1000)

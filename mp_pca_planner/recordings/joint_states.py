@@ -5,15 +5,15 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray, unique_names
-from ..exceptions import RecordingError
+from ..arrays import FloatArray
+from ..exceptions import RecordingError, quote_names
 from ..renaming import Rename, new_name
 
 ENCAPSULATION = 4
@@ -31,6 +31,8 @@ Names = tuple[str, ...]
 class JointStates:
     """The well-formed messages of a topic, as recorded, in the order of reception.
 
+    Recorded velocities are not among them: those of motions follow from their positions.
+
     Attributes
     ----------
     topic : str
@@ -41,19 +43,12 @@ class JointStates:
         Time in the header (0: not set) and time of reception of each message [ns].
     positions : array, shape (n_messages, n_joints)
         Joint positions as recorded [rad or m], NaN of joints that a message does not list.
-    velocities : array of float32, shape (n_messages, n_joints), or None
-        Joint velocities as recorded [/s], NaN where a message has none; None if all have none.
-        They are compared with the positions, and not used otherwise.
-    layouts : tuple of tuple of str
-        Different lists of joints in messages, in the order of first appearance.
-    layout_of : array of int, shape (n_messages,)
-        Which of them each message has.
+    listed : array of bool, shape (n_messages, n_joints)
+        Which joints each message lists.
     n_malformed : int
         Further messages: as many positions as names are missing, or a name is listed twice.
     notes : tuple of str
         Notes on the reading, one sentence each.
-    computed : bool
-        Whether they were computed from other data, which have no velocities to be checked.
     """
 
     topic: str
@@ -61,46 +56,14 @@ class JointStates:
     header_stamps: IntArray
     receive_stamps: IntArray
     positions: FloatArray
-    layouts: tuple[Names, ...]
-    layout_of: IntArray
-    velocities: NDArray[np.float32] | None = field(default=None, kw_only=True)
-    n_malformed: int = field(default=0, kw_only=True)
-    notes: tuple[str, ...] = field(default=(), kw_only=True)
-    computed: bool = field(default=False, kw_only=True)
-
-    @classmethod
-    def of_arrays(
-        cls,
-        topic: str,
-        joint_names: Names,
-        header_stamps: IntArray,
-        receive_stamps: IntArray,
-        positions: FloatArray,
-        notes: tuple[str, ...] = (),
-    ) -> JointStates:
-        """Joint states that list all joints each, computed from other data."""
-        same = np.zeros(len(positions), dtype=np.int64)
-        return cls(
-            topic,
-            joint_names,
-            header_stamps,
-            receive_stamps,
-            positions,
-            (joint_names,),
-            same,
-            notes=notes,
-            computed=True,
-        )
+    listed: NDArray[np.bool_]
+    n_malformed: int = 0
+    notes: tuple[str, ...] = ()
 
     @property
     def n_messages(self) -> int:
         """Number of messages, malformed ones included."""
         return self.header_stamps.size + self.n_malformed
-
-    def listing(self, names: Collection[str]) -> NDArray[np.bool_]:
-        """Which messages list all of some joints, shape (n_messages,)."""
-        lists = [set(names) <= set(layout) for layout in self.layouts]
-        return np.array(lists, dtype=bool)[self.layout_of]
 
     def columns(self, names: Iterable[str]) -> list[int]:
         """Columns of some joints."""
@@ -110,13 +73,8 @@ class JointStates:
         """The states without some joints."""
         kept = tuple(name for name in self.joint_names if name not in joints)
         columns = self.columns(kept)
-        return replace(
-            self,
-            joint_names=kept,
-            positions=self.positions[:, columns],
-            velocities=None if self.velocities is None else self.velocities[:, columns],
-            layouts=tuple(tuple(x for x in own if x in kept) for own in self.layouts),
-        )
+        positions, listed = self.positions[:, columns], self.listed[:, columns]
+        return replace(self, joint_names=kept, positions=positions, listed=listed)
 
     def renamed(self, rename: Rename) -> JointStates:
         """The states by the new names of their joints.
@@ -128,42 +86,43 @@ class JointStates:
         """
         if not rename:
             return self
-        new = {name: new_name(name, rename, self.topic) for name in self.joint_names}
-        layouts = tuple(tuple(new[name] for name in names) for names in self.layouts)
-        for names in layouts:
-            unique_names(names, "renamed joints", RecordingError)
-        names = tuple(dict.fromkeys(new.values()))
-        return replace(self, layouts=layouts).in_columns(names, new.values())
+        new = [new_name(name, rename, self.topic) for name in self.joint_names]
+        for name in set(new):
+            several = [i for i, own in enumerate(new) if own == name]
+            if (self.listed[:, several].sum(axis=1) > 1).any():
+                olds = quote_names(self.joint_names[i] for i in several)
+                raise RecordingError(f"{olds} can't be renamed to '{name}': a message has them all")
+        return self._in_columns(tuple(dict.fromkeys(new)), new)
 
     def scaled(self, factors: Mapping[str, float]) -> JointStates:
         """The states with some joints multiplied by factors."""
         own = np.array([factors.get(name, 1.0) for name in self.joint_names])
-        velocities = None if self.velocities is None else self.velocities * own.astype(np.float32)
-        return replace(self, positions=self.positions * own, velocities=velocities)
+        return replace(self, positions=self.positions * own)
 
-    def in_columns(self, names: Names, of_joints: Iterable[str] | None = None) -> JointStates:
-        """The states in a table of other columns.
-
-        Parameters
-        ----------
-        names : tuple of str
-            Names of the columns. Joints may be missing, and others may be among them.
-        of_joints : iterable of str, optional
-            Name of the column into which each joint goes; by default its own.
-        """
-        columns = [names.index(name) for name in of_joints or self.joint_names]
-
-        def spread(values: NDArray[Any]) -> NDArray[Any]:
-            table = np.full((len(values), len(names)), np.nan, values.dtype)
-            for column, own in zip(columns, values.T, strict=True):
-                known = ~np.isnan(own)
-                table[known, column] = own[known]
-            return table
-
-        velocities = None if self.velocities is None else spread(self.velocities)
-        return replace(
-            self, joint_names=names, positions=spread(self.positions), velocities=velocities
+    def followed_by(self, others: JointStates) -> JointStates:
+        """These states followed by others, those of the same topic or of another one."""
+        names = tuple(dict.fromkeys((*self.joint_names, *others.joint_names)))
+        parts = [states._in_columns(names, states.joint_names) for states in (self, others)]
+        return JointStates(
+            others.topic,
+            names,
+            np.concatenate([x.header_stamps for x in parts]),
+            np.concatenate([x.receive_stamps for x in parts]),
+            np.concatenate([x.positions for x in parts]),
+            np.concatenate([x.listed for x in parts]),
+            self.n_malformed + others.n_malformed,
+            tuple(dict.fromkeys((*self.notes, *others.notes))),
         )
+
+    def _in_columns(self, names: Names, of_joints: Sequence[str]) -> JointStates:
+        """The states in a table of other columns; each joint goes into the column of its name."""
+        positions = np.full((len(self.positions), len(names)), np.nan)
+        listed = np.zeros(positions.shape, dtype=bool)
+        for own, name in enumerate(of_joints):
+            rows, column = self.listed[:, own], names.index(name)
+            positions[rows, column] = self.positions[rows, own]
+            listed[rows, column] = True
+        return replace(self, joint_names=names, positions=positions, listed=listed)
 
 
 def collect_joint_states(topic: str, messages: Iterable[tuple[int, Any]]) -> JointStates:
@@ -176,70 +135,26 @@ def collect_joint_states(topic: str, messages: Iterable[tuple[int, Any]]) -> Joi
     messages :
         Time of reception [ns] of each, and the ``sensor_msgs/JointState``.
     """
-    headers, received, layout_of = array("q"), array("q"), array("q")
-    places: dict[Names, int] = {}
-    # Positions and velocities of the messages with the same names.
-    values: list[tuple[array[float], array[float]]] = []
+    headers, received = array("q"), array("q")
+    # Rows and positions of the messages with the same names.
+    groups: dict[Names, tuple[list[int], array[float]]] = {}
     n_malformed = 0
     for stamp, message in messages:
         names, since = tuple(message.name), message.header.stamp
         if len(message.position) != len(names) or len(set(names)) != len(names):
             n_malformed += 1
             continue
+        rows, values = groups.setdefault(names, ([], array("d")))
+        rows.append(len(headers))
+        values.extend(message.position)
         headers.append(since.sec * NS_PER_S + since.nanosec)
         received.append(stamp)
-        if names not in places:
-            places[names] = len(values)
-            values.append((array("d"), array("d")))
-        layout_of.append(places[names])
-        positions, velocities = values[places[names]]
-        positions.extend(message.position)
-        has_velocities = len(message.velocity) == len(names)
-        velocities.extend(message.velocity if has_velocities else [np.nan] * len(names))
-    joints = tuple(dict.fromkeys(name for names in places for name in names))
-    table = np.full((2, len(received), len(joints)), np.nan)
-    which = np.array(layout_of, dtype=np.int64)
-    for names, place in places.items():
-        rows = np.flatnonzero(which == place)[:, None]
-        columns = [joints.index(name) for name in names]
-        for of_all, own in zip(table, values[place], strict=True):
-            of_all[rows, columns] = np.array(own).reshape(rows.size, len(names))
-    # Values beyond the range of float32 become infinite; they are no valid velocities in any case.
-    with np.errstate(over="ignore", invalid="ignore"):
-        checked = table[1].astype(np.float32)
-    return JointStates(
-        topic,
-        joints,
-        np.array(headers, dtype=np.int64),
-        np.array(received, dtype=np.int64),
-        table[0],
-        tuple(places),
-        which,
-        velocities=None if np.isnan(checked).all() else checked,
-        n_malformed=n_malformed,
-    )
-
-
-def joined(first: JointStates, second: JointStates) -> JointStates:
-    """Joint states followed by others, those of the same topic or of another one."""
-    names = tuple(dict.fromkeys((*first.joint_names, *second.joint_names)))
-    layouts = tuple(dict.fromkeys((*first.layouts, *second.layouts)))
-    parts = [states.in_columns(names) for states in (first, second)]
-    velocities = [
-        np.full(x.positions.shape, np.nan, np.float32) if x.velocities is None else x.velocities
-        for x in parts
-    ]
-    have_none = first.velocities is None and second.velocities is None
-    places = [np.array([layouts.index(y) for y in x.layouts], dtype=np.int64) for x in parts]
-    return JointStates(
-        second.topic,
-        names,
-        np.concatenate([x.header_stamps for x in parts]),
-        np.concatenate([x.receive_stamps for x in parts]),
-        np.concatenate([x.positions for x in parts]),
-        layouts,
-        np.concatenate([own[x.layout_of] for own, x in zip(places, parts, strict=True)]),
-        velocities=None if have_none else np.concatenate(velocities),
-        n_malformed=first.n_malformed + second.n_malformed,
-        notes=tuple(dict.fromkeys((*first.notes, *second.notes))),
-    )
+    joints = tuple(dict.fromkeys(name for names in groups for name in names))
+    positions = np.full((len(headers), len(joints)), np.nan)
+    listed = np.zeros(positions.shape, dtype=bool)
+    for names, (rows, values) in groups.items():
+        places = np.ix_(rows, [joints.index(name) for name in names])
+        positions[places] = np.array(values).reshape(len(rows), len(names))
+        listed[places] = True
+    stamps, times = (np.array(x, dtype=np.int64) for x in (headers, received))
+    return JointStates(topic, joints, stamps, times, positions, listed, n_malformed)

@@ -9,7 +9,6 @@ extents; some are cut again by what the others show.
 from __future__ import annotations
 
 import re
-import time
 import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -38,11 +37,12 @@ from . import bags, cutting
 from .copies import parts_of_others
 from .cutting import segments_by_hand
 from .demonstration import Demonstration
+from .joint_states import Names
 from .reading import LoadOptions, read_recording, scale_of_calibration
-from .recording import Recording
-from .recording_set import RecordingReport, RecordingSet, Refusal, Segment
+from .recording import MarkerResidual, Recording
+from .recording_set import ABSURD, FACTS, RecordingReport, RecordingSet, Refusal, Segment
 from .repair import repair
-from .segmentation import ABSURD_EXTENT, absurd_extent, extent, least_extent_of_set
+from .segmentation import ABSURD_EXTENT, extent, least_extent_of_set
 from .workers import dask_cluster, process_pool
 
 hierarchy = LazyModule("scipy.cluster.hierarchy")
@@ -229,25 +229,21 @@ def load_recordings(
         workers = dask_cluster(dask)
     elif executor is None and jobs > 1 and len(tasks) > 1:
         workers = process_pool(min(jobs, len(tasks)))
-    loaded: dict[int, Loaded] = {}
     with workers as pool:
-        _load_all(dict(enumerate(tasks)), loaded, pool, progress)
-        _refuse_copies(tasks, loaded)
-        again = _with_joints_of_set(tasks, loaded, same_joints, settings.moving_only)
-        _load_all(again, loaded, pool, None)
-    _with_extent_of_set(tasks, loaded)
-    results = [loaded[index].result for index in range(len(tasks))]
+        loaded = _without_copies(_load_all(tasks, pool, progress))
+        decided = _with_joints_of_set(loaded, settings, same_joints=same_joints)
+        again = iter(_load_all([x for x in decided if isinstance(x, LoadTask)], pool, None))
+    loaded = [next(again) if isinstance(x, LoadTask) else x for x in decided]
+    whole = RecordingSet.joined([one.result for one in _with_extent_of_set(loaded)])
     for name in continuous:
-        put_on_one_turn(results, name)
+        whole = on_one_turn(whole, name)
+    notes = list(whole.notes)
     if left := bags.files_left_out(several, found):
         names = quote_names(str(path) for path in left)
-        results.append(
-            RecordingSet(notes=(f"files left out, as they are not recordings: {names}",))
-        )
-    whole = RecordingSet.joined(results)
+        notes.append(f"files left out, as they are not recordings: {names}")
     if settings.segments_csv is None:
-        whole = replace(whole, notes=(*whole.notes, *_kinds(whole.demonstrations)))
-    return whole
+        notes += _kinds(whole.demonstrations)
+    return replace(whole, notes=tuple(notes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,13 +261,15 @@ class LoadTask:
 class Loaded:
     """The repaired samples of a recording, and its motions; or why there are none."""
 
+    task: LoadTask
     recording: Recording | None
     result: RecordingSet
 
     @classmethod
-    def refused(cls, name: str, reason: str, joints: Sequence[str] = ()) -> Loaded:
+    def refused(cls, task: LoadTask, reason: str, joints: Sequence[str] = ()) -> Loaded:
         """The result of a recording that can't be used."""
-        return cls(None, RecordingSet(refused=(Refusal(name, reason, tuple(joints)),)))
+        refusal = Refusal(task.name, reason, tuple(joints))
+        return cls(task, None, RecordingSet(refused=(refusal,)))
 
 
 def _tasks(found: Sequence[Path], options: LoadOptions) -> list[LoadTask]:
@@ -287,52 +285,46 @@ def _tasks(found: Sequence[Path], options: LoadOptions) -> list[LoadTask]:
 
 
 def _load_all(
-    tasks: Mapping[int, LoadTask],
-    loaded: dict[int, Loaded],
+    tasks: Sequence[LoadTask],
     pool: Executor | None,
     progress: Callable[[int, int], None] | None,
-) -> None:
-    """Load recordings by index, by the workers of a pool if there is one."""
-    sizes = [bags.stored_size(task.path) if progress else 0 for task in tasks.values()]
-    done, total = 0, sum(sizes)
-    chunk = min(MAX_CHUNK, 1 + len(tasks) // N_CHUNKS)
-    ready: Iterable[Loaded] = map(load_one, tasks.values())
+) -> list[Loaded]:
+    """Load recordings, by the workers of a pool if there is one."""
+    sizes = [bags.stored_size(task.path) if progress else 0 for task in tasks]
+    ready: Iterable[Loaded] = map(load_one, tasks)
     if pool is not None:
-        ready = pool.map(load_one, tasks.values(), chunksize=chunk)
+        ready = pool.map(load_one, tasks, chunksize=min(MAX_CHUNK, 1 + len(tasks) // N_CHUNKS))
+    loaded: list[Loaded] = []
     try:
-        for index, size, one in zip(tasks, sizes, ready, strict=True):
-            loaded[index] = one
-            done += size
+        for one in ready:
+            loaded.append(one)
             if progress is not None:
-                progress(done, total)
+                progress(sum(sizes[: len(loaded)]), sum(sizes))
     except BrokenExecutor:
         raise RecordingError(
             "a process that reads recordings died: it was killed, or memory ran out; use fewer "
             "--jobs (jobs in Python)"
         ) from None
+    return loaded
 
 
 def load_one(task: LoadTask) -> Loaded:
     """Read, repair and cut one recording, in this process or another one."""
-    options, began = task.options, time.perf_counter()
+    options, residuals = task.options, dict[str, MarkerResidual]()
     try:
         if task.segments == ():
             raise RecordingError("the table of segments lists no motion of it")
         if options.markers is None:
-            recording, residuals = read_recording(task.path, options), {}
+            recording = read_recording(task.path, options)
         else:
             states, residuals = options.markers.joint_states(task.path, salvage=options.salvage)
             recording = repair(states, None, options.max_gap)
-        recording = replace(
-            recording.noted(*task.notes),
-            marker_residuals=residuals,
-            checksum=bags.checksum(task.path),
-            seconds=time.perf_counter() - began,
-        )
-        return cut_one(task, recording)
     except RecordingError as error:
         facts = error.findings if isinstance(error, UnusableRecordingError) else {}
-        return Loaded.refused(task.name, str(error), facts.get("listed_joints", ()))
+        return Loaded.refused(task, str(error), facts.get("listed_joints", ()))
+    checksum = bags.checksum(task.path)
+    noted = recording.noted(*task.notes)
+    return cut_one(task, replace(noted, marker_residuals=residuals, checksum=checksum))
 
 
 def cut_one(task: LoadTask, recording: Recording, least_extent: float = 0.0) -> Loaded:
@@ -346,6 +338,15 @@ def cut_one(task: LoadTask, recording: Recording, least_extent: float = 0.0) -> 
         Its repaired samples.
     least_extent :
         Smallest extent of a motion by those of all recordings [rad or m].
+    """
+    try:
+        return Loaded(task, recording, _motions_of(task, recording, least_extent))
+    except RecordingError as error:
+        return Loaded.refused(task, str(error))
+
+
+def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> RecordingSet:
+    """The motions of a recording, and the report on it.
 
     Raises
     ------
@@ -354,8 +355,6 @@ def cut_one(task: LoadTask, recording: Recording, least_extent: float = 0.0) -> 
     """
     options = task.options
     pieces, thresholds = cutting.smoothed(recording)
-    notes: tuple[str, ...] = ()
-    counts: dict[str, int] = {}
     if task.segments is not None:
         cuts = [cutting.cut_row(pieces, row) for row in task.segments]
     else:
@@ -368,38 +367,29 @@ def cut_one(task: LoadTask, recording: Recording, least_extent: float = 0.0) -> 
             n_short = 0 if is_whole else cutting.count_short_halves(pieces, thresholds, cuts)
             counts["cut_off"] = len(cuts) - len(whole) + n_short
             cuts = whole
+        recording = recording.noted(*notes, repairs=counts)
     if not cuts:
         raise RecordingError("no motion was found in it")
-    motions = [
+    motions = tuple(
         replace(
             cut.demonstration(recording.joint_names, task.name, recording.checksum),
             episode=recording.episode_at(cut.piece.times[0] + 1e-6),
         )
         for cut in cuts
-    ]
-    segments = [Segment(m.start_time, m.end_time, m.label, extent(m.positions)) for m in motions]
-    noted = recording.noted(
-        *notes, *_absurd(motions), *_beyond_limits(motions, options), repairs=counts
     )
     report = RecordingReport(
         name=task.name,
         path=str(task.path),
         format=bags.recording_format(task.path),
-        topic=recording.topic,
-        n_messages=recording.n_messages,
-        rate=recording.rate,
-        duration=recording.duration,
-        joint_names=recording.joint_names,
-        checksum=recording.checksum,
-        repairs=noted.repairs,
-        motions=tuple(segments),
+        motions=tuple(
+            Segment(x.start_time, x.end_time, x.label, extent(x.positions)) for x in motions
+        ),
         thresholds=thresholds,
-        notes=noted.all_notes,
+        notes=(*recording.all_notes, *_absurd(motions), *_beyond_limits(motions, options)),
         overview=cutting.overview(pieces) if options.overviews else None,
-        marker_residuals=recording.marker_residuals,
-        seconds=recording.seconds,
+        **{name: getattr(recording, name) for name in FACTS},
     )
-    return Loaded(recording, RecordingSet(tuple(motions), (report,)))
+    return RecordingSet(motions, (report,))
 
 
 def _absurd(motions: Sequence[Demonstration]) -> tuple[str, ...]:
@@ -407,8 +397,8 @@ def _absurd(motions: Sequence[Demonstration]) -> tuple[str, ...]:
     ranges = np.max([np.ptp(motion.positions, axis=0) for motion in motions], axis=0)
     if ranges.max() <= ABSURD_EXTENT:
         return ()
-    who = f"joint '{motions[0].joint_names[ranges.argmax()]}' moves"
-    return (cutting.far_moving(who, ranges.max(), ABSURD_EXTENT),)
+    name = motions[0].joint_names[ranges.argmax()]
+    return (f"joint '{name}' moves over {ranges.max():.3g} {ABSURD}",)
 
 
 def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:
@@ -439,95 +429,87 @@ def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tu
     return (f"{text}: check that it is of this robot, and its zero position",)
 
 
-def _cut_again(
-    task: LoadTask, recording: Recording, loaded: dict[int, Loaded], index: int, least: float = 0.0
-) -> None:
-    try:
-        loaded[index] = cut_one(task, recording, least)
-    except RecordingError as error:
-        loaded[index] = Loaded.refused(task.name, str(error))
-
-
-def _used(loaded: Mapping[int, Loaded]) -> list[tuple[int, Recording]]:
-    """The recordings that are used, by index."""
-    return [(i, x.recording) for i, x in sorted(loaded.items()) if x.recording is not None]
-
-
-def _refuse_copies(tasks: Sequence[LoadTask], loaded: dict[int, Loaded]) -> None:
+def _without_copies(loaded: Sequence[Loaded]) -> list[Loaded]:
     """Reject recordings whose samples are those of another one, or a part of them.
 
     Of a recording with a table of segments, the motions are those that a person chose.
     """
-    originals: dict[str, str] = {}
-    fingerprints: dict[int, Sequence[int]] = {}
-    for index, recording in _used(loaded):
-        name = tasks[index].name
-        if tasks[index].segments is None:
-            original = originals.setdefault(recording.checksum, name)
-            if original == name:
-                fingerprints[index] = recording.fingerprint
-            else:
-                reason = f"it is a copy of '{original}', which is used"
-                loaded[index] = Loaded.refused(name, reason)
+    result = list(loaded)
+    fingerprints = {
+        index: one.recording.fingerprint
+        for index, one in enumerate(loaded)
+        if one.recording is not None and one.task.segments is None
+    }
     for part, whole, is_part in parts_of_others(fingerprints):
-        what = "a part of another recording" if is_part else "a copy in another form"
-        reason = f"it is {what}: its samples are also in '{tasks[whole].name}', which is used"
-        loaded[part] = Loaded.refused(tasks[part].name, reason)
+        what = "a part of another recording" if is_part else "a copy"
+        name = loaded[whole].task.name
+        reason = f"it is {what}: its samples are also in '{name}', which is used"
+        result[part] = Loaded.refused(loaded[part].task, reason)
+    return result
 
 
 def _with_joints_of_set(
-    tasks: Sequence[LoadTask], loaded: dict[int, Loaded], same_joints: bool, moving_only: bool
-) -> dict[int, LoadTask]:
-    """Give recordings the joints of the set in its order; returns those to read again, by index.
+    loaded: Sequence[Loaded], options: LoadOptions, *, same_joints: bool
+) -> list[Loaded | LoadTask]:
+    """Recordings with the joints of the set in its order, and tasks for those to read again.
 
-    On request, recordings of other joints are rejected. With `moving_only`, joints that move in no
-    recording are no joints of the set; unless joints are chosen, those of a gripper that does not
-    move with the arm never are. A recording is read again if its other joints move: their defects
-    must not cut it.
+    On request, recordings of other joints are rejected. A recording is read again if its other
+    joints move: their defects must not cut it.
     """
-    recordings = [recording for _, recording in _used(loaded)]
-    still, idle = _still_joints(recordings), set[str]()
-    if not moving_only:
-        still = {name for name in still if _GRIPPER.search(name)}
-    if any(task.options.joints for task in tasks):
-        still = still if moving_only else set()
-    else:
-        idle = _idle_grippers(recordings) - still
-    out = still | idle
-    orders: dict[frozenset[str], tuple[str, ...]] = {}
-    counts = Counter[tuple[str, ...]]()
-    for _, recording in _used(loaded):
-        joints = tuple(name for name in recording.joint_names if name not in out)
+    recordings = [one.recording for one in loaded if one.recording is not None]
+    reasons = _reasons_to_leave_out(recordings, options)
+    orders: dict[frozenset[str], Names] = {}
+    counts = Counter[Names]()
+    for used in recordings:
+        joints = tuple(name for name in used.joint_names if name not in reasons)
         counts[orders.setdefault(frozenset(joints), joints)] += 1
     common, n_common = max(counts.items(), key=itemgetter(1), default=((), 0))
     is_one_set = same_joints and 2 * n_common > counts.total()
-    again: dict[int, LoadTask] = {}
-    for index, recording in _used(loaded):
-        task, own = tasks[index], set(recording.joint_names)
-        joints = common if is_one_set else orders[frozenset(own - out)]
-        notes = _left_out(recording.joint_names, joints, still, idle)
-        if not own.issuperset(joints):
-            loaded[index] = Loaded.refused(
-                task.name,
-                f"its joints, {quote_names(recording.joint_names)}, are not those of most "
-                f"recordings, {quote_names(common)}: choose joints that all have, or use it "
-                "separately",
-            )
-        elif own - {*joints} <= {*recording.still_joints}:
-            if joints != recording.joint_names:
-                taken = recording.with_joints(joints).noted(*notes)
-                _cut_again(task, taken, loaded, index)
+    decided: list[Loaded | LoadTask] = []
+    for one in loaded:
+        task, recording = one.task, one.recording
+        if recording is None:
+            own = next((refusal.joint_names for refusal in one.result.refused), ())
+            joints = common
+            is_read_again = is_one_set and options.joints is None and set(own) >= set(joints)
         else:
-            options = replace(task.options, joints=joints)
-            again[index] = replace(task, options=options, notes=notes)
-    for index, one in loaded.items():
-        task = tasks[index]
-        for refusal in one.result.refused if is_one_set and not task.options.joints else ():
-            if set(refusal.joint_names).issuperset(common):
-                options = replace(task.options, joints=common)
-                notes = _left_out(refusal.joint_names, common, (), idle)
-                again[index] = replace(task, options=options, notes=notes)
-    return again
+            own = recording.joint_names
+            joints = common
+            if not is_one_set:
+                joints = orders[frozenset(name for name in own if name not in reasons)]
+            is_read_again = not set(own) - set(joints) <= set(recording.still_joints)
+        notes = _left_out([name for name in own if name not in joints], reasons)
+        if recording is not None and not set(own) >= set(joints):
+            reason = (
+                f"its joints, {quote_names(own)}, are not those of most recordings, "
+                f"{quote_names(common)}: choose joints that all have, or use it separately"
+            )
+            decided.append(Loaded.refused(task, reason))
+        elif is_read_again:
+            decided.append(replace(task, options=replace(options, joints=joints), notes=notes))
+        elif recording is None or joints == own:
+            decided.append(one)
+        else:
+            decided.append(cut_one(task, recording.with_joints(joints).noted(*notes)))
+    return decided
+
+
+def _reasons_to_leave_out(recordings: Sequence[Recording], options: LoadOptions) -> dict[str, str]:
+    """Joints that are none of the set, and why.
+
+    With `moving_only` they are those that move in no recording; unless joints are chosen, those of
+    a gripper that does not move with the arm always are.
+    """
+    still, idle = _still_joints(recordings), set[str]()
+    if not options.moving_only:
+        still = (
+            {name for name in still if _GRIPPER.search(name)} if options.joints is None else set()
+        )
+    if options.joints is None:
+        idle = _idle_grippers(recordings) - still
+    return dict.fromkeys(idle, "they move while the arm rests") | dict.fromkeys(
+        still, "they never move"
+    )
 
 
 def _still_joints(recordings: Sequence[Recording]) -> set[str]:
@@ -583,75 +565,56 @@ def _kinds(motions: Sequence[Demonstration]) -> tuple[str, ...]:
     )
 
 
-def _left_out(
-    names: Sequence[str], joints: Sequence[str], still: Collection[str], idle: Collection[str]
-) -> tuple[str, ...]:
-    """Notes on the joints that are not taken."""
-    others = [name for name in names if name not in joints]
-    reasons = {
-        "they never move": [name for name in others if name in still],
-        "they move while the arm rests": [name for name in others if name in idle],
-        "most recordings lack them": [name for name in others if name not in {*still, *idle}],
-    }
+def _left_out(names: Sequence[str], reasons: Mapping[str, str]) -> tuple[str, ...]:
+    """Notes on joints that are not taken."""
+    several = defaultdict[str, list[str]](list)
+    for name in names:
+        several[reasons.get(name, "most recordings lack them")].append(name)
     return tuple(
-        f"joints left out, as {why}: {quote_names(several)}"
-        for why, several in reasons.items()
-        if several
+        f"joints left out, as {why}: {quote_names(names)}" for why, names in several.items()
     )
 
 
-def _with_extent_of_set(tasks: Sequence[LoadTask], loaded: dict[int, Loaded]) -> None:
-    """Cut recordings again by the extents of all motions.
-
-    Movements of some count as rest relative to the motions of the set. Those of absurdly large
-    motions are rejected.
-    """
-    extents = {
-        index: [m.extent for x in loaded[index].result.reports for m in x.motions]
-        for index, _ in _used(loaded)
-        if tasks[index].segments is None
-    }
-    absurd = absurd_extent([max(own) for own in extents.values()])
-    for index, own in list(extents.items()):
-        if max(own) > absurd:
-            what = cutting.far_moving("its joints move", max(own), absurd)
-            reason = (
-                f"beside the other recordings' motions, {what}; choose the joints, or give "
-                "a table of segments if these movements are motions"
-            )
-            loaded[index] = Loaded.refused(tasks[index].name, reason)
-            del extents[index]
-    if not extents:
-        return
-    least = least_extent_of_set([x for own in extents.values() for x in own if x <= absurd])
-    for index, recording in _used(loaded):
-        if min(extents.get(index, [np.inf])) <= least:
-            _cut_again(tasks[index], recording, loaded, index, least)
-
-
-def put_on_one_turn(results: list[RecordingSet], joint: str) -> None:
-    """Shift motions by full turns of a continuous joint, so that their starts are near each other.
-
-    Drivers report angles from -pi to pi, or from 0 after a restart.
-    """
-    places = [
-        (index, k, motion)
-        for index, one in enumerate(results)
-        for k, motion in enumerate(one.demonstrations)
-        if joint in motion.joint_names
+def _with_extent_of_set(loaded: Sequence[Loaded]) -> list[Loaded]:
+    """Recordings cut again by the extents of all: some movements are rest beside the others."""
+    extents = [
+        [m.extent for report in one.result.reports for m in report.motions]
+        if one.task.segments is None
+        else []
+        for one in loaded
     ]
-    starts = np.array([m.positions[0, m.joint_names.index(joint)] for _, _, m in places])
-    for (index, k, motion), turns in zip(places, full_turns(starts), strict=True):
+    every = [x for own in extents for x in own]
+    least = least_extent_of_set(every) if every else 0.0
+    return [
+        one
+        if one.recording is None or min(own, default=np.inf) > least
+        else cut_one(one.task, one.recording, least)
+        for one, own in zip(loaded, extents, strict=True)
+    ]
+
+
+def on_one_turn(recordings: RecordingSet, joint: str) -> RecordingSet:
+    """Recordings whose motions are shifted by full turns of a continuous joint.
+
+    Their starts are near each other then. Drivers report angles from -pi to pi, or from 0 after a
+    restart.
+    """
+    motions = list(recordings.demonstrations)
+    turning = [k for k, motion in enumerate(motions) if joint in motion.joint_names]
+    columns = [motions[k].joint_names.index(joint) for k in turning]
+    starts = [motions[k].positions[0, column] for k, column in zip(turning, columns, strict=True)]
+    counts = Counter[str]()
+    for k, column, turns in zip(turning, columns, full_turns(np.array(starts)), strict=True):
         if turns:
-            motions = list(results[index].demonstrations)
-            positions = motion.positions.copy()
-            positions[:, motion.joint_names.index(joint)] += 2.0 * np.pi * turns
-            motions[k] = replace(motion, positions=positions)
-            reports = [
-                replace(x, repairs={**x.repairs, "turns": x.repairs.get("turns", 0) + 1})
-                for x in results[index].reports
-            ]
-            results[index] = replace(results[index], demonstrations=motions, reports=reports)
+            positions = motions[k].positions.copy()
+            positions[:, column] += 2.0 * np.pi * turns
+            motions[k] = replace(motions[k], positions=positions)
+            counts[motions[k].recording] += 1
+    reports = tuple(
+        replace(x, repairs=dict(Counter(x.repairs) + Counter(turns=counts[x.name])))
+        for x in recordings.reports
+    )
+    return replace(recordings, demonstrations=tuple(motions), reports=reports)
 
 
 def full_turns(angles: NDArray[np.float64]) -> list[int]:

@@ -19,7 +19,7 @@ from ..renaming import Rename, check_rename
 from . import bags
 from .bags import Bag, Topic
 from .continuity import LARGEST_ANGLE
-from .joint_states import JointStates, joined
+from .joint_states import JointStates
 from .recording import Recording
 from .recording_set import NORMALISED
 from .repair import repair
@@ -204,7 +204,7 @@ def together(states: Sequence[JointStates]) -> JointStates:
                 f"{quote_names(both)}: rename some, as by --rename '{following.topic}/*=second_*'"
             )
         topic = f"{whole.topic},{following.topic}"
-        whole = replace(joined(whole, following), topic=topic)
+        whole = replace(whole.followed_by(following), topic=topic)
     return whole
 
 

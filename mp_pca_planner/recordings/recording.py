@@ -18,7 +18,6 @@ MIN_SAMPLES = 10
 REPAIRS = {
     "malformed": "message dropped: not one position for each name, or a name listed twice",
     "missing_joints": "message dropped: it lacks a chosen joint (another publisher's, for example)",
-    "reordered": "message that lists the joints in another order than the first: taken by name",
     "non_finite": "message dropped: a position of a chosen joint is NaN, infinite or absurd",
     "unstamped": "message dropped: no header stamp, while most have one",
     "stray_stamps": "message dropped: its stamp is far from those before and after it",
@@ -118,8 +117,6 @@ class Recording:
         Residual of each marker; empty unless markers were recorded.
     checksum : str
         SHA-256 of the stored bytes.
-    seconds : float
-        Time that it took to read it [s].
     """
 
     joint_names: tuple[str, ...]
@@ -136,7 +133,6 @@ class Recording:
     episodes: tuple[tuple[float, int | str], ...] = ()
     marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
     checksum: str = ""
-    seconds: float = 0.0
 
     @property
     def duration(self) -> float:

@@ -9,8 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, listed
 from .demonstration import Demonstration
@@ -27,6 +25,18 @@ NORMALISED = (
     "not degrees, leave out --degrees and pass --scale CALIBRATION.json or JOINT=FACTOR"
 )
 """The note on a dataset whose values may be no degrees."""
+
+ABSURD = (
+    f"rad (or m), and over {ABSURD_EXTENT:g} is absurd: choose the joints (--joints, joints=), or "
+    "convert degrees (--degrees, degrees=True)"
+)
+"""The end of the note on a joint that moves absurdly far."""
+
+FACTS = (
+    *("topic", "n_messages", "rate", "duration", "joint_names", "checksum", "repairs"),
+    "marker_residuals",
+)
+"""What a report says of a recording as it is."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +118,6 @@ class RecordingReport:
         The recording in few samples, on request.
     marker_residuals : dict
         Residual of each marker; empty unless markers were recorded.
-    seconds : float
-        Time that it took to read it [s].
     """
 
     name: str
@@ -127,7 +135,6 @@ class RecordingReport:
     notes: tuple[str, ...]
     overview: Overview | None = None
     marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
-    seconds: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True)
@@ -225,16 +232,12 @@ class RecordingSet:
     @property
     def unit_warning(self) -> str:
         """A sentence on joints that seem to be in other units; empty if none do."""
-        for motion in self.demonstrations:
-            ranges = np.ptp(motion.positions, axis=0)
-            if ranges.max() > ABSURD_EXTENT:
-                return (
-                    f"joint '{motion.joint_names[ranges.argmax()]}' moves over {ranges.max():.3g} "
-                    f"rad (or m) in '{motion.recording}', and over {ABSURD_EXTENT:g} is absurd: "
-                    "degrees=True converts degrees, joints=[…] chooses the joints"
-                )
-        doubtful = [one.name for one in self.reports if NORMALISED in one.notes]
-        return f"{listed(doubtful, 3)}: {NORMALISED}" if doubtful else ""
+        doubtful: dict[str, list[str]] = {}
+        for one in self.reports:
+            for note in one.notes:
+                if note.endswith((NORMALISED, ABSURD)):
+                    doubtful.setdefault(note, []).append(one.name)
+        return "; ".join(f"{listed(names, 3)}: {note}" for note, names in doubtful.items())
 
     def require_motion(self) -> None:
         """Raise a RecordingError, with the first reason, if no recording holds a motion."""

@@ -19,21 +19,18 @@ from ..arrays import FloatArray, unique_names
 from ..exceptions import RecordingError, UnusableRecordingError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
 from .continuity import (
-    NOISE_DEVIATIONS,
     count,
     cut_at_gaps,
     cut_at_jumps,
     long_pieces,
     longest_gap,
     median_period,
-    noise_deviation,
     refuse_degrees,
     unwrap,
 )
 from .copies import fingerprint
 from .joint_states import NS_PER_S, IntArray, JointStates, Names
 from .recording import MIN_SAMPLES, Recording, Samples
-from .velocities import velocity_notes
 
 Counts = dict[str, int]
 
@@ -47,12 +44,9 @@ _MAX_CLOCK_STEPS = 100
 # A longer time between two messages is that of a clock that was set forward [s].
 _LONGEST_PAUSE = 86_400.0
 # A second publisher is present if more than this share of the messages, and more than this number,
-# contradict others.
+# contradict others of the same stamp.
 _MAX_CONFLICTS = 0.01
 _MIN_CONFLICTS = 10
-# A late message contradicts the others if it is farther than this from their positions at its time
-# [rad or m].
-_CONFLICT = 0.01
 # A publisher of zeros is present from this number of changes between zeros and positions on.
 _MIN_ALTERNATIONS = 10
 # Positions beside zeros are another publisher's if they exceed this [rad or m].
@@ -85,18 +79,18 @@ def repair(
     counts: Counter[str] = Counter(malformed=states.n_malformed)
     notes = list(states.notes)
     try:
-        names = choose_joints(states.layouts, states.topic, joints)
+        names = choose_joints(states, joints)
         if joints is None and (others := [x for x in states.joint_names if x not in names]):
             notes.append(f"joints left out, as not every message has them: {quote_names(others)}")
         rows, positions, done = take_joints(states, names, max_gap)
         counts.update(done)
-        if not states.listing(names).any():
+        if not states.listed[rows[0], states.columns(names)].all():
             notes.append(
                 "no message lists all of the joints: those of several publishers are joined by "
                 "interpolation in time"
             )
         stamps, of_clock = choose_clock(states, rows)
-        notes += [*of_clock, *velocity_notes(states, names, rows, stamps)]
+        notes += of_clock
         first = int(stamps[np.argmax(stamps > 0)])
         stamps, positions, done = drop_unusable(stamps, positions, names)
         counts.update(done)
@@ -127,7 +121,7 @@ def repair(
         sample_rate=1.0 / period / n_averaged,
         still_joints=still,
         fingerprint=fingerprint(samples.positions, names),
-        **_facts(states, counts, [*notes, *_cut_off_notes(pieces)]),
+        **_facts(states, counts, notes),
     )
 
 
@@ -152,17 +146,8 @@ def refuse_few(times: NDArray[Any]) -> None:
         )
 
 
-def choose_joints(listed: Sequence[Names], topic: str, joints: Sequence[str] | None) -> Names:
+def choose_joints(states: JointStates, joints: Sequence[str] | None) -> Names:
     """Choose the joints to take: the requested ones, else those that all messages list.
-
-    Parameters
-    ----------
-    listed :
-        Different lists of joints in messages.
-    topic :
-        Name of the topic.
-    joints :
-        Requested names.
 
     Raises
     ------
@@ -170,34 +155,42 @@ def choose_joints(listed: Sequence[Names], topic: str, joints: Sequence[str] | N
         If there is no message, a name is unknown, no joint is in every message, or the joints
         are more than are accepted.
     """
-    if not listed:
-        raise RecordingError(f"there is no well-formed message on '{topic}'")
+    if not states.header_stamps.size:
+        raise RecordingError(f"there is no well-formed message on '{states.topic}'")
     if joints is None:
-        names = _common_joints(listed, topic)
+        names = _common_joints(states)
     else:
-        known = list(dict.fromkeys(name for layout in listed for name in layout))
         names = unique_names(joints, "chosen joints", RecordingError)
         for name in names:
-            if name not in known:
-                raise RecordingError(unknown_name("joint", name, known))
+            if name not in states.joint_names:
+                raise RecordingError(unknown_name("joint", name, states.joint_names))
     if len(names) > INPUT_LIMITS.joints:
         raise RecordingError(
-            f"{len(names)} joints of '{topic}' are more than the {INPUT_LIMITS.joints} accepted: "
-            "choose some of them"
+            f"{len(names)} joints of '{states.topic}' are more than the {INPUT_LIMITS.joints} "
+            "accepted: choose some of them"
         )
     return names
 
 
-def _common_joints(listed: Sequence[Names], topic: str) -> Names:
-    listed = [names for names in listed if names] or listed  # some publishers send empty messages
-    common = set.intersection(*map(set, listed))
-    if not common:
-        choices = "; ".join(quote_names(names) for names in listed[:10])
+def _common_joints(states: JointStates) -> Names:
+    listed = states.listed[states.listed.any(axis=1)]  # some publishers send empty messages
+    common = listed.all(axis=0)
+    if not (listed.size and common.any()):
+        several, _ = _publishers(states)
+        choices = "; ".join(quote_names(names) for names in several[:10])
         raise RecordingError(
-            f"no joint is in every message of '{topic}': choose the joints, of one publisher or of "
-            f"several, from {choices}"
+            f"no joint is in every message of '{states.topic}': choose the joints, of one "
+            f"publisher or of several, from {choices}"
         )
-    return tuple(name for name in listed[0] if name in common)
+    return tuple(np.array(states.joint_names, dtype=object)[common])
+
+
+def _publishers(states: JointStates) -> tuple[list[Names], IntArray]:
+    """The different lists of joints in messages, and which of them each message has."""
+    lists, first, which = np.unique(states.listed, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    names = np.array(states.joint_names, dtype=object)
+    return [tuple(names[lists[i]]) for i in order], np.argsort(order)[which.ravel()]
 
 
 def take_joints(
@@ -213,19 +206,17 @@ def take_joints(
     RecordingError
         If no message lists them all, and publishers can't be joined.
     """
-    rows = np.flatnonzero(states.listing(names))
     columns = states.columns(names)
+    rows = np.flatnonzero(states.listed[:, columns].all(axis=1))
     if rows.size:
-        orders = [[x for x in layout if x in names] for layout in states.layouts]
-        first = orders[states.layout_of[rows[0]]]
-        n_reordered = count(np.array([x != first for x in orders])[states.layout_of[rows]])
-        counts = {"reordered": n_reordered, "missing_joints": states.layout_of.size - rows.size}
-        return rows, states.positions[rows][:, columns], counts
-    sizes = np.bincount(states.layout_of, minlength=len(states.layouts))
+        n_missing = states.header_stamps.size - rows.size
+        return rows, states.positions[rows][:, columns], {"missing_joints": n_missing}
+    publishers, publisher_of = _publishers(states)
+    sizes = np.bincount(publisher_of)
     by_size = np.argsort(-sizes, kind="stable").tolist()
-    sources = [next(k for k in by_size if name in states.layouts[k]) for name in names]
+    sources = [next(k for k in by_size if name in publishers[k]) for name in names]
     base = max(sources, key=lambda source: int(sizes[source]))
-    rows_of = {source: np.flatnonzero(states.layout_of == source) for source in sources}
+    rows_of = {source: np.flatnonzero(publisher_of == source) for source in sources}
     stamps = states.header_stamps
     if any(x[0] <= 0 or (x[1:] < x[:-1]).any() for x in map(stamps.__getitem__, rows_of.values())):
         stamps = states.receive_stamps
@@ -344,17 +335,12 @@ def order_by_time(
         Stamp of the recording's first message [ns].
     max_gap :
         See :func:`repair`.
-
-    Raises
-    ------
-    RecordingError
-        If too many late messages contradict those in order.
     """
     gap = round(longest_gap(median_period(stamps) / NS_PER_S, max_gap) * NS_PER_S)
-    # A single wrong stamp between good ones would fake two jumps.
+    # A single wrong stamp would fake two jumps.
     far = np.abs(np.diff(stamps)) > gap
     stray = np.zeros(stamps.size, dtype=bool)
-    stray[1:-1] = far[:-1] & far[1:] & (np.abs(stamps[2:] - stamps[:-2]) <= gap)
+    stray[1:-1] = far[:-1] & far[1:]
     stamps, positions = stamps[~stray], positions[~stray]
     refuse_few(stamps)
     forward = np.flatnonzero(np.diff(stamps) > _LONGEST_PAUSE * NS_PER_S) + 1
@@ -372,9 +358,7 @@ def order_by_time(
             start = int(times[-1][-1]) + gap + 1 - int(own.min())
         times.append(own[order] + start)
         rows.append(part[order])
-    received = np.concatenate(rows)
-    samples = Samples(np.concatenate(times) / NS_PER_S, positions[received])
-    _refuse_late_contradictions(samples, received)
+    samples = Samples(np.concatenate(times) / NS_PER_S, positions[np.concatenate(rows)])
     counts = {"stray_stamps": count(stray), "clock_jumps": jumps.size, "out_of_order": n_late}
     return samples, counts
 
@@ -398,33 +382,6 @@ def _set_back(stamps: IntArray, gap: int) -> IntArray:
     return np.flatnonzero(jumps) + 1
 
 
-def _refuse_late_contradictions(samples: Samples, received: IntArray) -> None:
-    """Reject late messages whose positions differ from those of the messages in order.
-
-    Two publishers whose stamps differ by their delays cause such messages. Late messages of a
-    single publisher agree with the others.
-    """
-    times, positions = samples.times, samples.positions
-    earliest_behind = np.minimum.accumulate(received[::-1])[::-1]
-    late = np.append(received[:-1] > earliest_behind[1:], False)
-    if count(late) <= _MIN_CONFLICTS:
-        return
-    on_time = times[~late]
-    differs = np.zeros(count(late), dtype=bool)
-    for position in positions.T:
-        expected = np.interp(times[late], on_time, position[~late])
-        error = np.abs(position[late] - expected)
-        error = np.abs(error - 2.0 * np.pi * np.round(error / (2.0 * np.pi)))
-        noise = noise_deviation(position[~late])
-        differs |= error > max(_CONFLICT, NOISE_DEVIATIONS * noise)
-    # Zeros between positions are a second publisher's, too, but they can be dropped.
-    differs &= np.any(positions[late] != 0.0, axis=1)
-    # Where a block of messages is late, no message in order is near enough to compare with.
-    behind = np.clip(np.searchsorted(on_time, times[late]), 1, on_time.size - 1)
-    differs &= on_time[behind] - on_time[behind - 1] <= 3 * np.median(np.diff(on_time))
-    _refuse_conflicts(differs, times.size, "those that came before them")
-
-
 def drop_equal_stamps(samples: Samples) -> tuple[Samples, Counts]:
     """Keep one sample for each stamp: the first received, but none of zeros beside others.
 
@@ -443,19 +400,16 @@ def drop_equal_stamps(samples: Samples) -> tuple[Samples, Counts]:
     same_stamp = np.flatnonzero(np.diff(times) == 0.0) + 1
     sample, before = order[same_stamp], order[same_stamp - 1]
     differs = np.any(positions[sample] != positions[before], axis=1)
-    _refuse_conflicts(differs & ~zero[sample], zero.size, "another one with the same stamp")
+    n_conflicts = count(differs & ~zero[sample])
+    if n_conflicts > max(_MIN_CONFLICTS, _MAX_CONFLICTS * zero.size):
+        raise RecordingError(
+            f"{n_conflicts} messages contradict another one with the same stamp: two publishers "
+            "of the same joints, or a clock with coarse steps; record one publisher, with fine "
+            "stamps"
+        )
     kept = np.delete(order, same_stamp)
     counts = {"contradicting": count(differs), "repeated_stamps": count(~differs)}
     return Samples(times[kept], positions[kept]), counts
-
-
-def _refuse_conflicts(conflicts: NDArray[np.bool_], n_messages: int, what: str) -> None:
-    n_conflicts = count(conflicts)
-    if n_conflicts > max(_MIN_CONFLICTS, _MAX_CONFLICTS * n_messages):
-        raise RecordingError(
-            f"{n_conflicts} messages contradict {what}: two publishers of the same joints, or a "
-            "clock with coarse steps; record one publisher, with fine stamps"
-        )
 
 
 def drop_zeros(samples: Samples) -> tuple[Samples, Counts]:
@@ -499,24 +453,3 @@ def still_joints(names: Names, pieces: Sequence[Samples]) -> Names:
         )
     moved = zip(names, high - low, strict=True)
     return tuple(name for name, distance in moved if distance < _MIN_TRAVEL)
-
-
-def _cut_off_notes(pieces: Sequence[Samples]) -> list[str]:
-    """Notes on motions that are cut off at an end."""
-    speeds = [_window_speeds(piece) for piece in pieces]
-    # At a fifth of the highest speed a joint is within its motion.
-    fast = 0.2 * max(float(speed.max()) for speed in speeds)
-    return [
-        f"the recording {what} in a motion, which may be cut off there"
-        for speed, what in ((speeds[0][0], "begins"), (speeds[-1][-1], "ends"))
-        if speed > fast
-    ]
-
-
-def _window_speeds(piece: Samples) -> FloatArray:
-    """Norm of the joint speeds over windows of about 0.1 s, in order of time [/s]."""
-    n_windows = max(1, round((piece.times[-1] - piece.times[0]) / 0.1))
-    edges = np.linspace(0, piece.times.size - 1, min(n_windows, piece.times.size - 1) + 1)
-    marks = edges.round().astype(np.int64)
-    distance = np.linalg.norm(np.diff(piece.positions[marks], axis=0), axis=1)
-    return np.asarray(distance / np.diff(piece.times[marks]), dtype=np.float64)

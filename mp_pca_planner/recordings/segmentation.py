@@ -129,8 +129,6 @@ _SET_RATIO = 0.05
 _NOISE_EXTENTS = 8.0
 # The speed of means over this time shows no flicker of encoders at rest [s].
 _FLICKER_TIME = 0.2
-# See `ABSURD_EXTENT`.
-_ABSURD_FACTOR = 20.0
 
 MOVING_RATIO = 0.15
 """A motion has a peak over this share of the recording's usual peak speed."""
@@ -139,8 +137,7 @@ MIN_EXTENT = 0.035
 """A motion covers more than this [rad or m]; an arm that is held still sways by two degrees."""
 
 ABSURD_EXTENT = 12.0
-"""Motions over more than this [rad or m], and more than 20 times the usual largest extent of a
-recording, are absurd, such as those of angles in degrees."""
+"""Motions of a joint over more than this [rad or m] are absurd, such as those of degrees."""
 
 
 CUTS = ("valleys", "rests")
@@ -226,12 +223,6 @@ def least_extent(pieces: Sequence[Samples]) -> float:
 def least_extent_of_set(extents: Sequence[float]) -> float:
     """Smallest extent of a motion, by the extents of the motions of all recordings [rad or m]."""
     return _SET_RATIO * _usual_peak(np.asarray(extents))
-
-
-def absurd_extent(extents: Sequence[float]) -> float:
-    """Extent of absurdly large motions, by the largest extent of each recording [rad or m]."""
-    usual = float(np.percentile(extents, 50, method="lower")) if len(extents) else 0.0
-    return max(ABSURD_EXTENT, _ABSURD_FACTOR * usual)
 
 
 def _noise(pieces: Sequence[Samples]) -> FloatArray:

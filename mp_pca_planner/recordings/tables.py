@@ -547,4 +547,5 @@ def _joint_states(
         )
     # A stamp of 0 would mean that it is not set.
     stamps = np.rint((times - times.min()) * NS_PER_S).astype(np.int64) + NS_PER_S
-    return JointStates.of_arrays(topic, names, stamps, stamps, positions, notes)
+    listed = np.ones(positions.shape, dtype=bool)
+    return JointStates(topic, names, stamps, stamps, positions, listed, notes=notes)

@@ -22,7 +22,7 @@ from ..recordings import cutting
 from ..recordings.bags import choose_topic, from_cdr, open_bag, to_cdr, write_stored_states
 from ..recordings.bags.bag import damage_reported
 from ..recordings.demonstration import Demonstration
-from ..recordings.joint_states import collect_joint_states, joined
+from ..recordings.joint_states import collect_joint_states
 from ..recordings.recording import Recording
 from ..recordings.segmentation import SegmentationOptions, extent
 from ..robot.model import Robot
@@ -315,7 +315,7 @@ class TeachingSession:
         if new:
             with reading("the joint states", RecordingError):
                 states = ((stamp, from_cdr(data)) for stamp, data in new)
-                self._states = joined(self._states, collect_joint_states(self._topic, states))
+                self._states = self._states.followed_by(collect_joint_states(self._topic, states))
             self._messages += new
 
     def _write_recording(self) -> None:

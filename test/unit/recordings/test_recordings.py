@@ -71,7 +71,7 @@ def test_report_says_what_was_found(tmp_path: Path, bag_format: str) -> None:
     assert report.repairs == {"repeated_stamps": 1}
     assert len(report.motions) == 2
     assert 0.0 < report.thresholds.rest < report.thresholds.moving
-    assert len(report.notes) == 1 and "hold no velocities" in report.notes[0]
+    assert report.notes == ()
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,6 @@ def test_a_motion_of_which_the_recording_lacks_an_end_is_left_out(tmp_path: Path
     (both,), (one,) = loaded.reports, loaded.refused
     assert [len(both.motions), both.repairs] == [1, {"cut_off": 1}]
     assert both.motions[0].start == pytest.approx(1.5, abs=0.12)
-    assert "the recording begins in a motion, which may be cut off there" in both.notes
     assert one.recording == "one" and "--segment none" in one.reason
     (report,) = load_recordings([tmp_path / "one"], segment="none").reports
     assert len(report.motions) == 1
@@ -267,8 +266,7 @@ def test_copies_in_other_forms_and_parts_count_once(tmp_path: Path) -> None:
     loaded = load_recordings([tmp_path])
     assert [report.name for report in loaded.reports] == ["first", "same_task"]
     reasons = {refusal.recording: refusal.reason for refusal in loaded.refused}
-    assert reasons.pop("same_file") == "it is a copy of 'first', which is used"
-    assert reasons.keys() == {"later", "a_part", "swapped"}
+    assert reasons.keys() == {"same_file", "later", "a_part", "swapped"}
     assert "a part of another recording" in reasons["a_part"]
     assert all("also in 'first', which is used" in reason for reason in reasons.values())
 
@@ -279,7 +277,7 @@ def test_small_motions_are_left_out_with_a_note(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "x", "mcap", stamped(positions))
     (report,) = load_recordings([path]).reports
     assert len(report.motions) == 2
-    assert report.notes[1:] == (
+    assert report.notes == (
         "1 motions over less than 10% of the extent of the largest are left out",
     )
 
