@@ -24,14 +24,12 @@ loader = pytest.importorskip(
 )
 PANDA = "panda_description/urdf/panda.urdf"
 FOLDER = Path(loader.getModelPath(PANDA))
-ARMS = """
-    TwoDofs anymal-kinova b1-z1 baxter bluevolta_bravo7_gripper bluevolta_bravo7_no_ee
-    borinot_flying_arm_2 bravo7_gripper bravo7_no_ee double_pendulum double_pendulum_continuous
-    double_pendulum_simple falcon_bravo7_gripper falcon_bravo7_no_ee finger_edu
-    hextilt_flying_arm_5 kinova panda panda_collision pr2 so100 so101 talos_left_arm tiago
-    tiago_no_hand ur10_joint_limited_robot ur10_robot ur3_gripper ur3_joint_limited_robot ur3_robot
-    ur5_gripper ur5_joint_limited_robot ur5_robot xarm7 z1
-"""  # every file of example-robot-data with an arm, but for those of humanoids
+# Files of example-robot-data with an arm, of each kind.
+ARMS = [
+    *("TwoDofs", "anymal-kinova", "baxter", "bluevolta_bravo7_gripper", "borinot_flying_arm_2"),
+    *("double_pendulum_continuous", "finger_edu", "hextilt_flying_arm_5", "pr2", "tiago"),
+    *("talos_left_arm", "ur5_gripper", "ur5_joint_limited_robot"),
+]
 MOVABLE = ("revolute", "continuous", "prismatic")
 TOUCHING = 1e-6
 
@@ -104,48 +102,28 @@ def checked(model):
     return Counter(map(frozenset, model.pairs))
 
 
-def assert_pairs_are_expected(path, joint_names=None):
-    folders = package_folders([], path)
-    robot = Robot.from_file(path, joint_names)
+def example(name):
+    """A file, and the joints that move: those of an example, whose gripper is locked."""
+    if name == "human_arm":
+        return config_file("human_arm.urdf"), JOINTS
+    if name in EXAMPLE_ROBOTS:
+        return example_file(name)
+    (path,) = FOLDER.glob(f"**/{name}.urdf")
+    return path, None
+
+
+@pytest.mark.parametrize("name", [*EXAMPLE_ROBOTS, *ARMS])
+def test_pairs_of_every_arm_are_the_expected_ones(name):
+    path, joints = example(name)
+    folders, robot = package_folders([], path), Robot.from_file(path, joints)
     actual = checked(CollisionModel(robot, package_dirs=folders))
     assert actual == expected_pairs(path, robot.joint_names, [str(x) for x in folders])
-    return actual
+    if name == "kinova":  # lost once
+        for links in (("link_3", "link_finger_1"), ("link_4", "link_finger_tip_1")):
+            assert frozenset(f"j2s6s200_{name}" for name in links) in actual
 
 
-def test_pairs_of_the_human_arm_are_the_expected_ones():
-    assert assert_pairs_are_expected(config_file("human_arm.urdf"), JOINTS)
-
-
-@pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
-def test_pairs_of_arms_with_their_grippers_locked_are_the_expected_ones(name):
-    path, joints = example_file(name)
-    assert assert_pairs_are_expected(path, joints)
-
-
-@pytest.mark.parametrize("arm", ARMS.split())
-def test_pairs_of_every_arm_are_the_expected_ones(arm):
-    (path,) = FOLDER.glob(f"**/{arm}.urdf")
-    assert_pairs_are_expected(path)
-
-
-def test_pairs_that_were_lost_on_panda_and_kinova_are_checked():
-    pairs = assert_pairs_are_expected(FOLDER / PANDA)
-    assert frozenset(("panda_link5", "panda_leftfinger")) in pairs
-    path, joints = example_file("kinova")
-    pairs = assert_pairs_are_expected(path, joints)
-    for links in (("link_3", "link_finger_1"), ("link_4", "link_finger_tip_1")):
-        assert frozenset(f"j2s6s200_{name}" for name in links) in pairs
-
-
-@pytest.mark.parametrize(
-    ("arm", "srdf"),
-    [
-        ("panda", "panda"),
-        ("xarm7", "xarm7"),
-        ("ur5_robot", "ur5"),
-        ("bravo7_no_ee", "bravo7_no_ee"),
-    ],
-)
+@pytest.mark.parametrize(("arm", "srdf"), [("panda", "panda"), ("ur5_robot", "ur5")])
 def test_an_srdf_disables_the_pairs_it_names_and_no_others(arm, srdf):
     (path,), (file,) = FOLDER.glob(f"**/{arm}.urdf"), FOLDER.glob(f"**/{srdf}.srdf")
     pairs = ET.parse(file).getroot().iter("disable_collisions")

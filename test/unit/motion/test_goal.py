@@ -1,23 +1,25 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is asked of the planner is complete and finite, or refused by name."""
+"""States and goals from arrays, dicts, poses and lists of them, complete and finite."""
 
 import re
-from typing import Any
 
 import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.motion.goal import (
+    JointGoal,
+    JointState,
+    Pose,
+    PoseGoal,
+    SequenceGoal,
+    as_goal,
+    as_state,
+)
 
-HERE = JointState(("a", "b"), [0.0, 1.0])
-
-
-def test_quaternion_is_made_of_length_one() -> None:
-    pose = Pose("hand", [0, 0, 1], [0, 0, 0, 1.0005])
-    assert pose.orientation is not None
-    assert np.linalg.norm(pose.orientation) == pytest.approx(1.0, abs=1e-15)
+JOINTS = ("a", "b")
+HERE = JointState(JOINTS, [0.0, 1.0])
 
 
 @pytest.mark.parametrize(
@@ -31,20 +33,48 @@ def test_quaternion_is_made_of_length_one() -> None:
         (lambda: PoseGoal(Pose("hand", [0, 0, 0]), duration=np.nan), "nan"),
         (lambda: Pose("hand", [0, 0, np.inf]), "position of a pose"),
         (lambda: Pose("hand", [0, 0, 0], [0, 0, 0, 2]), "length 2"),
-        (lambda: Pose("hand", [0, 0, 0], [0, 0, 0, 0]), "length 0"),
         (lambda: SequenceGoal(()), "at least one target"),
         (lambda: SequenceGoal((HERE, HERE), (1.0,)), "2 targets, got 1"),
         (lambda: SequenceGoal((HERE, HERE), (2.0, 1.0)), "1.0 after 2"),
         (lambda: SequenceGoal((HERE,), (np.inf,)), "inf"),
+        (lambda: SequenceGoal((HERE, HERE), stops=(True,)), "a stop for each of its 2 targets"),
+        (lambda: as_goal(JointGoal(HERE), JOINTS, 2.0), "has its own duration"),
+        (lambda: as_goal([[0.1, 0.2], [0.3]], JOINTS), "target 2 must be one position"),
+        (lambda: as_state([0.1], JOINTS, "the start"), "the start must be one position"),
+        (lambda: as_state(None, JOINTS, "the start"), "the start must be one position"),
+        (lambda: as_state({"a": "x"}, JOINTS, "the start"), "the start must be one position"),
+        (lambda: as_state([0, np.inf], JOINTS, "the start"), "the position of joint 'b' is inf"),
     ],
 )
-def test_nonsense_is_refused(make: Any, words: str) -> None:
+def test_bad_goals_are_rejected(make, words):
     with pytest.raises(GoalError, match=re.escape(words)):
         make()
 
 
-def test_sequence_says_of_each_target_whether_it_stops_there() -> None:
-    state = JointState(["a"], [0.0])
-    assert SequenceGoal((state, state)).stops == (False, False)
-    with pytest.raises(GoalError, match="a stop for each of its 2 targets, got 1"):
-        SequenceGoal((state, state), stops=(True,))
+@pytest.mark.parametrize("value", [[0.1, 0.2], np.array([0.1, 0.2]), {"a": 0.1, "b": 0.2}])
+def test_one_target_is_a_goal_with_its_duration(value):
+    goal = as_goal(value, JOINTS, 2.0)
+    assert isinstance(goal, JointGoal) and goal.duration == 2.0
+    assert goal.state.joint_names == JOINTS
+    assert [x.tolist() for x in goal.state.values] == [[0.1, 0.2], [0.0, 0.0], [0.0, 0.0]]
+    assert as_goal(goal, JOINTS) is goal
+
+
+def test_pose_is_a_pose_goal_with_a_quaternion_of_length_one():
+    pose = Pose("hand", [0.1, 0.2, 0.3], [0, 0, 0, 1.0005])
+    assert np.linalg.norm(pose.orientation) == pytest.approx(1.0, abs=1e-15)
+    goal = as_goal(pose, JOINTS)
+    assert isinstance(goal, PoseGoal) and (goal.pose, goal.duration) == (pose, None)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        [[0.1, 0.2], {"a": 0.3}, Pose("hand", [0.1, 0.2, 0.3])],
+        np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]]),
+    ],
+)
+def test_several_targets_are_a_sequence_that_ends_in_its_duration(value):
+    goal = as_goal(value, JOINTS, 3.0)
+    assert isinstance(goal, SequenceGoal) and len(goal.targets) == 3
+    assert (goal.times, goal.stops) == ((None, None, 3.0), (False, False, False))

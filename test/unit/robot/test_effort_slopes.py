@@ -1,53 +1,34 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of mp_pca_planner.robot.joints."""
-
-from pathlib import Path
+"""Bounds of the rates of change of efforts, against differences and a closed form."""
 
 import numpy as np
 import pytest
 from support.arm import arm_robot
+from support.chain import CHAIN, NAMES
 
+import mp_pca_planner as mp
 from mp_pca_planner.robot.model import Robot
 
-PRISMATIC = """<robot name="lift"><link name="base"/>
-<link name="column"><inertial><origin xyz="0 0 0.2"/><mass value="3"/>
-<inertia ixx="0.1" iyy="0.1" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="arm"><inertial><origin xyz="0.3 0 0"/><mass value="2"/>
-<inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0.01" ixz="0" iyz="0"/></inertial></link>
-<link name="slide"><inertial><origin xyz="0 0.1 0"/><mass value="1"/>
-<inertia ixx="0.02" iyy="0.03" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="hand"><inertial><origin xyz="0 0.1 0.1"/><mass value="0.5"/>
-<inertia ixx="0.002" iyy="0.003" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="up" type="prismatic"><parent link="base"/><child link="column"/>
-<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="100"/></joint>
-<joint name="turn" type="revolute"><parent link="column"/><child link="arm"/>
-<origin xyz="0 0 0.4"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" velocity="1" effort="100"/></joint>
-<joint name="out" type="prismatic"><parent link="arm"/><child link="slide"/>
-<origin xyz="0.5 0 0" rpy="0.3 0 0"/><axis xyz="1 0 0"/>
-<limit lower="-1" upper="1" velocity="1" effort="100"/></joint>
-<joint name="tip" type="revolute"><parent link="slide"/><child link="hand"/>
-<origin xyz="0.1 0 0" rpy="0 0.4 0"/><axis xyz="0 0 1"/>
-<limit lower="-3" upper="3" velocity="1" effort="100"/></joint></robot>"""
-
-
 DRIVE = {"armature": 0.3, "damping": 2.0, "friction": 0.5}
+# Two joints that slide, along z and along a tilted x, and two that turn.
+SLIDING = (
+    CHAIN.replace('"two" type="revolute"', '"two" type="prismatic"')
+    .replace('"three" type="revolute"', '"three" type="prismatic"')
+    .replace('<origin xyz="0.4 0 0"/>', '<origin xyz="0.4 0 0" rpy="0.3 1 0"/>')
+)
 ROBOTS = {
     "arm": arm_robot,
-    "prismatic joints": lambda: Robot(PRISMATIC),
-    "drives": lambda: Robot(PRISMATIC).with_drives({"turn": DRIVE, "out": DRIVE}),
+    "drives": lambda: Robot(SLIDING, NAMES).with_drives({"one": DRIVE, "three": DRIVE}),
+    "panda": lambda: mp.Robot.example("panda"),
 }
 
 
-@pytest.mark.parametrize("name", [*ROBOTS, "panda_description/urdf/panda.urdf"])
+@pytest.mark.parametrize("name", ROBOTS)
 def test_no_effort_changes_faster_than_its_bound(name):
-    if name in ROBOTS:
-        robot = ROBOTS[name]()
-    else:
-        loader = pytest.importorskip("example_robot_data.robots_loader")
-        robot = Robot.from_file(Path(loader.getModelPath(name)) / name)
-    random, step = np.random.default_rng(1), 1e-5
+    if name == "panda":
+        pytest.importorskip("example_robot_data.robots_loader")
+    robot, random, step = ROBOTS[name](), np.random.default_rng(1), 1e-5
     for size in (0.1, 1.0, 10.0):
         state = random.normal(size=(4, 500, robot.n_joints)) * [[[2.0]], *3 * [[[size]]]]
         later = [

@@ -12,33 +12,26 @@ from mp_pca_planner.robot.limits import JointLimits, given_limits, limits_file_n
 NAMES = ("a", "b")
 
 
-def write(path, text):
-    path.write_text(text)
-    return path
+@pytest.fixture
+def write(tmp_path):
+    def write(text):
+        (tmp_path / "limits.yaml").write_text(text)
+        return tmp_path / "limits.yaml"
+
+    return write
 
 
-def test_what_is_not_said_is_not_limited():
-    limits = JointLimits(NAMES, {"a": {"max_velocity": 2.0}})
-    assert limits.velocity.tolist() == [2.0, np.inf]
-    assert np.isinf([limits.lower, limits.upper, limits.jerk, limits.effort]).all()
-
-
-def test_later_layers_win_key_by_key():
-    urdf = {"a": {"max_velocity": 1.0, "max_effort": 5.0}}
-    merged = merge_limits(urdf, {"a": {"max_velocity": 0.5}}, {"b": {"max_jerk": 9.0}})
-    assert merged == {"a": {"max_velocity": 0.5, "max_effort": 5.0}, "b": {"max_jerk": 9.0}}
-    assert urdf == {"a": {"max_velocity": 1.0, "max_effort": 5.0}}
-
-
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
-def test_a_magnitude_that_is_not_positive_is_refused_by_joint(value):
-    with pytest.raises(LimitsError, match="max_effort of joint 'b'.*positive"):
-        JointLimits(NAMES, {"b": {"max_effort": value}})
-
-
-def test_an_empty_range_is_refused():
-    with pytest.raises(LimitsError, match="'a' range from 1 to 1"):
-        JointLimits(NAMES, {"a": {"min_position": 1.0, "max_position": 1.0}})
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"b": {"max_effort": 0.0}}, "max_effort of joint 'b'.*positive"),
+        ({"b": {"max_effort": np.nan}}, "max_effort of joint 'b'.*positive"),
+        ({"a": {"min_position": 1.0, "max_position": 1.0}}, "'a' range from 1 to 1"),
+    ],
+)
+def test_bad_limits_are_rejected_by_joint(limits, message):
+    with pytest.raises(LimitsError, match=message):
+        JointLimits(NAMES, limits)
 
 
 @pytest.mark.parametrize(
@@ -53,34 +46,33 @@ def test_an_empty_range_is_refused():
         "  a: {has_velocity_limits: true, max_velocity: 2.0}\n",
     ],
 )
-def test_limits_are_read_as_users_of_moveit_write_them(tmp_path, text):
-    path = write(tmp_path / "joint_limits.yaml", text)
+def test_limits_are_read_as_users_of_moveit_write_them(write, text):
+    path = write(text)
     assert given_limits(path, NAMES) == {"a": {"max_velocity": 2.0}}
     assert "default_velocity_scaling_factor 0.1 are not applied" in limits_file_note(path)
 
 
-def test_a_moveit_file_is_read_with_its_switches(tmp_path):
+def test_a_file_replaces_limits_key_by_key_and_switches_them_off(write):
     path = write(
-        tmp_path / "joint_limits.yaml",
         "joint_limits:\n"
         "  a: {has_velocity_limits: true, max_velocity: 2, has_acceleration_limits: false,\n"
         "      max_acceleration: 3.0, max_effort: 40.5}\n"
         # The Setup Assistant of MoveIt writes 0 where there is no limit.
         "  b: {has_position_limits: false, has_acceleration_limits: false, max_acceleration: 0}\n",
     )
-    limits = JointLimits(
-        NAMES, merge_limits({"b": {"min_position": 0.0}}, given_limits(path, NAMES))
-    )
+    stated = {"a": {"max_velocity": 1.0, "max_jerk": 9.0}, "b": {"min_position": 0.0}}
+    limits = JointLimits(NAMES, merge_limits(stated, given_limits(path, NAMES)))
     assert limits.velocity.tolist() == [2.0, np.inf]
     assert limits.acceleration.tolist() == [np.inf, np.inf]
+    assert limits.jerk.tolist() == [9.0, np.inf]
     assert limits.effort.tolist() == [40.5, np.inf]
     assert limits.lower.tolist() == [-np.inf, -np.inf]
     assert limits.unlimited == ("velocity", "acceleration", "jerk")
+    assert stated["a"]["max_velocity"] == 1.0
 
 
-def test_a_file_with_degrees_and_keys_of_pilz_is_read(tmp_path):
+def test_a_file_with_degrees_and_keys_of_pilz_is_read(write):
     path = write(
-        tmp_path / "limits.yaml",
         "joint_limits:\n  1: {max_velocity: !degrees 90, max_acceleration: 4.0,\n"
         "      has_deceleration_limits: true, max_deceleration: -3.0, k_position: 20}\n"
         "  b: {max_position: !radians 1.5, has_acceleration_limits: false}\n",
@@ -94,43 +86,27 @@ def test_a_file_with_degrees_and_keys_of_pilz_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "mapping 'joint_limits'"),
         ("joint_limits: [1]", "mapping 'joint_limits'"),
         ("joint_limits: {c: {max_velocity: 1}}", "no joint is called 'c'.*'a', 'b'"),
         ("joint_limits: {a: 3}", "joint 'a' must be a mapping"),
         ("joint_limits: {a: {damping: -1}}", "damping of joint 'a' must be a number from 0"),
         ("joint_limits: {a: {max_velocty: 1}}", "did you mean 'max_velocity'"),
-        ("joint_limits: {a: {max_velocity: fast}}", "'fast', not a number"),
         ("joint_limits: {a: {max_velocity: true}}", "not a number"),
-        ("joint_limits: {a: {max_velocity: -1}}", "must be a positive number"),
-        ("joint_limits: {a: {max_velocity: .nan}}", "must be a positive number"),
+        ("joint_limits: {a: {max_deceleration: x}}", "max_deceleration of joint 'a' is 'x'"),
         ("joint_limits: {a: {max_jerk: 1.0e-300}}", "must be a positive number from 1e-09 on"),
         ("joint_limits: {a: {has_velocity_limits: 1}}", "true or false"),
         ("joint_limits: {a: [", "can't be read"),
-        ("joint_limits: " + "[" * 100_000, "nest"),
         ("joint_limits: {a: &x {max_velocity: 1}, b: *x}", "aliases of YAML"),
-        ("joint_limits: !!python/object/apply:os.getcwd []", "can't be read"),
     ],
 )
-def test_a_faulty_file_is_refused_with_its_name_and_the_reason(tmp_path, text, message):
-    path = write(tmp_path / "limits.yaml", text)
+def test_a_faulty_file_is_rejected_with_its_name_and_the_reason(write, text, message):
     with pytest.raises(LimitsError, match=rf"limits\.yaml.*{message}"):
-        given_limits(path, NAMES)
+        given_limits(write(text), NAMES)
 
 
-def test_joints_of_limits_are_renamed(tmp_path):
-    path = write(tmp_path / "limits.yaml", "joint_limits: {left_elbow_joint: {max_velocity: 1.5}}")
-    robot = arm_robot()
-    rename = {"left_*_joint": "*"}
-    assert robot.limits(path, rename=rename).velocity[-1] == 1.5
-    with pytest.raises(
-        LimitsError, match="no joint is called 'left_elbow_joint'.*--rename OLD=NEW"
-    ):
-        robot.limits(path)
-
-
-def test_limits_of_a_robot_come_from_a_mapping_or_a_file(tmp_path):
-    path = tmp_path / "joint_limits.yaml"
-    path.write_text("joint_limits: {elbow: {max_velocity: 1.5, has_jerk_limits: false}}")
-    for given in (path, str(path), {"elbow": {"max_velocity": np.float64(1.5)}}):
-        assert arm_robot().limits(given).velocity[-1] == 1.5
+def test_joints_of_limits_are_renamed(write):
+    path = write("joint_limits: {left_elbow_joint: {max_velocity: 1.5}}")
+    assert arm_robot().limits(path, rename={"left_*_joint": "*"}).velocity[-1] == 1.5
+    message = "no joint is called 'left_elbow_joint'.*--rename OLD=NEW"
+    with pytest.raises(LimitsError, match=message):
+        arm_robot().limits(path)

@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joints that do not move are where they are said to be, and matter where they should."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -24,36 +21,27 @@ def link(name, mass=0.0, shape=False):
     return f'<link name="{name}">{content}</link>'
 
 
-def joint(name, parent, child, xyz, kind="revolute", axis="0 1 0", more=""):
+def joint(name, parent, child, xyz, kind="revolute", more="", lower=-2):
+    axis = "0 0 1" if name == "lift" else "0 1 0"
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
-        f'<limit lower="-2" upper="2" effort="99" velocity="9"/>{more}</joint>'
+        f'<limit lower="{lower}" upper="2" effort="99" velocity="9"/>{more}</joint>'
     )
 
 
+FOLLOWS = '<mimic joint="grip" multiplier="-2" offset="0.01"/>'
 URDF = f"""<robot name="r">
 {link("base")} {link("column", 5.0)} {link("upper", 2.0, True)} {link("fore", 1.0, True)}
-{link("finger", 0.5, True)} {link("other_finger", 0.5, True)} {link("tip", 0.1, True)} {
-    link("dial")
-}
-{link("wheel", 1.0, True)} {link("pan", 1.0)}
-{joint("lift", "base", "column", "0 0 0.5", "prismatic", "0 0 1")}
+{link("finger", 0.5, True)} {link("other", 0.5, True)} {link("tip", 0.1, True)} {link("dial")}
+{link("wheel", 1.0, True)} {link("pan", 1.0)} {link("stop")}
+{joint("lift", "base", "column", "0 0 0.5", "prismatic")}
 {joint("shoulder", "column", "upper", "0.2 0 0")} {joint("elbow", "upper", "fore", "0.4 0 0")}
 {joint("grip", "fore", "finger", "0.3 0 0", "prismatic")}
-{
-    joint(
-        "mimic",
-        "fore",
-        "other_finger",
-        "0.3 0 0",
-        "prismatic",
-        "0 1 0",
-        '<mimic joint="grip" multiplier="-2" offset="0.01"/>',
-    )
-}
+{joint("mimic", "fore", "other", "0.3 0 0", "prismatic", FOLLOWS)}
 {joint("swivel", "finger", "tip", "0.1 0 0")} {joint("dial", "fore", "dial", "0 0 0")}
 {joint("roll", "base", "wheel", "0 0.5 0.1", "continuous")} {joint("pan", "base", "pan", "0 -1 0")}
+{joint("stop", "base", "stop", "0 0 0", "prismatic", lower=0.25)}
 </robot>"""
 ARM = ("elbow", "shoulder")
 WHERE = {"lift": 0.3, "grip": 0.04, "swivel": 0.7, "roll": 1.0}
@@ -66,11 +54,12 @@ def test_locked_robot_is_the_whole_robot_with_the_other_joints_there():
     whole = Robot(URDF, (*(name for name in names if name != "dial"), "mimic"))
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 2))
     every = np.zeros((5, len(whole.joint_names)))
-    for name, position in {**WHERE, "mimic": -2.0 * 0.04 + 0.01}.items():
+    # One that is not mentioned stands as near to 0 as it can.
+    for name, position in {**WHERE, "mimic": -2.0 * 0.04 + 0.01, "stop": 0.25}.items():
         every[:, whole.joint_names.index(name)] = position
     moved = [whole.joint_names.index(name) for name in ARM]
     every[:, moved] = q
-    frames, origins = ["tip", "other_finger"], np.zeros((2, 6))
+    frames, origins = ["tip", "other", "stop"], np.zeros((3, 6))
     np.testing.assert_allclose(
         part.attached_poses(q, frames, origins), whole.attached_poses(every, frames, origins)
     )
@@ -92,10 +81,8 @@ def test_joint_matters_if_it_places_a_mass_a_shape_or_the_arm():
     carried = {"lift", "grip", "mimic", "swivel"}
     assert set(robot.relevant_joints(pairs=False)) == carried
     assert set(robot.relevant_joints(pairs=True)) == carried | {"roll"}
-    assert set(robot.relevant_joints(pairs=False, links=["dial", "pan"])) == {
-        *carried,
-        *("dial", "pan"),
-    }
+    needed = robot.relevant_joints(pairs=False, links=["dial", "pan"])
+    assert set(needed) == carried | {"dial", "pan"}
 
 
 def test_positions_that_were_given_are_known_with_those_that_follow_from_them():
@@ -103,8 +90,3 @@ def test_positions_that_were_given_are_known_with_those_that_follow_from_them():
     assert known == {**WHERE, "mimic": pytest.approx(-0.07)}
     assert Robot(URDF, ARM, locked={"mimic": 0.2}).locked_positions == {"mimic": 0.2}
     assert Robot(URDF, ("grip", *ARM)).locked_positions == {}
-
-
-def test_mimic_with_a_factor_that_is_no_number_is_refused():
-    with pytest.raises(RobotError, match="joint 'mimic': 'multiplier' of <mimic> is 'x'"):
-        Robot(URDF.replace('multiplier="-2"', 'multiplier="x"'))
