@@ -178,7 +178,8 @@ def as_list(values: Any, what: str, error: type[PlannerError]) -> list[Any]:
     PlannerError
         (as `error`) With what is needed, if the values are none.
     """
-    if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+    is_single = isinstance(values, str | bytes | Mapping) or getattr(values, "ndim", 1) == 0
+    if is_single or not isinstance(values, Iterable):
         raise error(f"{what}, got {shown(values)}")
     return list(values)
 

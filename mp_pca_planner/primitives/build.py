@@ -71,29 +71,15 @@ class PrimitiveOptions:
         if self.n_components is not None:
             check_number(self.n_components, "components", PrimitiveError, 1, is_whole=True)
         check_number(self.variance, "variance", PrimitiveError, 1e-9, 1.0)
-        check_number(
-            self.degree,
-            "degree (of which the ends take six conditions)",
-            PrimitiveError,
-            N_END_CONDITIONS,
-            MAX_DEGREE,
-            is_whole=True,
-        )
-        check_number(
-            self.n_phases,
-            "phases (at least twice the degree)",
-            PrimitiveError,
-            2 * self.degree,
-            10_000,
-            is_whole=True,
-        )
+        what, low = "degree (of which the ends take six conditions)", N_END_CONDITIONS
+        check_number(self.degree, what, PrimitiveError, low, MAX_DEGREE, is_whole=True)
+        what, low = "phases (at least twice the degree)", 2 * self.degree
+        check_number(self.n_phases, what, PrimitiveError, low, 10_000, is_whole=True)
         check_choice(self.align, "align", PrimitiveError, ALIGNMENTS)
 
 
 _DEFAULTS = PrimitiveOptions()
 
-# Options that are numbers of something, by their names in the metadata.
-_NUMBERS = ("components", "phases")
 # Arrays whose ends are faster than this share of their peak speed are cut while they move.
 _MAX_END_SPEED = 0.2
 # Motions of a smaller range [rad or m] are standstill with noise.
@@ -159,22 +145,16 @@ def demonstrations_of(
         raise PrimitiveError(
             "one array of shape (samples, joints) is one motion: give a list of motions, [array]"
         )
-    motions = as_list(
-        positions, "positions must be a list of arrays, one of each motion", PrimitiveError
-    )
-    meaning = "times must be the times of the samples [s]"
-    try:
-        is_shared = bool(np.isscalar(next(iter(times), 0.0)))  # type: ignore[arg-type]
-    except Exception:  # methods of others
+    what = "positions must be a list of arrays, one of each motion"
+    motions = as_list(positions, what, PrimitiveError)
+    what = "times must be the times of the samples [s], such as 0.01 * numpy.arange(n_samples)"
+    given_times = as_list(times, what, PrimitiveError)
+    if not given_times or np.ndim(given_times[0]) == 0:
+        given_times = [times] * len(motions)
+    if len(given_times) != len(motions):
         raise PrimitiveError(
-            f"{meaning}, got {shown(times)}: "
-            "times=0.01 * numpy.arange(n_samples) if they are 0.01 s apart"
-        ) from None
-    own_times = [times] * len(motions) if is_shared else as_list(times, meaning, PrimitiveError)
-    if len(own_times) != len(motions):
-        raise PrimitiveError(
-            f"there are {len(motions)} motions, but {len(own_times)} arrays of times: give one for "
-            "each, or one for all"
+            f"there are {len(motions)} motions, but {len(given_times)} arrays of times: give one "
+            "for each, or one for all"
         )
     if joint_names is not None:
         joint_names = unique_names(joint_names, "joint_names", PrimitiveError)
@@ -184,12 +164,9 @@ def demonstrations_of(
     if joint_names is None and motions:
         first = float_array(motions[0], "positions of 'motion 1'", RecordingError, is_copied=False)
         joint_names = [f"joint{j + 1}" for j in range(first.shape[-1] if first.ndim else 0)]
-    names = joint_names or ()
-    found = [
-        Demonstration.of_samples(names, t, q, f"motion {k}")
-        for k, (t, q) in enumerate(zip(own_times, motions, strict=True), start=1)
-    ]
-    for motion in found:
+    names, found, notes = joint_names or (), list[Demonstration](), list[str]()
+    for k, (t, q) in enumerate(zip(given_times, motions, strict=True), start=1):
+        motion = Demonstration.of_samples(names, t, q, f"motion {k}")
         extents = np.ptp(motion.positions, axis=0)
         if extents.max() > ABSURD_EXTENT:
             raise PrimitiveError(
@@ -197,12 +174,10 @@ def demonstrations_of(
                 f"{motion.recording}, and over {ABSURD_EXTENT:g} is absurd: positions must be in "
                 "radians (or m); numpy.deg2rad converts degrees"
             )
-    notes = [
-        other_unit_of_time(motion.recording, np.asarray(t, dtype=np.float64))
-        for motion, t in zip(found, own_times, strict=True)
-    ]
-    sentences = list(filter(None, notes))[:1]
-    return found, sentences + _moving_ends(found)
+        found.append(motion)
+        if not notes:
+            notes += filter(None, [other_unit_of_time(motion.recording, np.asarray(t, float))])
+    return found, notes + _moving_ends(found)
 
 
 def _has_columns(value: Any) -> bool:
@@ -224,10 +199,10 @@ def _joints_of(table: Any) -> list[str]:
 
 
 def _chosen_columns(table: Any, names: Sequence[str], k: int) -> FloatArray:
+    valid = list(table.columns)
     for name in names:
-        if name not in list(table.columns):
-            valid = [str(one) for one in table.columns]
-            raise PrimitiveError(f"motion {k}: {unknown_name('column', name, valid)}")
+        if name not in valid:
+            raise PrimitiveError(f"motion {k}: {unknown_name('column', name, map(str, valid))}")
     return np.column_stack([np.asarray(table[name]) for name in names])
 
 
@@ -275,16 +250,14 @@ def build_from_statistics(
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
     mean, directions, explained, total, weights, residual = fit_shapes(statistics, options)
-    stored = asdict(options)
-    for key in _NUMBERS:
-        stored[key] = stored.pop(f"n_{key}")
+    stored = {name.removeprefix("n_"): value for name, value in asdict(options).items()}
     left_out, straight = left_out_errors(statistics, options.n_phases)
     facts: dict[str, Any] = {
         "options": stored,
         "left_out_error": left_out,
         "minimum_jerk_error": straight,
         "angle_variance_ratio": angle_shares(statistics),
-        "demonstrations": [source.facts for source in statistics.sources],
+        "demonstrations": list(statistics.sources),
     }
     # The prediction is fitted to some of the motions, and knows the spread of all requests.
     some, rows = statistics.thinned(), directions.reshape(-1, mean.size)

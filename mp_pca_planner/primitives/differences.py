@@ -4,16 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..exceptions import PrimitiveError, quote_names
 from ..motion.interpolation import hermite_functions
-from ..recordings.demonstration import Demonstration
-from .primitive import MovementPrimitive
 from .timing import arc_length_warp, own_phases
+
+if TYPE_CHECKING:
+    from .primitive import MovementPrimitive
 
 FINE_PHASES = np.linspace(0.0, 1.0, 1001)
 """Evenly spaced shares of the duration at which motions are compared."""
@@ -45,23 +45,6 @@ def by_path_share(positions: FloatArray) -> FloatArray:
     """
     own = own_phases(arc_length_warp(positions), PHASES)
     return np.column_stack([np.interp(own, FINE_PHASES, x) for x in positions.T])
-
-
-def prediction_errors(primitive: MovementPrimitive, motions: Sequence[Demonstration]) -> FloatArray:
-    """Path errors of predicted motions, see :meth:`.MovementPrimitive.errors`."""
-    errors = []
-    for motion in motions:
-        if motion.joint_names != primitive.joint_names:
-            raise PrimitiveError(
-                f"a motion of '{motion.recording}' has the joints "
-                f"{quote_names(motion.joint_names)}, not those of primitive '{primitive.name}', "
-                f"{quote_names(primitive.joint_names)}, in this order"
-            )
-        truth = motion.time_normalised(FINE_PHASES.size)
-        start, goal = motion.positions[[0, -1]]
-        expected = expected_motion(primitive, start, goal, motion.duration)
-        errors.append(path_difference(expected, truth))
-    return np.array(errors)
 
 
 def minimum_jerk_motion(start: FloatArray, goal: FloatArray) -> FloatArray:

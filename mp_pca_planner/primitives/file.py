@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
@@ -116,11 +117,12 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
     except PrimitiveError as error:
         raise PrimitiveError(f"primitive file '{path}' is rejected: {error}") from None
     del metadata["checksum"]
-    of_model = [field.name for field in fields(ConditionalModel)]
-    model = ConditionalModel(**{name: arrays.pop(name) for name in of_model})
-    own = {name: arrays[name] for name in _ARRAYS if name in arrays}
     name, joint_names = metadata["name"], tuple(metadata["joint_names"])
-    return MovementPrimitive(name, joint_names, metadata["coupling"], metadata, **own, model=model)
+    model = ConditionalModel(**{x.name: arrays.pop(x.name) for x in fields(ConditionalModel)})
+    others = {key: arrays[key] for key in _ARRAYS if key in arrays}
+    return MovementPrimitive(
+        name, joint_names, metadata["coupling"], metadata, **others, model=model
+    )
 
 
 def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> str:
@@ -136,8 +138,7 @@ def checksum(arrays: Mapping[str, FloatArray], metadata: Mapping[str, Any]) -> s
 def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
     """Arrays and metadata of a file."""
     with open_regular(path) as file:
-        n_bytes = len(file.read(INPUT_LIMITS.primitive_bytes + 1))
-        file.seek(0)
+        n_bytes = os.fstat(file.fileno()).st_size
         try:
             content = np.load(file, allow_pickle=False)
         except (zipfile.BadZipFile, EOFError, ValueError):

@@ -66,36 +66,38 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> list[tupl
     if n_motions > _MAX_MOTIONS:
         chosen = np.linspace(0, n_motions - 1, _MAX_MOTIONS).round().astype(np.intp)
         statistics = statistics.chosen(chosen)
-    rows: dict[str, list[int]] = {}
-    for row, motion in enumerate(statistics.sources):
-        rows.setdefault(motion.recording, []).append(row)
+    recordings = np.array([motion["recording"] for motion in statistics.sources])
     ends = statistics.boundary_states[:, [0, 3]]
     curves = np.concatenate(
         [ends.transpose(0, 2, 1) / np.sqrt(2.0), statistics.shapes / np.sqrt(n_phases)], axis=2
     )
-    copies = _copies(curves, [motion.recording for motion in statistics.sources])
-    for name in copies:
-        del rows[name]
-    if len(rows) < _MIN_RECORDINGS:
-        return list(copies.items())
-    n_ends = 2 * len(statistics.joint_names)
-    models = _models(curves.reshape(len(curves), -1), list(rows.values()), _PRIOR / n_ends)
-    pairs = list(zip(rows.values(), models, strict=True))
-    table = np.array([_distances(curves[own], others) for own, others in pairs])
-    times = np.array([np.median(statistics.durations[own]) for own in rows.values()])
-    found = list(copies.items())
-    for i, (name, (own, others)) in enumerate(zip(rows, pairs, strict=True)):
-        usual = np.delete(table, i, axis=0)
-        deviations = _deviations(table[i], usual)
-        ratios = np.delete(times[i] / times, i)
-        if _slowness(ratios) > _most(usual):
-            found.append((name, _unusual_time(float(np.median(ratios)))))
-        if deviations.max() > _most(usual):
-            worst = int(deviations.argmax())
-            ratio = float(np.exp(table[i, worst] - np.median(usual[:, worst])))
-            cause = _cause(curves[own], others, usual, statistics.joint_names)
+    copies = _copies(curves, recordings.tolist())
+    found, names = list(copies.items()), list(dict.fromkeys(recordings.tolist()))
+    names = [name for name in names if name not in copies]
+    if len(names) < _MIN_RECORDINGS:
+        return found
+    used = np.isin(recordings, names)
+    own = [recordings == name for name in names]
+    everything = _gaussian(curves[used])
+    is_left_out = len(names) <= _MAX_LEFT_OUT
+    models = [_gaussian(curves[used & ~x]) if is_left_out else everything for x in own]
+    table = np.array([_distances(curves[x], model) for x, model in zip(own, models, strict=True)])
+    times = np.log([np.median(statistics.durations[x]) for x in own])
+    # Few recordings show less of what is usual.
+    most = 1.0 + _FEW / (len(names) - 1)
+    for i, name in enumerate(names):
+        longer, spread = _usual(np.delete(times[i] - times, i), _LEAST_SPREAD)
+        if abs(longer) > most * _LONGER * spread:
+            word = "long" if longer > 0.0 else "short"
+            times_as = f"{np.exp(abs(longer)):.1f} times as {word} as those of the others"
+            found.append((name, f"its motions are {times_as}: check its clock"))
+        centre, deviation = _usual(np.delete(table, i, axis=0), _LEAST_DEVIATION)
+        shares = (table[i] - centre) / (most * deviation * _FAR)
+        if shares.max() > 1.0:
+            ratio = float(np.exp((table[i] - centre)[shares.argmax()]))
             far = f"its motions are {ratio:.1f} times as far from those of the others as is usual"
-            found.append((name, far + cause))
+            limits = centre + most * deviation * _FAR
+            found.append((name, far + _cause(curves[own[i]], models[i], limits, statistics)))
     return found
 
 
@@ -115,100 +117,36 @@ def _copies(curves: FloatArray, recordings: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _models(values: FloatArray, groups: list[list[int]], prior: float) -> list[_Others]:
-    """For each recording, the Gaussian of the motions of the others."""
-    centre = values.mean(axis=0)
-    values = values - centre
-    every = values[np.concatenate(groups)]
-    total, squares = every.sum(axis=0), every.T @ every
-    if len(groups) > _MAX_LEFT_OUT:
-        return [_gaussian(centre, total, squares, len(every), prior)] * len(groups)
-    return [
-        _gaussian(
-            centre,
-            total - values[own].sum(axis=0),
-            squares - values[own].T @ values[own],
-            len(every) - len(own),
-            prior,
-        )
-        for own in groups
-    ]
-
-
-def _gaussian(
-    centre: FloatArray, total: FloatArray, squares: FloatArray, n: int, prior: float
-) -> _Others:
-    mean = total / n
-    covariance = squares / n - np.outer(mean, mean)
-    precision = np.linalg.inv(
-        covariance + (prior * np.trace(covariance) + 1e-12) * np.eye(len(mean))
-    )
-    return centre + mean, precision
+def _gaussian(curves: FloatArray) -> _Others:
+    values, n_ends = curves.reshape(len(curves), -1), 2 * curves.shape[1]
+    covariance = np.cov(values, rowvar=False, bias=True)
+    prior = _PRIOR / n_ends * np.trace(covariance) + 1e-12
+    return values.mean(axis=0), np.linalg.inv(covariance + prior * np.eye(len(covariance)))
 
 
 def _distances(curves: FloatArray, others: _Others) -> FloatArray:
     """Logarithms of the distances of the usual motion and of the mean motion."""
     centre, precision = others
     y = curves.reshape(len(curves), -1) - centre
-    single = np.sqrt(np.sum((y @ precision) * y, axis=1))
-    mean = y.mean(axis=0)
-    of_mean = np.sqrt(mean @ precision @ mean)
-    found = np.array([np.median(single), of_mean])
-    return np.asarray(np.log(np.maximum(found, 1e-9)))
+    single, mean = np.sqrt(np.sum((y @ precision) * y, axis=1)), y.mean(axis=0)
+    both = np.array([np.median(single), np.sqrt(mean @ precision @ mean)])
+    return np.asarray(np.log(np.maximum(both, 1e-9)))
 
 
-def _offsets(curves: FloatArray, others: _Others) -> FloatArray:
-    """Most likely offset of each joint [rad or m]."""
-    directions, (centre, precision) = _directions(curves), others
-    weighted = directions @ precision
-    y = curves.reshape(len(curves), -1).mean(axis=0) - centre
-    return np.asarray(weighted @ y / np.einsum("ij,ij->i", weighted, directions))
-
-
-def _directions(curves: FloatArray) -> FloatArray:
-    """Offset of each joint by 1 as curves, shape (n_joints, n_values)."""
-    _, n_joints, n_values = curves.shape
-    directions = np.zeros((n_joints, n_joints, n_values))
-    joints = np.arange(n_joints)
-    directions[joints, joints, :2] = 1.0 / np.sqrt(2.0)
-    return directions.reshape(n_joints, -1)
-
-
-def _most(usual: FloatArray) -> float:
-    """Deviation over which a recording is far, as a share of the thresholds."""
-    return 1.0 + _FEW / len(usual)
-
-
-def _slowness(ratios: FloatArray) -> float:
-    """Deviation of a duration, given its ratios to the others, as a share of the threshold."""
-    logs = np.log(ratios)
-    centre = np.median(logs)
-    spread = max(1.4826 * float(np.median(np.abs(logs - centre))), _LEAST_SPREAD)
-    return float(abs(centre) / spread / _LONGER)
-
-
-def _unusual_time(ratio: float) -> str:
-    longer = ratio > 1.0
-    word, times = ("long", ratio) if longer else ("short", 1.0 / ratio)
-    return f"its motions are {times:.1f} times as {word} as those of the others: check its clock"
-
-
-def _deviations(own: FloatArray, usual: FloatArray) -> FloatArray:
-    """Robust standard deviations of distances from the usual ones, as shares of the thresholds."""
-    centre = np.median(usual, axis=0)
-    spread = 1.4826 * np.median(np.abs(usual - centre), axis=0)
-    deviations = (own - centre) / np.maximum(spread, _LEAST_DEVIATION)
-    return np.asarray(deviations / _FAR)
+def _usual(values: FloatArray, least: float) -> tuple[FloatArray, FloatArray]:
+    """Median and robust standard deviation, which is at least `least`."""
+    centre = np.median(values, axis=0)
+    return centre, np.maximum(1.4826 * np.median(np.abs(values - centre), axis=0), least)
 
 
 def _cause(
-    curves: FloatArray, others: _Others, usual: FloatArray, joint_names: tuple[str, ...]
+    curves: FloatArray, others: _Others, limits: FloatArray, statistics: MotionStatistics
 ) -> str:
     """What makes the motions fit, if one kind of change does so clearly better than all others."""
     best: dict[str, tuple[float, str]] = {}
-    for kind, text, changed in _changes(curves, others, joint_names):
+    for kind, text, changed in _changes(curves, others, statistics.joint_names):
         distances = _distances(changed, others)
-        if _deviations(distances, usual).max() < _most(usual):
+        if np.all(distances < limits):
             best[kind] = min(best.get(kind, (np.inf, "")), (float(distances[0]), text))
     first, *rivals = sorted(best.values()) or [(np.inf, "")]
     is_clear = not rivals or rivals[0][0] - first[0] > _CLEARLY
@@ -224,25 +162,20 @@ def _changes(
     ends, shapes = curves[:, :, [1, 0]], curves[:, :, 2:] * (-1.0) ** np.arange(n_functions)
     backwards = np.concatenate([ends, shapes], axis=2)
     yield "backwards", "; they fit if they are played backwards", backwards
-    directions = _directions(curves).reshape(n_joints, *curves.shape[1:])
-    for name, offset, direction in zip(
-        joint_names, _offsets(curves, others), directions, strict=True
-    ):
+    centre, precision = others
+    off = curves.reshape(len(curves), -1).mean(axis=0) - centre
+    for joint, name in enumerate(joint_names):
+        by_one = np.zeros(curves.shape[1:])
+        by_one[joint, :2] = 1.0 / np.sqrt(2.0)
+        weighted = precision @ by_one.ravel()
+        offset = weighted @ off / (weighted @ by_one.ravel())  # the most likely one
         text = f"; they fit if '{name}' is shifted by {-offset:.2g} rad (or m)"
-        yield "offset", text, curves - offset * direction
+        yield "offset", text, curves - offset * by_one
     for i, j in combinations(range(n_joints), 2):
         order = np.arange(n_joints)
         order[[i, j]] = j, i
         text = f"; they fit if '{joint_names[i]}' and '{joint_names[j]}' are exchanged"
         yield "names", text, curves[:, order]
-    for factor in (0.5, 2.0):
-        for name, row in zip(joint_names, np.eye(n_joints), strict=True):
-            text = f"; they fit if '{name}' is multiplied by {factor:g}"
-            yield "scale", text, curves * (1.0 + (factor - 1.0) * row)[:, None]
-        start = np.zeros_like(curves)
-        start[:, :, :2] = curves[:, :, :1]
-        text = f"; they fit if they are {factor:g} times as large"
-        yield "size", text, start + factor * (curves - start)
     signs = np.ones(n_joints)
     for _ in joint_names:
         flips = signs * (1.0 - 2.0 * np.eye(n_joints))

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import KeysView, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from .primitive import MovementPrimitive
 _MAX_ENDS = 5000
 
 
-class PrimitiveLibrary(Sequence[MovementPrimitive]):
+class PrimitiveLibrary(tuple[MovementPrimitive, ...]):
     """Primitives of the same joints with different names, in order.
 
     Parameters
@@ -46,9 +45,15 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
         something else, such as a path.
     """
 
-    def __init__(
-        self, primitives: Sequence[MovementPrimitive], places: Sequence[str] | None = None
-    ) -> None:
+    joint_names: tuple[str, ...]
+    means: FloatArray
+    precisions: FloatArray
+    _by_name: dict[str, MovementPrimitive]
+
+    def __new__(
+        cls, primitives: Sequence[MovementPrimitive], places: Sequence[str] | None = None
+    ) -> PrimitiveLibrary:
+        """Check the primitives, and index them by name."""
         if not primitives:
             raise PrimitiveError("at least one primitive is needed, got none")
         first, where = primitives[0], dict[str, str]()
@@ -69,10 +74,12 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
                     f"{place} moves {quote_names(one.joint_names)}, but {where[first.name]} moves "
                     f"{quote_names(first.joint_names)}: they can't be used together"
                 )
-        self._by_name = {one.name: one for one in primitives}
-        self._primitives, self.joint_names = tuple(primitives), first.joint_names
-        self.means = np.array([p.model.mean for p in primitives])
-        self.precisions = np.array([p.model.request_precision for p in primitives])
+        library = super().__new__(cls, primitives)
+        library._by_name = {one.name: one for one in primitives}
+        library.joint_names = first.joint_names
+        library.means = np.array([p.model.mean for p in primitives])
+        library.precisions = np.array([p.model.request_precision for p in primitives])
+        return library
 
     @classmethod
     def of(cls, primitives: MovementPrimitive | Sequence[MovementPrimitive]) -> PrimitiveLibrary:
@@ -104,16 +111,6 @@ class PrimitiveLibrary(Sequence[MovementPrimitive]):
         if name not in self._by_name:
             raise GoalError(unknown_name("primitive", name, self._by_name))
         return self._by_name[name]
-
-    def __len__(self) -> int:
-        return len(self._primitives)
-
-    @overload
-    def __getitem__(self, index: int) -> MovementPrimitive: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[MovementPrimitive]: ...
-    def __getitem__(self, index: int | slice) -> MovementPrimitive | Sequence[MovementPrimitive]:
-        return self._primitives[index]
 
 
 def load_primitives(paths: Sequence[str | Path]) -> PrimitiveLibrary:

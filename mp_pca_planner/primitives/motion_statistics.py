@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -33,29 +33,6 @@ _FACTS = ("recording", "label", "checksum", "start_time_s", "end_time_s")
 _ANGLE_DEGREE = 30
 # Predictions are fitted to fewer: the time grows with the cube of their number.
 _MAX_FITTED = 200
-
-
-class MotionSource(NamedTuple):
-    """Where a demonstration comes from.
-
-    Attributes
-    ----------
-    recording, label, checksum : str
-        Of the demonstration.
-    start_time, end_time : float
-        When it starts and ends, in seconds after the first message of the recording.
-    """
-
-    recording: str
-    label: str
-    checksum: str
-    start_time: float
-    end_time: float
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Its values by their names in the metadata of a primitive."""
-        return dict(zip(_FACTS, self, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +61,9 @@ class MotionStatistics:
         Coefficients of the joint angles over time.
     angle_remainders : array, shape (n_demonstrations, n_joints)
         The same for the joint angles over time.
-    sources : tuple of MotionSource
-        Where each comes from.
+    sources : tuple of dict
+        Where each comes from, as in the metadata of a primitive: recording, label, checksum, and
+        when it starts and ends, in seconds after the first message of the recording.
     """
 
     joint_names: tuple[str, ...]
@@ -98,7 +76,7 @@ class MotionStatistics:
     shape_remainders: FloatArray
     angles: FloatArray
     angle_remainders: FloatArray
-    sources: tuple[MotionSource, ...]
+    sources: tuple[dict[str, Any], ...]
 
     @classmethod
     def of(
@@ -125,8 +103,14 @@ class MotionStatistics:
         over_time, aligned, quintics = np.empty((3, n, n_phases, n_joints))
         sources = []
         for i, d in enumerate(demonstrations):
-            _check_joints((first.joint_names, first.recording), (d.joint_names, d.recording))
-            sources.append(MotionSource(d.recording, d.label, d.checksum, d.start_time, d.end_time))
+            if d.joint_names != first.joint_names:
+                raise PrimitiveError(
+                    f"the joints of '{d.recording}', {quote_names(d.joint_names)}, are not those "
+                    f"of '{first.recording}', {quote_names(first.joint_names)}: choose joints that "
+                    "all have, or leave recordings out"
+                )
+            facts = d.recording, d.label, d.checksum, d.start_time, d.end_time
+            sources.append(dict(zip(_FACTS, facts, strict=True)))
             durations[i] = d.duration
             # The largest jerk, in units of the path length per cubed duration.
             path = np.linalg.norm(np.diff(d.positions, axis=0), axis=1).sum()
@@ -183,7 +167,7 @@ class MotionStatistics:
     def chosen(self, which: Sequence[int] | NDArray[np.intp]) -> MotionStatistics:
         """The statistics of some of the demonstrations, by index."""
         indices = np.asarray(which, dtype=np.intp)
-        arrays = {name: getattr(self, name)[indices] for name in _ARRAYS}
+        arrays = {x.name: getattr(self, x.name)[indices] for x in fields(self)[1:-1]}
         sources = tuple(self.sources[i] for i in indices)
         return MotionStatistics(self.joint_names, **arrays, sources=sources)
 
@@ -192,9 +176,6 @@ def thinned(requests: FloatArray) -> NDArray[np.intp]:
     """Indices of at most 200 motions, the same motions whatever their order."""
     step = -(-len(requests) // _MAX_FITTED)
     return np.lexsort(requests.T[::-1])[::step] if step > 1 else np.arange(len(requests))
-
-
-_ARRAYS = tuple(x.name for x in fields(MotionStatistics)[1:-1])
 
 
 @lru_cache(maxsize=8)
@@ -269,12 +250,3 @@ def _projected(curves: FloatArray, functions: FloatArray) -> tuple[FloatArray, F
     coefficients = curves.transpose(0, 2, 1) @ functions
     rest = curves - functions @ coefficients.transpose(0, 2, 1)
     return coefficients, np.asarray(np.sum(rest**2, axis=1))
-
-
-def _check_joints(first: tuple[tuple[str, ...], str], other: tuple[tuple[str, ...], str]) -> None:
-    """Reject a recording, given by its joints and its name, with other joints than the first."""
-    if other[0] != first[0]:
-        raise PrimitiveError(
-            f"the joints of '{other[1]}', {quote_names(other[0])}, are not those of '{first[1]}', "
-            f"{quote_names(first[0])}: choose joints that all have, or leave recordings out"
-        )

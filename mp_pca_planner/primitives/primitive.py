@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import FloatArray, check_number
-from ..exceptions import GoalError, PrimitiveError, printable
+from ..exceptions import GoalError, PrimitiveError, printable, quote_names
 from ..input_limits import INPUT_LIMITS
 from ..motion.goal import StateLike, joint_positions
 from ..motion.interpolation import boundary_values, hermite_functions, quintics
 from ..motion.trajectory import Trajectory
 from .basis import Basis, PacedBasis, PolynomialBasis
+from .differences import FINE_PHASES, expected_motion, path_difference
 from .in_span import UNUSUAL_IN_SPAN_SCORE
 from .prediction import FREEDOM, ConditionalDistribution, ConditionalModel
 from .timing import aligned_phases, time_scaling
@@ -287,13 +288,24 @@ class MovementPrimitive:
         (19,)
         """
         from .build import check_demonstrations, demonstrations_of
-        from .differences import prediction_errors
 
         several: Any = getattr(demonstrations, "demonstrations", demonstrations)
         if times is not None:
             several, _ = demonstrations_of(several, times, self.joint_names)
         check_demonstrations(several, f"the errors of primitive '{self.name}' can't be found")
-        return prediction_errors(self, several)
+        errors = []
+        for motion in several:
+            if motion.joint_names != self.joint_names:
+                raise PrimitiveError(
+                    f"a motion of '{motion.recording}' has the joints "
+                    f"{quote_names(motion.joint_names)}, not those of primitive '{self.name}', "
+                    f"{quote_names(self.joint_names)}, in this order"
+                )
+            truth = motion.time_normalised(FINE_PHASES.size)
+            start, goal = motion.positions[[0, -1]]
+            expected = expected_motion(self, start, goal, motion.duration)
+            errors.append(path_difference(expected, truth))
+        return np.array(errors)
 
     def predict(
         self, start: StateLike, goal: StateLike, duration: float | None = None
@@ -379,26 +391,21 @@ class MovementPrimitive:
         """End points, shape (2, n_joints), and the prediction for them."""
         first = joint_positions(start, self.joint_names, "the start")
         last = joint_positions(goal, self.joint_names, "the goal", first)
-        for position in (*first.tolist(), *last.tolist()):
-            limit = INPUT_LIMITS.position
+        ends, limit = np.array([first, last]), INPUT_LIMITS.position
+        for position in ends.flat:
             check_number(position, "a position of the start or the goal", GoalError, -limit, limit)
         if duration is not None:
             check_number(duration, "the duration [s]", GoalError, 1e-3, INPUT_LIMITS.duration)
-        expected = self.model.predict(first, last, duration)
-        longest = INPUT_LIMITS.duration
+        expected, longest = self.model.predict(first, last, duration), INPUT_LIMITS.duration
         check_number(expected.duration, "the predicted duration [s]", GoalError, 0.0, longest)
-        return np.array([first, last]), expected
+        return ends, expected
 
     def _motion(
-        self,
-        ends: FloatArray,
-        expected: ConditionalDistribution,
-        weights: FloatArray,
-        sample_period: float = 0.01,
+        self, ends: FloatArray, expected: ConditionalDistribution, weights: FloatArray
     ) -> Trajectory:
-        """A motion with points at most `sample_period` apart [s], as the planner's by default."""
+        """A motion with points at most 10 ms apart, as the planner's by default."""
         duration, rest = expected.duration, np.zeros(self.n_joints)
-        phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / sample_period)), 1) + 1)
+        phases = np.linspace(0.0, 1.0, max(int(np.ceil(duration / 0.01)), 1) + 1)
         boundary = boundary_values((ends[0], rest, rest), (ends[1], rest, rest), duration)
         shapes = self.paced_basis(ends[0], ends[1], expected.pace).shapes(weights, phases, 2)
         scales = duration ** np.arange(3.0)[:, None, None]
