@@ -173,7 +173,7 @@ def _least_effort(
             if (k + 1) % n_starts == 0 and n_agreeing(np.array(starts)) > 1:
                 break
     assert best is not None
-    ends, _ = unknowns.boundary_at(best.unknowns)
+    ends = unknowns.boundary_at(best.unknowns)
     shape = basis.shape(unknowns.weights(best.unknowns), FINE_PHASES)
     positions = hermite_functions(FINE_PHASES) @ ends + shape
     seconds = float(sum(duration for _, duration in starts))

@@ -84,7 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_output(plot, ".png", force=force)
     request = plan_request(arguments)
     plan = request.plan
-    own: dict[str, Any] = {"weights": plan.solution.weights, "via_phases": list(plan.via_phases)}
+    weights = [x for motion in plan.motions for x in motion.weights.tolist()]
+    own: dict[str, Any] = {"weights": weights, "via_phases": list(plan.via_phases)}
     if plan.mode:
         own = {"durations": [motion.duration for motion in plan.motions]}
     columns = plan.trajectory.columns()

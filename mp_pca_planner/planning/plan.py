@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray, text_table
+from ..arrays import text_table
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck
 from .motion import Motion
@@ -30,14 +30,12 @@ class MotionSolution:
 
     Attributes
     ----------
-    weights : array, shape (n_weights,)
-        The best weights w found.
     objective_cost : float
-        Their weighted sum of the objectives, without naturalness.
+        The weighted sum of the objectives, without naturalness.
     effort_cost : float
-        Their J = ½∫‖τ‖²dt [N²·m²·s], whether that is an objective or not.
+        J = ½∫‖τ‖²dt [N²·m²·s], whether that is an objective or not.
     naturalness_cost : float
-        Their ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), in units of the objectives.
+        ½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), in units of the objectives.
     start_cost : float
         J of the predicted motion.
     converged : bool
@@ -48,7 +46,6 @@ class MotionSolution:
         Norm of the Lagrangian's gradient by scaled weights, as a share of the objective.
     """
 
-    weights: FloatArray
     objective_cost: float
     effort_cost: float
     naturalness_cost: float
@@ -64,7 +61,7 @@ class MotionSolution:
 
 
 _NAN = float("nan")
-NOT_SOLVED = MotionSolution(np.zeros(0), _NAN, _NAN, 0.0, _NAN, False, 0, _NAN)
+NOT_SOLVED = MotionSolution(_NAN, _NAN, 0.0, _NAN, False, 0, _NAN)
 """The result for a motion that was not optimised; the search adds its costs."""
 
 

@@ -27,7 +27,7 @@ from ..robot.model import Robot
 from .configurations import configurations_at, starts_near
 from .context import Budget, Context, check_duration
 from .options import SHORTEST
-from .program.setting import expected_cost
+from .program.compile import expected_cost
 from .request import (
     Request,
     RequestSegment,

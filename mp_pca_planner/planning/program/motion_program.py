@@ -150,32 +150,28 @@ class Chain:
         """
         parts = []
         for i, ((_, began), (_, ended)) in enumerate(pairwise(self.states(x))):
-            if not self._segments[i].unknowns.accepts(ended - began):
+            unknowns, own, where = self._segments[i].unknowns, self._own[i], self.slices[i]
+            n, row = unknowns.n_joints, unknowns.n_weights
+            if not unknowns.accepts(ended - began):
                 return None
-            parts.append(self._part(i, x, ended - began))
+            local = np.zeros(unknowns.scales.size)
+            jacobian = np.zeros((local.size, where.stop - where.start))
+            local[:row] = x[own]
+            jacobian[:row, own.start - where.start : own.stop - where.start] = np.eye(row)
+            for side, sign in ((0, -1.0), (1, 1.0)):
+                junction = self._junctions[i + side]
+                column = self._where[i + side].start - where.start
+                for order in junction.orders:
+                    factor = (unknowns.duration / junction.unit) ** order
+                    local[row : row + n] = factor * x[where][column : column + n]
+                    jacobian[row : row + n, column : column + n] = factor * np.eye(n)
+                    row, column = row + n, column + n
+                if junction.time_is_free:
+                    local[-1] = unknowns.log_duration_unknown(ended - began)
+                    by_time = 1.0 / ((ended - began) * unknowns.log_duration_slope(local))
+                    jacobian[-1, column] = sign * by_time * junction.time_unit
+            parts.append((local, jacobian))
         return parts
-
-    def _part(self, i: int, x: FloatArray, duration: float) -> tuple[FloatArray, FloatArray]:
-        unknowns, n = self._segments[i].unknowns, self._segments[i].unknowns.n_joints
-        m, own, where = unknowns.n_weights, self._own[i], self.slices[i]
-        local = np.zeros(unknowns.scales.size)
-        jacobian = np.zeros((unknowns.scales.size, where.stop - where.start))
-        local[:m] = x[own]
-        jacobian[:m, own.start - where.start : own.stop - where.start] = np.eye(m)
-        row = m
-        for side, sign in ((0, -1.0), (1, 1.0)):
-            junction = self._junctions[i + side]
-            column = self._where[i + side].start - where.start
-            for order in junction.orders:
-                factor = (unknowns.duration / junction.unit) ** order
-                local[row : row + n] = factor * x[where][column : column + n]
-                jacobian[row : row + n, column : column + n] = factor * np.eye(n)
-                row, column = row + n, column + n
-            if junction.time_is_free:
-                local[-1] = unknowns.log_duration_unknown(duration)
-                by_time = 1.0 / (duration * unknowns.log_duration_slope(local))
-                jacobian[-1, column] = sign * by_time * junction.time_unit
-        return local, jacobian
 
 
 class MotionProgram:

@@ -114,13 +114,13 @@ class Unknowns:
         change = LOG_DURATION_SCALE * x[self.n_linear]
         return float(LOG_DURATION_SCALE / np.cosh(change / _MAX_LOG) ** 2)
 
-    def boundary_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Boundary values by phase, and their derivative by log T, each shape (6, n_joints)."""
+    def boundary_at(self, x: FloatArray) -> FloatArray:
+        """Boundary values by phase, shape (6, n_joints)."""
         boundary = self.boundary.copy()
         changes = self.scales[self.ends] * x[self.ends]
         boundary[self.free_rows] += changes.reshape(-1, boundary.shape[1])
         boundary *= (self.duration_at(x) / self.duration) ** _POWERS[:, None]
-        return boundary, _POWERS[:, None] * boundary
+        return boundary
 
     def growth(self, x: FloatArray) -> FloatArray:
         """Factors by which the duration scales the contributions of weights and boundary values."""
@@ -168,24 +168,16 @@ class Slopes(NamedTuple):
     n_unknowns: int
     timing: Timing | None = None
 
-    def changes(self, step: FloatArray) -> FloatArray:
-        """Changes of the states with a step of the unknowns, to first order."""
-        n_linear = self.columns.shape[1]
-        if self.timing is None:
-            return np.asarray(self.columns @ step[:n_linear])
-        growth, rates, by_duration, _ = self.timing
-        along = self.columns @ (growth * step[:n_linear])
-        return np.asarray(along * rates + step[n_linear] * by_duration)
-
     def after(self, values: FloatArray, step: FloatArray) -> FloatArray:
         """States after a step, by their values before: to first order but for powers of T."""
-        after = values + self.changes(step)
-        if self.timing is not None:
-            _, _, _, decay = self.timing
-            fallen = step[self.columns.shape[1]] * decay
-            after += fallen * values
-            after *= np.exp(-fallen)
-        return np.asarray(after)
+        n_linear = self.columns.shape[1]
+        if self.timing is None:
+            return np.asarray(values + self.columns @ step[:n_linear])
+        growth, rates, by_duration, decay = self.timing
+        along = self.columns @ (growth * step[:n_linear])
+        fallen = step[n_linear] * decay
+        changes = along * rates + step[n_linear] * by_duration
+        return np.asarray((values + changes + fallen * values) * np.exp(-fallen))
 
     def rows(
         self, chosen: NDArray[np.intp] | slice = slice(None), room: FloatArray | float = 0.0
@@ -260,7 +252,7 @@ class StateMap:
         """The states, shape (n_rows, n_phases)."""
         if not self._unknowns.duration_is_free:
             return np.asarray(self._fixed + (self._constant.columns @ x).reshape(self._fixed.shape))
-        boundary, _ = self._unknowns.boundary_at(x)
+        boundary = self._unknowns.boundary_at(x)
         weights = x[: self._unknowns.n_weights]
         shape = self._mean + (self._columns[:, : weights.size] @ weights).reshape(self._mean.shape)
         rates = self._rates(self._unknowns.duration_at(x))
@@ -271,9 +263,9 @@ class StateMap:
         unknowns = self._unknowns
         if not unknowns.duration_is_free:
             return self._constant
-        rates, (_, growth) = self._rates(unknowns.duration_at(x)), unknowns.boundary_at(x)
-        slope = unknowns.log_duration_slope(x)
-        by_duration = slope * (self._boundary_part(growth) * rates - self._orders * values).ravel()
+        rates, slope = self._rates(unknowns.duration_at(x)), unknowns.log_duration_slope(x)
+        grown = self._boundary_part(_POWERS[:, None] * unknowns.boundary_at(x))
+        by_duration = slope * (grown * rates - self._orders * values).ravel()
         n_phases = self._mean.shape[1]
         decay = np.asarray(slope * np.repeat(self._orders, n_phases))
         of_states = np.repeat(rates[:, 0], n_phases)
@@ -303,10 +295,6 @@ class Course:
     ----------
     x : array, shape (n_unknowns,)
         The unknowns.
-    duration : float
-        The duration T [s].
-    stretch : float
-        Derivative of log T by its unknown; 0 if the duration is fixed.
     states : array, shape (4, n_nodes, n_joints)
         Positions to jerks at the nodes.
     nodes : Nodes
@@ -316,8 +304,6 @@ class Course:
     """
 
     x: FloatArray
-    duration: float
-    stretch: float
     states: FloatArray
     nodes: Nodes
     slopes: dict[str, FloatArray]
@@ -381,10 +367,9 @@ class SegmentProgram:
         return self._known[key]
 
     def _course(self, x: FloatArray) -> Course:
-        unknowns, timed = self.unknowns, self.unknowns.duration_is_free
-        duration, by_row = unknowns.duration_at(x), self._states.values(x)
+        unknowns, by_row = self.unknowns, self._states.values(x)
         n_nodes, n_joints = self.tables.n_nodes, unknowns.n_joints
-        if self._slopes is None or timed:
+        if self._slopes is None or unknowns.duration_is_free:
             rows = self._states.slopes(x, by_row).rows()
             by_rate = rows.reshape(N_RATES, n_joints, n_nodes, x.size).transpose(0, 2, 1, 3)
             stacked = by_rate[:3].transpose(1, 0, 2, 3).reshape(n_nodes, 3 * n_joints, x.size)
@@ -392,24 +377,24 @@ class SegmentProgram:
         by_rate, stacked = self._slopes
         states = by_row.reshape(N_RATES, n_joints, n_nodes).transpose(0, 2, 1)
         tau, dtau = self._robot.inverse_dynamics_derivatives(*states[:3])
-        ends = unknowns.boundary[0], unknowns.boundary[3]
+        ends = unknowns.boundary[0], unknowns.boundary[GOAL_POSITION]
         nodes = Nodes(self._robot, states[0], states[1], states[2], states[3], tau, *ends)
         slopes = dict(zip(QUANTITIES, (*by_rate, dtau @ stacked), strict=True))
-        stretch = unknowns.log_duration_slope(x) if timed else 0.0
-        return Course(x, duration, stretch, states, nodes, slopes)
+        return Course(x, states, nodes, slopes)
 
     def _costs(self, at: Course) -> Quadratic:
         """The sum of the running costs: sums of squares over the nodes."""
         residuals, rows = [], []
-        root = np.sqrt(self.tables.quadrature * at.duration)[:, None]
+        root = np.sqrt(self.tables.quadrature * self.unknowns.duration_at(at.x))[:, None]
         for weight, objective in self._objectives:
             values, partials = objective(at.nodes)
             jacobian = np.zeros((*values.shape, at.x.size))
             for name, partial in partials.items():
                 slope = at.slopes[name]
                 jacobian += partial * slope if np.ndim(partial) == 0 else partial @ slope
-            if at.stretch:  # the time that each node stands for grows with T
-                jacobian[:, :, self.unknowns.n_linear] += 0.5 * at.stretch * values
+            if self.unknowns.duration_is_free:  # the time that each node stands for grows with T
+                stretch = self.unknowns.log_duration_slope(at.x)
+                jacobian[:, :, self.unknowns.n_linear] += 0.5 * stretch * values
             scale = np.sqrt(weight) * root
             jacobian *= scale[:, :, None]
             residuals.append((values * scale).ravel())
@@ -420,32 +405,8 @@ class SegmentProgram:
 
     def effort(self, x: FloatArray) -> float:
         """½∫‖τ‖²dt at x, whether it is an objective or not [N²·m²·s]."""
-        if x.tobytes() in self._known:
-            tau = self.at(x)[0].nodes.efforts
-        else:
-            tau = self._robot.inverse_dynamics(*self.states(x)[:3])
-        squares = np.square(tau).sum(axis=1)
+        squares = np.square(self.at(x)[0].nodes.efforts).sum(axis=1)
         return float(0.5 * self.unknowns.duration_at(x) * self.tables.quadrature @ squares)
-
-    def costs(self, candidates: FloatArray) -> FloatArray:
-        """The running costs of candidates x, shape (n_candidates, n_unknowns)."""
-        q, v, a, jerk = np.concatenate([self.states(x) for x in candidates], axis=1)
-        tau = self._robot.inverse_dynamics(q, v, a)
-        ends = self.unknowns.boundary[0], self.unknowns.boundary[3]
-        nodes = Nodes(self._robot, q, v, a, jerk, tau, *ends)
-        squares = sum(
-            weight * np.sum(objective(nodes).values ** 2, axis=1)
-            for weight, objective in self._objectives
-        )
-        durations = np.array([self.unknowns.duration_at(x) for x in candidates])
-        by_candidate = np.reshape(squares, (len(candidates), self.tables.n_nodes))
-        return np.asarray(0.5 * durations * (by_candidate @ self.tables.quadrature))
-
-    def states(self, x: FloatArray) -> FloatArray:
-        """Positions to jerks at the nodes, shape (4, n_nodes, n_joints)."""
-        by_row = self._states.values(x)
-        by_joint = by_row.reshape(N_RATES, self.unknowns.n_joints, self.tables.n_nodes)
-        return by_joint.transpose(0, 2, 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, repeat
+from itertools import pairwise
 from operator import attrgetter
 
 import numpy as np
@@ -18,18 +18,16 @@ from ...motion.goal import JointState
 from ...motion.interpolation import GRID_PERIOD
 from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
-from ...robot.model import Robot
 from ..configurations import POSE_TOLERANCE, nearest_configuration
 from ..context import Budget, Context, check_duration
 from ..motion import Motion, rank_of, samples_of
 from ..options import AUTO
 from ..plan import NOT_SOLVED, MotionSolution
 from ..program.bases import MotionBasis
-from ..program.compile import compile_program
+from ..program.compile import Setting, compile_program, lasting
 from ..program.constraints import Findings
 from ..program.motion_program import MotionProgram
 from ..program.segment import GOAL_POSITION
-from ..program.setting import Setting, lasting
 from ..request import Request
 from ..solver import Solution, SolverMemory, solve
 
@@ -151,6 +149,11 @@ def collides(context: Context, trajectory: Trajectory) -> bool:
     return model is not None and bool(model.collisions(trajectory, precisely=False))
 
 
+def least_violation(found: Sequence[Candidate]) -> Candidate:
+    """The first of the candidates with the least violation."""
+    return min(found, key=attrgetter("violation"))
+
+
 def checked(
     context: Context,
     request: Request,
@@ -168,7 +171,7 @@ def checked(
     bases, motions
         See :class:`Candidate`.
     """
-    trajectory, check = sampled(context, motions)
+    robot, (trajectory, check) = context.robot, sampled(context, motions)
     moving, refusal = context.options.allow_nonzero_end_velocity, ""
     try:
         check_executable(trajectory, check, motions[0].start, allow_nonzero_end_velocity=moving)
@@ -178,16 +181,25 @@ def checked(
     collisions: tuple[Collision, ...] = ()
     if context.collision is not None and not check.violations:
         collisions = context.collision.collisions(trajectory, precisely=False)
-    strayed, excess = _strayed(context, trajectory)
-    errors = _target_errors(context.robot, request, motions)
-    missed = max(errors)
+    strayed = list[tuple[str, float]]()
+    for constraint in context.options.constraints:
+        least = float(constraint.values(robot, trajectory.positions)[0].min())
+        if least < -_ROUNDING:
+            strayed.append((str(constraint), -least))
+    errors = []
+    for segment, motion in zip(request.segments, motions, strict=True):
+        reached, pose = motion.goal.positions, segment.pose
+        missed = reached - segment.goal.positions
+        if pose is not None:
+            missed, _ = robot.pose_error(pose.frame, reached, pose.position, pose.orientation)
+        errors.append(float(np.abs(missed).max()))
     violation = (
         check.worst_excess if check.violations else 0.0,
         sum(POSE_TOLERANCE + one.penetration for one in collisions),
-        excess,
-        0.0 if missed <= POSE_TOLERANCE else missed,
+        sum(excess for _, excess in strayed),
+        0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
     )
-    end = sum(motion.duration for motion in motions) if request.pose is None else np.inf
+    end = trajectory.duration if request.pose is None else np.inf
     return Candidate(
         request,
         bases,
@@ -197,35 +209,12 @@ def checked(
         trajectory,
         check,
         collisions,
-        errors,
+        tuple(errors),
         violation,
         is_hopeless=any(one.first_time == 0.0 or one.last_time >= end for one in collisions),
-        strayed=strayed,
+        strayed=tuple(name for name, _ in strayed),
         refusal=refusal,
     )
-
-
-def _strayed(context: Context, trajectory: Trajectory) -> tuple[tuple[str, ...], float]:
-    """The path constraints that points violate, and the sum of the violations."""
-    strayed, excess = [], 0.0
-    for constraint in context.options.constraints:
-        least = float(constraint.values(context.robot, trajectory.positions)[0].min())
-        if least < -_ROUNDING:
-            strayed.append(str(constraint))
-            excess -= least
-    return tuple(strayed), excess
-
-
-def _target_errors(robot: Robot, request: Request, motions: Sequence[Motion]) -> tuple[float, ...]:
-    """Largest distances of the ends of segments from their targets [rad or m]."""
-    errors = []
-    for segment, motion in zip(request.segments, motions, strict=True):
-        reached, pose = motion.goal.positions, segment.pose
-        missed = reached - segment.goal.positions
-        if pose is not None:
-            missed, _ = robot.pose_error(pose.frame, reached, pose.position, pose.orientation)
-        errors.append(float(np.abs(missed).max()))
-    return tuple(errors)
 
 
 def attempt(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
@@ -250,14 +239,19 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
 
 
 def _solved(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
-    """The solution of a program whose constraints are refined by the validator."""
+    """The solution of a program whose constraints are refined by the validator.
+
+    A refined program continues from its last solution; with new constraints also from the original
+    start, because a detour on the side of the last solution may be blocked. A motion without the
+    limits that it violates is far from those within them: then only from the original starts.
+    """
     refined = program = compile_program(context, request, setting)
-    n_starts, passes, was_touched = context.options.n_starts, 0, False
-    starts: Sequence[_Start] = list(zip(program.starts[:n_starts], repeat(None)))
+    originals: list[_Start] = [(x, None) for x in program.starts[: context.options.n_starts]]
+    starts, passes, was_touched = originals, 0, False
     for _ in range(_MAX_REFINEMENTS):
         best, n_passes = _best_of(program, starts, setting, budget)
         passes += n_passes
-        motions = motions_at(context, request, setting, program, best.unknowns)
+        motions = _motions_at(context, request, setting, program, best.unknowns)
         found = checked(context, request, setting.bases, motions)
         is_wrong = bool(found.check.violations or found.collisions or found.strayed)
         if (is_wrong and budget.is_over()) or not (is_wrong or found.check.touched):
@@ -272,11 +266,18 @@ def _solved(context: Context, request: Request, setting: Setting, budget: Budget
             break
         if not is_cut:
             was_touched = not is_beyond and (was_touched or bool(found.check.touched))
-        starts = _continued(program, best, is_longer, is_cut, n_starts)
+        if not is_longer:
+            starts = [(best.unknowns, best.memory)]
+        elif is_cut and not program.has_clearances:
+            starts = originals
+        else:
+            curvature, radius, sides = best.memory
+            memory = curvature, radius, sides[:0]  # the inequalities were renumbered
+            starts = [(best.unknowns, memory), originals[0]]
         program = refined
     return replace(
         found,
-        solution=_described(program, setting, best, motions, passes),
+        solution=_described(program, setting, best, passes),
         naturalness=setting.naturalness,
         has_clearances=refined.has_clearances,
     )
@@ -306,33 +307,29 @@ def _best_of(
     return best, sum(one.iterations for one in solutions)
 
 
-def motions_at(
+def _motions_at(
     context: Context, request: Request, setting: Setting, program: MotionProgram, x: FloatArray
 ) -> tuple[Motion, ...]:
     """The motions that unknowns stand for, with ends that are corrected to reach poses exactly."""
     if program.links is None:
         unknowns, goal = program.segments[0].unknowns, request.goal
-        n = unknowns.n_weights
-        weights = [x[:n] * unknowns.scales[:n]]
         if request.pose is not None:
-            boundary, _ = unknowns.boundary_at(x)
-            goal = JointState(goal.joint_names, boundary[GOAL_POSITION])
+            goal = JointState(goal.joint_names, unknowns.boundary_at(x)[GOAL_POSITION])
         states = [(request.start, 0.0), (goal, unknowns.duration_at(x))]
+        weights = [unknowns.weights(x)]
     else:
         states, weights = program.links.states(x), program.links.weights(x)
-    for i, segment in enumerate(request.segments):
-        if segment.pose is not None:
-            state, time = states[i + 1]
-            q, _ = nearest_configuration(
-                context.robot, context.limits, segment.pose, state.positions
-            )
-            states[i + 1] = JointState(state.joint_names, q, *state.values[1:]), time
-    motions = []
-    for ((here, began), (there, ended)), basis, own in zip(
-        pairwise(states), setting.bases, weights, strict=True
-    ):
-        motions.append(Motion(here, there, ended - began, basis.tables.basis, own))
-    return tuple(motions)
+    for i, segment in enumerate(request.segments, start=1):
+        if (pose := segment.pose) is not None:
+            state, time = states[i]
+            q, _ = nearest_configuration(context.robot, context.limits, pose, state.positions)
+            states[i] = JointState(state.joint_names, q, *state.values[1:]), time
+    return tuple(
+        Motion(here, there, ended - began, basis.tables.basis, own)
+        for ((here, began), (there, ended)), basis, own in zip(
+            pairwise(states), setting.bases, weights, strict=True
+        )
+    )
 
 
 def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
@@ -340,22 +337,22 @@ def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
 
     Nothing is done about collisions at an end that is fixed.
     """
-    trajectory, check = candidate.trajectory, candidate.check
+    trajectory, check, parts, ended = candidate.trajectory, candidate.check, [], 0.0
     collisions = () if candidate.is_hopeless else candidate.collisions
-    ends = np.cumsum([0.0, *(motion.duration for motion in candidate.motions)]).tolist()
-    parts = []
-    for began, ended in pairwise(ends):
+    for motion in candidate.motions:
+        began, ended = ended, ended + motion.duration
         # At a target, a violation may belong to either segment.
         first, last = began - GRID_PERIOD, ended + GRID_PERIOD
         own = (began <= trajectory.times) & (trajectory.times <= ended)
         violations = [one for one in check.violations if first <= one.time <= last]
         touched = [one for one in check.touched if first <= one.time <= last]
+        phases = (trajectory.times[own] - began) / (ended - began)
         within = [one.within(began, ended) for one in collisions]
         parts.append(
             Findings(
                 ended - began,
                 trajectory.positions[own],
-                (trajectory.times[own] - began) / (ended - began),
+                phases,
                 violations,
                 touched if violations or touches else (),
                 [one for one in within if one is not None],
@@ -364,54 +361,17 @@ def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
     return parts
 
 
-def _continued(
-    program: MotionProgram, best: Solution, is_longer: bool, is_cut: bool, n_starts: int
-) -> Sequence[_Start]:
-    """Where to start after a refinement.
-
-    The last solution; with new constraints also the original start, because a detour on the side
-    of the last solution may be blocked. A motion without the limits that it violates is far from
-    those within them: then only the original starts.
-    """
-    if not is_longer:
-        return [(best.unknowns, best.memory)]
-    if is_cut and not program.has_clearances:
-        return list(zip(program.starts[:n_starts], repeat(None)))
-    # The inequalities were renumbered.
-    curvature, radius, sides = best.memory
-    memory = curvature, radius, sides[:0]
-    return [(best.unknowns, memory), (program.starts[0], None)]
-
-
 def _described(
-    program: MotionProgram,
-    setting: Setting,
-    found: Solution,
-    motions: Sequence[Motion],
-    passes: int,
+    program: MotionProgram, setting: Setting, found: Solution, passes: int
 ) -> MotionSolution:
-    """The result of the solver for a motion.
-
-    The objective of the shortest motion is not the planner's; the report computes that.
-    """
-    parts = program.parts(found.unknowns)
-    assert parts is not None
-    weights, natural, effort, expected = list[FloatArray](), 0.0, 0.0, 0.0
-    for i, segment in enumerate(program.segments):
-        own, _ = parts[i]
-        course, _ = segment.at(own)
-        for term in program.terms[i]:
-            natural += term.at(course).cost
-        weights.append(motions[i].weights)
+    """The result of the solver. The objective of the shortest motion is not the planner's."""
+    natural = effort = expected = 0.0
+    parts = program.parts(found.unknowns) or ()
+    for segment, terms, (own, _) in zip(program.segments, program.terms, parts, strict=True):
+        natural += sum(term.at(segment.at(own)[0]).cost for term in terms)
         effort += segment.effort(own)
         expected += segment.effort(segment.expected)
+    objective = float("nan") if setting.is_shortest else found.cost - natural
     return MotionSolution(
-        weights=np.concatenate(weights),
-        objective_cost=float("nan") if setting.is_shortest else found.cost - natural,
-        effort_cost=effort,
-        naturalness_cost=natural,
-        start_cost=expected,
-        converged=found.converged,
-        iterations=passes,
-        kkt_residual=found.kkt_residual,
+        objective, effort, natural, expected, found.converged, passes, found.kkt_residual
     )

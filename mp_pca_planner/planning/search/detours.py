@@ -25,8 +25,8 @@ from ..context import Budget, Context
 from ..motion import Motion
 from ..options import FREE, SHORTEST, SolverOptions
 from ..program.bases import MIN_NATURALNESS, MotionBasis
+from ..program.compile import SCALING_MARGIN, Setting, first_setting
 from ..program.constraints import least_distances
-from ..program.setting import SCALING_MARGIN, Setting, first_setting
 from ..request import Request, timing_for
 from ..time_scaling import kinematic_stretch, slowdown
 from .candidate import Candidate, attempt, checked, sampled

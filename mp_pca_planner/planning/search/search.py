@@ -8,9 +8,8 @@ A stage is a function of a case and a budget, whose result is None if it does no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from operator import attrgetter
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from ..motion import cost_of, rank_of
 from ..objectives import effort
 from ..options import DEMONSTRATED, REAL_TIME
 from ..program.bases import NEAR_EXPECTED, MotionBasis
-from ..program.setting import (
+from ..program.compile import (
     MAX_STRETCH,
     Setting,
     expected_setting,
@@ -40,6 +39,7 @@ from .candidate import (
     attempt,
     checked,
     collides,
+    least_violation,
     sampled,
 )
 from .detours import along_path, missing_planner
@@ -71,7 +71,7 @@ class Failure:
         The first setting of the request, and the one that failed.
     candidate : Candidate
         The motion that was found.
-    violations : tuple of Violation
+    violations : list of Violation
         Violations of the attempts with this basis, the last one included.
     expected_check : LimitCheck
         Comparison with the limits of the expected motion of the same ends and duration.
@@ -84,7 +84,7 @@ class Failure:
     first: Setting
     setting: Setting
     candidate: Candidate
-    violations: tuple[Violation, ...]
+    violations: list[Violation]
     expected_check: LimitCheck
     is_recoverable: bool
 
@@ -150,43 +150,6 @@ RECOVERIES: tuple[Recovery, ...] = (given_duration, slower, more_natural, wider_
 """The recoveries, in the order in which they are tried."""
 
 
-def recovered(failure: Failure) -> Setting | None:
-    """The setting of the first recovery that applies; None if none does."""
-    for recovery in RECOVERIES:
-        if (setting := recovery(failure)) is not None:
-            return setting
-    return None
-
-
-def failure_of(
-    context: Context,
-    request: Request,
-    first: Setting,
-    setting: Setting,
-    found: Sequence[Candidate],
-) -> Failure:
-    """The failure of the last of the attempts with one basis."""
-    candidate = found[-1]
-    expected = replace(candidate.motions[0], weights=setting.bases[0].expected)
-    trajectory, check = sampled(context, [expected])
-    is_recoverable = (
-        not setting.is_shortest
-        and not candidate.is_hopeless
-        and bool(candidate.check.violations or candidate.collisions)
-        and not (candidate.collisions and collides(context, trajectory))
-    )
-    return Failure(
-        context,
-        request,
-        first,
-        setting,
-        candidate,
-        tuple(one.violation for one in found),
-        check,
-        is_recoverable,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Case:
     """A request, and what is known of its motions.
@@ -205,53 +168,30 @@ class Case:
         Whether paths around bodies may help: those of single segments.
     starts_at_path : bool
         Whether paths are tried before descent from the expected motion.
-    found : tuple of Candidate
-        The candidates of the stages so far.
     earlier : Candidate or None
         The best candidate of earlier requests.
+    found : list of Candidate
+        The candidates of the stages so far.
     """
 
     context: Context
     request: Request
     first: Setting
-    joined: Candidate | None = None
-    may_detour: bool = False
-    starts_at_path: bool = False
-    found: tuple[Candidate, ...] = ()
-    earlier: Candidate | None = None
-
-    @property
-    def is_known(self) -> bool:
-        """Whether there is a candidate of this or an earlier request."""
-        return self.earlier is not None or bool(self.found)
-
-    @property
-    def best(self) -> Candidate | None:
-        """The candidate of the least violation."""
-        return min(self.found, key=attrgetter("violation"), default=None)
-
-    def with_candidate(self, candidate: Candidate) -> Case:
-        """The case with the candidate of a further stage, which knows all evaluations."""
-        if candidate.how != OPTIMISED:
-            passes = sum(one.solution.iterations for one in self.found)
-            solution = replace(candidate.solution, iterations=passes)
-            candidate = replace(candidate, solution=solution)
-        return replace(self, found=(*self.found, candidate))
+    joined: Candidate | None
+    may_detour: bool
+    starts_at_path: bool
+    earlier: Candidate | None
+    found: list[Candidate]
 
 
 def first_case(
     context: Context, request: Request, earlier: Candidate | None, budget: Budget
 ) -> Case:
-    """A request before anything was tried.
+    """A request before anything was tried, and the best candidate of earlier requests.
 
-    Parameters
-    ----------
-    context, request
-        Of the planner; the request.
-    earlier : Candidate or None
-        The best candidate of earlier requests.
-    budget : Budget
-        The time for joining segments.
+    Segments are joined within the budget. A path comes before descent where the expected motion is
+    in collision at a quadrature node: descent from there takes longer. It stays nearer to the
+    demonstrations, so it comes first where their timing or naturalness is asked for.
     """
     if request.mode:
         bases = tuple(
@@ -260,30 +200,19 @@ def first_case(
                 for one in request.segments
             ]
         )
-        expected = _joined(context, request, bases, budget)
+        joined = _joined(context, request, bases, budget)
         objectives = context.options.objectives
-        first = Setting(bases, expected.motions, request.naturalness, objectives)
-        return Case(context, request, first, expected, earlier=earlier)
-    first = expected_setting(context, request)
-    if context.collision is None or not context.collision.pairs:
-        return Case(context, request, first, earlier=earlier)
-    at_path = _starts_at_path(context, request, first)
-    return Case(context, request, first, may_detour=True, starts_at_path=at_path, earlier=earlier)
-
-
-def _starts_at_path(context: Context, request: Request, first: Setting) -> bool:
-    """Whether the expected motion is in collision at a quadrature node.
-
-    Descent from there takes longer than a path. It stays nearer to the demonstrations, so it comes
-    first where their timing or naturalness is asked for.
-    """
-    is_natural = request.naturalness >= NEAR_EXPECTED
-    if is_natural or request.timing == DEMONSTRATED or not request.duration_is_free:
-        return False
-    assert context.collision is not None
-    motion = replace(first.initial[0], duration=request.duration)
-    positions = motion.evaluate(request.duration * first.bases[0].tables.phases)[0]
-    return context.collision.collide_anywhere(positions)
+        first = Setting(bases, joined.motions, request.naturalness, objectives)
+        return Case(context, request, first, joined, False, False, earlier, [])
+    first, collision = expected_setting(context, request), context.collision
+    may_detour = collision is not None and bool(collision.pairs)
+    is_natural = request.naturalness >= NEAR_EXPECTED or request.timing == DEMONSTRATED
+    starts_at_path = False
+    if collision is not None and may_detour and request.duration_is_free and not is_natural:
+        motion = replace(first.initial[0], duration=request.duration)
+        positions = motion.evaluate(request.duration * first.bases[0].tables.phases)[0]
+        starts_at_path = collision.collide_anywhere(positions)
+    return Case(context, request, first, None, may_detour, starts_at_path, earlier, [])
 
 
 def _joined(
@@ -297,19 +226,17 @@ def _joined(
             motions = joined_motion(request, bases, durations, share)
             found.append(replace(checked(context, request, bases, motions), how=JOINED))
             if not found[-1].check.violations or budget.is_over():
-                return min(found, key=attrgetter("violation"))
+                return least_violation(found)
             longer = stretched(request, found[-1].check, durations, MAX_STRETCH)
             if longer == durations or sum(longer) > context.longest:
                 break
             durations = longer
-    return min(found, key=attrgetter("violation"))
+    return least_violation(found)
 
 
 def path_first(case: Case, budget: Budget) -> Candidate | None:
     """The best motion along a collision-free path, if the expected motion collides."""
-    if not case.starts_at_path:
-        return None
-    return along_path(case.context, case.request, budget)
+    return along_path(case.context, case.request, budget) if case.starts_at_path else None
 
 
 def descent(case: Case, budget: Budget) -> Candidate | None:
@@ -321,14 +248,14 @@ def descent(case: Case, budget: Budget) -> Candidate | None:
     if request.mode == REAL_TIME:
         return None
     leads = case.may_detour and not missing_planner()
-    within, found, same = budget, list[Candidate](), list[Candidate]()
     among = context.collision is not None and len(context.collision.world)
+    within, found, violations = budget, list[Candidate](), list[Violation]()
     if leads and among and not case.starts_at_path:
         within = budget.part(_EVALUATIONS_OF_DESCENT)
     while True:
         candidate = attempt(context, request, setting, within)
         found.append(candidate)
-        same.append(candidate)
+        violations.append(candidate.violation)
         if candidate.is_valid or candidate.is_hopeless or request.mode:
             break
         if leads and (within.is_over() or candidate.meets_bodies):
@@ -337,13 +264,22 @@ def descent(case: Case, budget: Budget) -> Candidate | None:
                 break
         if budget.is_over():
             break
-        following = recovered(failure_of(context, request, case.first, setting, same))
+        expected = replace(candidate.motions[0], weights=setting.bases[0].expected)
+        trajectory, check = sampled(context, [expected])
+        wrong = candidate.collisions or candidate.check.violations
+        may_recover = bool(wrong) and not setting.is_shortest
+        may_recover &= not (candidate.collisions and collides(context, trajectory))
+        failure = Failure(
+            context, request, case.first, setting, candidate, violations, check, may_recover
+        )
+        settings = (recovery(failure) for recovery in RECOVERIES)
+        following = next((one for one in settings if one is not None), None)
         if following is None:
             break
         if following.width != setting.width or (setting.is_timed and not candidate.has_clearances):
-            same = []
+            violations = []
         setting = following
-    return min(found, key=attrgetter("violation"))
+    return least_violation(found)
 
 
 def path_after(case: Case, budget: Budget) -> Candidate | None:
@@ -364,7 +300,7 @@ def joined(case: Case, budget: Budget) -> Candidate | None:
 
 def slow(case: Case, budget: Budget) -> Candidate | None:
     """A motion with rests, within the limits, where there is no other for any request so far."""
-    is_hopeless = case.best is not None and case.best.is_hopeless
+    is_hopeless = bool(case.found) and least_violation(case.found).is_hopeless
     has_fallback = case.earlier is not None and case.earlier.is_valid
     if has_fallback or is_hopeless or budget.is_cancelled():
         return None
@@ -399,29 +335,34 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
     """
     best: Candidate | None = None
     for request in requests:
-        case = first_case(context, request, best, budget)
+        case, passes = first_case(context, request, best, budget), 0
         for stage in ORDER:
-            if case.is_known and budget.is_over() and stage not in _WITHOUT_TIME:
+            if (best or case.found) and budget.is_over() and stage not in _WITHOUT_TIME:
                 continue
             candidate = stage(case, budget)
-            if candidate is not None:
-                case = case.with_candidate(candidate)
-                if candidate.is_valid:
-                    break
-        best = _best(context, [one for one in (best, case.best) if one is not None])
+            if candidate is None:
+                continue
+            passes += candidate.solution.iterations
+            if candidate.how != OPTIMISED:  # it knows the evaluations of the stages before
+                solution = replace(candidate.solution, iterations=passes)
+                candidate = replace(candidate, solution=solution)
+            case.found.append(candidate)
+            if candidate.is_valid:
+                break
+        rivals = [] if best is None else [best]
+        if case.found:
+            rivals.append(least_violation(case.found))
+        if len(rivals) > 1:  # slow motions and detours have no costs yet
+            rivals = [with_costs(context, one) for one in rivals]
+        best = min(
+            rivals, key=lambda one: (one.violation, one.how == SLOW, rank_of(one.solution.cost))
+        )
         # Further configurations of a pose are for where the most natural one has no motion.
         is_enough = best.is_valid and (request.pose is not None and best.how != SLOW)
         if is_enough or budget.is_cancelled() or (budget.is_over() and best.is_valid):
             break
     assert best is not None, "a goal has a request"
     return with_costs(context, best)
-
-
-def _best(context: Context, found: Sequence[Candidate]) -> Candidate:
-    """The best of the candidates of some requests; of slow motions, the first."""
-    if len(found) > 1:  # slow motions and detours have no costs yet
-        found = [with_costs(context, one) for one in found]
-    return min(found, key=lambda one: (one.violation, one.how == SLOW, rank_of(one.solution.cost)))
 
 
 def with_costs(context: Context, found: Candidate) -> Candidate:

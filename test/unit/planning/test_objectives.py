@@ -47,7 +47,7 @@ def central_differences(function, x, step=1e-5):
 
 
 def motion_of(program, x, basis):
-    goal = JointState(JOINTS, program.unknowns.boundary_at(x)[0][3])
+    goal = JointState(JOINTS, program.unknowns.boundary_at(x)[3])
     return Motion(START, goal, program.unknowns.duration_at(x), basis, program.unknowns.weights(x))
 
 
@@ -75,7 +75,7 @@ def test_states_of_a_free_duration_and_goal_are_those_of_the_motion():
     program, x = compile_free()
     motion = motion_of(program, x, BASES["arm"])
     times = Tables(BASES["arm"]).phases * motion.duration
-    np.testing.assert_allclose(program.states(x)[:3], motion.evaluate(times), atol=1e-10)
+    np.testing.assert_allclose(program.at(x)[0].states[:3], motion.evaluate(times), atol=1e-10)
 
 
 @pytest.mark.parametrize("name", OBJECTIVES)

@@ -145,7 +145,7 @@ def test_more_naturalness_gives_motions_nearer_to_the_expected_one_at_more_effor
             arm_primitive().model.predict(*REQUESTS[i], p.motion.duration).weights
             for i, p in enumerate(plans)
         ]
-        off = [p.solution.weights - w for p, w in zip(plans, expected, strict=True)]
+        off = [p.motion.weights - w for p, w in zip(plans, expected, strict=True)]
         distances.append(np.mean(np.linalg.norm(off, axis=1)))
     assert costs == sorted(costs) and costs[-1] > 0.99
     assert distances == sorted(distances, reverse=True) and distances[-1] < 0.05 * distances[0]
@@ -156,7 +156,7 @@ def test_b_splines_need_less_effort_than_components():
     for i in range(10):
         pca = planner(naturalness=0.0).plan(*request(i, duration=0.9))
         spline = planner(basis="bspline").plan(*request(i, duration=0.9))
-        assert len(spline.solution.weights) == 24
+        assert len(spline.motion.weights) == 24
         assert spline.goal_error <= 1e-12
         better += spline.solution.effort_cost < pca.solution.effort_cost
     assert better >= 9

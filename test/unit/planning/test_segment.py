@@ -8,7 +8,8 @@ from scipy.integrate import quad_vec
 from support.arm import arm_robot
 from support.motion_programs import BASES, compile_motion
 
-from mp_pca_planner.planning.motion import Tables
+from mp_pca_planner.planning.motion import Tables, cost_of
+from mp_pca_planner.planning.objectives import effort
 from mp_pca_planner.planning.program.segment import Naturalness
 
 
@@ -23,7 +24,7 @@ def test_the_chosen_nodes_integrate_the_effort_as_adaptive_quadrature_does(name)
             return 0.5 * np.sum(tau**2)
 
         exact, _ = quad_vec(power, 0.0, 0.9, epsrel=1e-9, points=motion.basis.breakpoints * 0.9)
-        found = program.costs(motion.weights[None] / program.unknowns.scales)[0]
+        found = program.at(motion.weights / program.unknowns.scales)[1].cost
         assert found == pytest.approx(exact, rel=1e-3)
 
 
@@ -36,7 +37,7 @@ def test_the_gradient_equals_central_differences_to_1e_6(name):
     z = motion.weights / program.unknowns.scales
 
     def cost(z):
-        return program.costs(z[None])[0] + natural.at(program.at(z)[0]).cost
+        return program.at(z)[1].cost + natural.at(program.at(z)[0]).cost
 
     course, here = program.at(z)
     gradient = here.gradient + natural.at(course).gradient
@@ -47,26 +48,16 @@ def test_the_gradient_equals_central_differences_to_1e_6(name):
     assert np.linalg.norm(gradient - difference) <= 1e-6 * np.linalg.norm(gradient)
 
 
-def test_the_cost_with_derivatives_is_that_of_the_effort():
+def test_running_costs_are_those_of_the_motion_and_naturalness_is_zero_at_the_expected_weights():
     program, motion = compile_motion(BASES["joint"])
     z = motion.weights / program.unknowns.scales
-    assert program.at(z)[1].cost == pytest.approx(program.costs(z[None])[0], rel=1e-12)
-    assert program.effort(z) == pytest.approx(program.costs(z[None])[0], rel=1e-12)
-
-
-def test_costs_of_several_candidates_are_those_of_each():
-    program, _ = compile_motion(BASES["arm"])
-    candidates = np.random.default_rng(1).normal(size=(5, 4))
-    together = program.costs(candidates)
-    alone = [program.costs(c[None])[0] for c in candidates]
-    np.testing.assert_allclose(together, alone, rtol=1e-13)
-
-
-def test_naturalness_is_zero_at_the_expected_weights():
-    program, _ = compile_motion(BASES["arm"])
-    natural = Naturalness(program.expected, np.eye(4))
+    objectives = [(1.0, effort)]
+    cost = cost_of(arm_robot(), motion, program.tables, objectives)
+    assert program.at(z)[1].cost == pytest.approx(cost, rel=1e-12)
+    assert program.effort(z) == pytest.approx(cost, rel=1e-12)
+    natural = Naturalness(program.expected, np.eye(z.size))
     assert natural.at(program.at(program.expected)[0]).cost == 0.0
-    assert natural.at(program.at(program.expected + 2.0)[0]).cost == pytest.approx(8.0)
+    assert natural.at(program.at(program.expected + 2.0)[0]).cost == pytest.approx(2.0 * z.size)
 
 
 @pytest.mark.parametrize("name", BASES)

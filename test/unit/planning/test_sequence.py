@@ -21,9 +21,8 @@ from mp_pca_planner.planning.motion import samples_of
 from mp_pca_planner.planning.options import MODES, OPTIMAL, REAL_TIME, SolverOptions
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.compile import compile_program
+from mp_pca_planner.planning.program.compile import Setting, compile_program, joined_motion
 from mp_pca_planner.planning.program.motion_program import MotionProgram
-from mp_pca_planner.planning.program.setting import Setting, joined_motion
 from mp_pca_planner.planning.resolve import resolve
 from mp_pca_planner.planning.solver import solve
 from mp_pca_planner.primitives.file import save_primitive

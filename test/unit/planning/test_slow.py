@@ -19,7 +19,7 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Se
 from mp_pca_planner.motion.validation import check_executable, check_limits
 from mp_pca_planner.planning.options import MODES
 from mp_pca_planner.planning.plan import INFEASIBLE, STOPPED_EARLY
-from mp_pca_planner.planning.program import setting
+from mp_pca_planner.planning.program import compile as setting
 
 NO_TIME = 1e-9
 # Hardly any jerk: no motion that is optimised without time keeps these limits.
