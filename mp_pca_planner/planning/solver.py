@@ -26,7 +26,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,8 +92,6 @@ class Solution:
         Evaluations of the program.
     kkt_residual : float
         Norm of the Lagrangian's gradient, as a share of the objective.
-    start_cost : float
-        Objective at the start.
     memory : SolverMemory
         State from which to continue after a small change of the program.
     """
@@ -104,7 +102,6 @@ class Solution:
     converged: bool
     iterations: int
     kkt_residual: float
-    start_cost: float
     memory: SolverMemory
 
 
@@ -136,45 +133,62 @@ def solve(
     solution : Solution
         The solution; without constraints its cost never exceeds that of the start.
     """
-    search = _Search(program, start, options, memory, is_late)
-    converged = search.run()
-    x, here, violated = search.x, search.here, search.violated
-    if violated > options.feasible and search.feasible is not None:
+    x, here, iterations, weight = start, program.evaluate(start), 1, 0.0
+    violated, pull = infeasibility(program, here), here.gradient
+    feasible = (x, here) if violated <= options.feasible else None
+    if memory is None:
+        radius = _FIRST_RADIUS_TO_EQUALITIES if here.equalities.size else options.first_radius
+        memory = here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp)
+    curvature, radius, sides = memory
+    converged, last_step = x.size == 0, time.perf_counter()
+    while not converged and iterations < options.max_iterations:
+        is_feasible, enough = violated <= options.feasible, options.tolerance * here.cost
+        hessian = here.hessian + curvature
+        try:
+            step = next_step(
+                program, here, hessian, radius, sides, enough if is_feasible else -math.inf
+            )
+        except np.linalg.LinAlgError:  # numbers overflow: there is no better point from here
+            break
+        pull, converged = step.pull, step.is_negligible
+        if converged:
+            break
+        sides = step.sides
+        # An exact penalty needs a weight above every multiplier. It may fall again (Powell, "A
+        # fast algorithm for nonlinearly constrained optimization calculations", 1978).
+        multipliers = np.concatenate([step.multipliers, np.abs(step.equality_multipliers)])
+        least = 2.0 * float(multipliers.max(initial=0.0))
+        weight = max(least, 0.5 * (weight + least))
+        predicted = step.decrease + weight * (violated - step.infeasibility)
+        converged = predicted <= enough and is_feasible
+        restores = violated - step.infeasibility > options.feasible
+        stuck = (predicted <= enough and not restores) or radius < _MIN_RADIUS
+        before, last_step = last_step, time.perf_counter()
+        if converged or stuck or is_late(last_step - before):
+            break
+        if here.equalities.size:
+            step = _restored(program, x, here, step)
+        there = program.evaluate(x + step.change)
+        iterations, after = iterations + 1, infeasibility(program, there)
+        decrease = here.cost - there.cost + weight * (violated - after)
+        length = math.sqrt(float(step.change @ step.change))
+        if not decrease >= 0.25 * predicted:  # a NaN must shrink the radius, too
+            radius = 0.25 * length
+        elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * radius):
+            radius = 2.0 * max(length, radius)
+        if step.infeasibility <= options.feasible:  # otherwise, multipliers may be penalties
+            curvature = _learned(curvature, here, step, there)
+        if decrease > 0.0:
+            x, here, violated = x + step.change, there, after
+            if violated <= options.feasible:
+                feasible = x, there
+    if violated > options.feasible and feasible is not None:
         # An early end between two points within the constraints.
-        x, here = search.feasible
+        x, here = feasible
         violated = infeasibility(program, here)
-    return Solution(
-        unknowns=x,
-        cost=here.cost,
-        infeasibility=violated,
-        converged=converged,
-        iterations=search.iterations,
-        kkt_residual=float(np.linalg.norm(search.pull)) / max(here.cost, TINY),
-        start_cost=search.start_cost,
-        memory=(search.curvature, search.radius, search.sides),
-    )
-
-
-def _tangent(here: MotionPoint, radius: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The steps normal + directions · y, for any y, that meet the linearised equalities.
-
-    Returns
-    -------
-    normal : array, shape (n,)
-        The normal step, inside the trust region.
-    directions : array, shape (n, n_free)
-        Orthonormal directions along the equalities.
-    pseudo_inverse : array, shape (n, n_equalities)
-        E⁺ of the equalities' rows E.
-    """
-    left, singular, right = np.linalg.svd(here.equality_rows)
-    rank = int(np.count_nonzero(singular > _DEPENDENT * singular[0]))
-    inverse = right[:rank].T @ (left[:, :rank] / singular[:rank]).T
-    normal = -inverse @ here.equalities
-    # Far from the equalities, the step is shortened to the trust region.
-    length = float(np.linalg.norm(normal))
-    normal *= min(1.0, _NORMAL_SHARE * radius / max(length, TINY))
-    return normal, right[rank:].T, inverse
+    residual = float(np.linalg.norm(pull)) / max(here.cost, TINY)
+    memory = curvature, radius, sides
+    return Solution(x, here.cost, violated, converged, iterations, residual, memory)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +211,8 @@ class Step:
         Gradient of the Lagrangian at the start of the step.
     damping : float
         Value added to the diagonal of the Hessian to limit the step.
+    is_negligible : bool
+        Whether the objective decreases by hardly anything.
     """
 
     change: FloatArray
@@ -207,34 +223,21 @@ class Step:
     equality_multipliers: FloatArray
     pull: FloatArray
     damping: float
+    is_negligible: bool = False
 
 
-class Held(NamedTuple):
-    """A step within few inequalities.
+def next_step(
+    program: MotionProgram,
+    here: MotionPoint,
+    hessian: FloatArray,
+    radius: float,
+    sides: NDArray[np.intp],
+    enough: float,
+) -> Step:
+    """The step within the linearised constraints.
 
-    Attributes
-    ----------
-    step : array, shape (n_free,)
-        The step y of the free unknowns.
-    multipliers : array, shape (n_inequalities,)
-        Lagrange multipliers of the inequalities.
-    damping : float
-        Value added to the diagonal of the Hessian to limit the step.
-    is_within : bool
-        Whether the inequalities are met; otherwise they contradict each other.
-    """
-
-    step: FloatArray
-    multipliers: FloatArray
-    damping: float
-    is_within: bool
-
-
-class Subproblem:
-    """The quadratic model of a program at a point, in the trust region.
-
-    Its unknowns are y with the step `normal + directions · y`, or the step itself where there
-    are no equalities.
+    Only few of the thousands of inequalities enter the quadratic program: the given sides, and
+    those that the step would violate otherwise.
 
     Parameters
     ----------
@@ -248,153 +251,134 @@ class Subproblem:
         Radius of the trust region.
     sides : array of int
         Sides of inequalities to consider first: those that were active in the step before.
+    enough : float
+        The step is negligible if the objective decreases by at most this within the given sides
+        alone. Within all inequalities it decreases at most as much.
+    """
+    model = _Model(here, hessian, radius)
+    sides = sides if model.gradient.size else sides[:0]
+    rows, bounds = _at_sides(program, here, sides)
+    change, multipliers, damping, is_within = model.step_within(rows, bounds, 0.0)
+    decrease = -float((here.gradient + 0.5 * (hessian @ change)) @ change)
+    if is_within and decrease <= enough:
+        pull = model.along(here.gradient + multipliers @ rows)
+        none = np.zeros(0)
+        return Step(change, decrease, 0.0, sides, multipliers, none, pull, damping, True)
+    for left in reversed(range(_MAX_ROUNDS)):
+        after = here.inequalities_after(change)
+        outside = outside_bounds(program, after)
+        if not (outside.max(initial=0.0) > ROUNDING and is_within and left):
+            break
+        broken = violated_sides(program, after, outside)
+        added = broken[~(broken[:, None] == sides).any(axis=1)]
+        if not added.size:
+            break
+        kept = multipliers > 0.0
+        new_rows, new_bounds = _at_sides(program, here, added)
+        sides = np.concatenate([sides[kept], added])
+        rows = np.concatenate([rows[kept], new_rows])
+        bounds = np.concatenate([bounds[kept], new_bounds])
+        change, multipliers, damping, is_within = model.step_within(rows, bounds, damping)
+    holding = multipliers > 0.0
+    multipliers, curved = multipliers[holding], hessian @ change
+    pull = here.gradient + multipliers @ rows[holding]
+    equality_multipliers, missed = np.zeros(0), 0.0
+    if here.equalities.size:
+        equality_multipliers = -model.inverse.T @ (pull + curved)
+        missed = float(np.abs(here.equalities + here.equality_rows @ change).sum())
+        pull = pull + equality_multipliers @ here.equality_rows
+    return Step(
+        change,
+        -float((here.gradient + 0.5 * curved) @ change),
+        sum_of_peaks(outside) + missed,
+        sides[holding],
+        multipliers,
+        equality_multipliers,
+        pull,
+        damping if sides.size else 0.0,
+    )
+
+
+class _Model:
+    """The quadratic model of a program at a point, in the trust region.
+
+    Its unknowns are y with the step `normal + directions · y` along the linearised equalities, or
+    the step itself where there are no equalities.
     """
 
-    def __init__(
-        self,
-        program: MotionProgram,
-        here: MotionPoint,
-        hessian: FloatArray,
-        radius: float,
-        sides: NDArray[np.intp],
-    ) -> None:
-        self._program, self._here, self._whole = program, here, hessian
-        self._tangent = _tangent(here, radius) if here.equalities.size else None
-        self._hessian, self._gradient, self._radius = hessian, here.gradient, radius
-        if self._tangent is not None:
-            normal, directions, _ = self._tangent
-            self._hessian = directions.T @ hessian @ directions
-            self._gradient = directions.T @ (here.gradient + hessian @ normal)
+    def __init__(self, here: MotionPoint, hessian: FloatArray, radius: float) -> None:
+        self.hessian, self.gradient, self._radius = hessian, here.gradient, radius
+        self._has_equalities = bool(here.equalities.size)
+        if self._has_equalities:
+            left, singular, right = np.linalg.svd(here.equality_rows)
+            rank = int(np.count_nonzero(singular > _DEPENDENT * singular[0]))
+            self.inverse = right[:rank].T @ (left[:, :rank] / singular[:rank]).T
+            normal = -self.inverse @ here.equalities
+            # Far from the equalities, the step is shortened to the trust region.
+            length = float(np.linalg.norm(normal))
+            normal *= min(1.0, _NORMAL_SHARE * radius / max(length, TINY))
+            self._normal, self._directions = normal, right[rank:].T
+            self.hessian = self._directions.T @ hessian @ self._directions
+            self.gradient = self.along(here.gradient + hessian @ normal)
             self._radius = math.sqrt(max(radius**2 - float(normal @ normal), 0.0))
-        self._sides = sides if self._gradient.size else sides[:0]
-        self._rows, self._bounds = _at_sides(program, here, self._sides)
-        # The step within the given sides alone.
-        if self._sides.size:
-            self._first = self._held(self._rows, self._bounds, 0.0)
-        else:
-            has_free = bool(self._gradient.size)
-            self._first = Held(self._free[0], np.zeros(0), 0.0, has_free)
 
-    def within_sides(self) -> tuple[float, FloatArray]:
-        """What the step within the given sides alone predicts.
+    def along(self, gradient: FloatArray) -> FloatArray:
+        """A gradient by y."""
+        return np.asarray(gradient @ self._directions) if self._has_equalities else gradient
 
-        Returns
-        -------
-        decrease : float
-            Predicted decrease of the objective. Within all inequalities it is at most as large. It
-            is infinite if no such step was found.
-        pull : array, shape (n_free,)
-            Gradient of the Lagrangian along the equalities, with the multipliers of that step.
-        """
-        pull = self._here.gradient + self._first.multipliers @ self._rows
-        if self._tangent is not None:
-            _, directions, _ = self._tangent
-            pull = pull @ directions
-        if not self._first.is_within:
-            return math.inf, pull
-        change = self._lifted(self._first.step)
-        return -float((self._here.gradient + 0.5 * (self._whole @ change)) @ change), pull
-
-    def solve(self) -> Step:
-        """The step within the linearised constraints.
-
-        Only few of the thousands of inequalities enter the quadratic program: the given sides, and
-        those that the step would violate otherwise.
-        """
-        here, program, held = self._here, self._program, self._first
-        sides, rows, bounds = self._sides, self._rows, self._bounds
-        for left in reversed(range(_MAX_ROUNDS)):
-            change = self._lifted(held.step)
-            after = here.inequalities_after(change)
-            outside = outside_bounds(program, after)
-            if not (outside.max(initial=0.0) > ROUNDING and held.is_within and left):
-                break
-            broken = violated_sides(program, after, outside)
-            added = broken[~(broken[:, None] == sides).any(axis=1)]
-            if not added.size:
-                break
-            kept = held.multipliers > 0.0
-            new_rows, new_bounds = _at_sides(program, here, added)
-            sides = np.concatenate([sides[kept], added])
-            rows = np.concatenate([rows[kept], new_rows])
-            bounds = np.concatenate([bounds[kept], new_bounds])
-            held = self._held(rows, bounds, held.damping)
-        holding = held.multipliers > 0.0
-        multipliers = held.multipliers[holding]
-        curved = self._whole @ change
-        pull = here.gradient + multipliers @ rows[holding]
-        equality_multipliers, missed = np.zeros(0), 0.0
-        if self._tangent is not None:
-            _, _, pseudo_inverse = self._tangent
-            equality_multipliers = -pseudo_inverse.T @ (pull + curved)
-            missed = float(np.abs(here.equalities + here.equality_rows @ change).sum())
-            pull = pull + equality_multipliers @ here.equality_rows
-        return Step(
-            change=change,
-            decrease=-float((here.gradient + 0.5 * curved) @ change),
-            infeasibility=sum_of_peaks(outside) + missed,
-            sides=sides[holding],
-            multipliers=multipliers,
-            equality_multipliers=equality_multipliers,
-            pull=pull,
-            damping=held.damping if sides.size else 0.0,
-        )
-
-    def correction(self, sides: NDArray[np.intp]) -> FloatArray:
-        """The shortest steps that change the equalities to first order, shape (n, n_equalities).
-
-        They keep the values of the given sides of inequalities, if these are not too many.
-        """
-        equalities = self._here.equality_rows
-        n_equalities, n = equalities.shape
-        if n_equalities + sides.size > n:
-            sides = sides[:0]
-        rows = np.concatenate([equalities, self._here.inequality_rows(sides // 2)])
-        changes = np.eye(len(rows))[:, :n_equalities]
-        return np.asarray(np.linalg.lstsq(rows, changes, rcond=_DEPENDENT)[0])
-
-    def _lifted(self, y: FloatArray) -> FloatArray:
-        if self._tangent is None:
-            return y
-        normal, directions, _ = self._tangent
-        return np.asarray(normal + directions @ y)
+    def _whole(self, y: FloatArray) -> FloatArray:
+        return np.asarray(self._normal + self._directions @ y) if self._has_equalities else y
 
     @cached_property
     def _free(self) -> tuple[FloatArray, float]:
         """The step without inequalities, and the shift of the Hessian for it."""
-        return trust_region_step(self._hessian, self._gradient, self._radius)
+        return trust_region_step(self.hessian, self.gradient, self._radius)
 
     @cached_property
     def _convex(self) -> tuple[FloatArray, FloatArray | None]:
         """The Hessian made positive definite, and its factor."""
-        return convex_factor(self._hessian)
+        return convex_factor(self.hessian)
 
-    def _held(self, rows: FloatArray, bounds: FloatArray, damping: float) -> Held:
-        """The step within inequalities rows · step ≤ bounds of the whole step.
+    def step_within(
+        self, rows: FloatArray, bounds: FloatArray, damping: float
+    ) -> tuple[FloatArray, FloatArray, float, bool]:
+        """The step within inequalities rows · step ≤ bounds.
 
         The given damping is raised until the step is not much longer than the trust region. A step
         that is still longer is shortened.
+
+        Returns
+        -------
+        step : array, shape (n,)
+            The step.
+        multipliers : array, shape (n_inequalities,)
+            Lagrange multipliers of the inequalities.
+        damping : float
+            Value added to the diagonal of the Hessian to limit the step.
+        is_within : bool
+            Whether the inequalities are met; otherwise they contradict each other.
         """
-        if self._tangent is not None:
-            normal, directions, _ = self._tangent
-            rows, bounds = rows @ directions, bounds - rows @ normal
+        if not bounds.size:
+            return self._whole(self._free[0]), bounds, 0.0, bool(self.gradient.size)
+        if self._has_equalities:
+            rows, bounds = rows @ self._directions, bounds - rows @ self._normal
         hessian, first_factor = self._convex
         longest = 1.5 * self._radius
         for _ in range(_MAX_DAMPINGS):
             factor = cholesky(hessian, damping) if damping else first_factor
-            found = solve_quadratic(factor, self._gradient, rows, bounds)
+            found = solve_quadratic(factor, self.gradient, rows, bounds)
             if found is None:
                 regular = hessian + damping * np.eye(len(hessian)) if damping else hessian
-                step, multipliers = nearest_step(regular, self._gradient, rows, bounds)
+                y, multipliers = nearest_step(regular, self.gradient, rows, bounds)
             else:
-                step, multipliers = found
-            length = math.sqrt(float(step @ step))
+                y, multipliers = found
+            length = math.sqrt(float(y @ y))
             if length <= longest or found is None:
                 break
             least = max(0.03 * self._free[1], 1e-4 * float(np.trace(hessian)) / len(hessian))
             damping = max(4.0 * damping, least)
         share = min(1.0, longest / max(length, TINY))
-        return Held(share * step, multipliers, damping, found is not None)
+        return self._whole(share * y), multipliers, damping, found is not None
 
 
 def _at_sides(
@@ -412,143 +396,65 @@ def _at_sides(
     return rows, signs * (bounds - at.inequalities[index])
 
 
-class _Search:
-    """The state of a search, advanced step by step."""
+def _restored(program: MotionProgram, x: FloatArray, here: MotionPoint, step: Step) -> Step:
+    """The step, corrected along the equalities where they are curved, before its evaluation.
 
-    def __init__(
-        self,
-        program: MotionProgram,
-        start: FloatArray,
-        options: SolverOptions,
-        memory: SolverMemory | None,
-        is_late: Callable[[float], bool],
-    ) -> None:
-        self._program, self._options, self._is_late = program, options, is_late
-        self._last_step = time.perf_counter()
-        self.x, self.here = start, program.evaluate(start)
-        self.violated = infeasibility(program, self.here)
-        self.start_cost, self.pull = self.here.cost, self.here.gradient
-        self.weight, self.iterations = 0.0, 1
-        self.feasible = (self.x, self.here) if self.violated <= options.feasible else None
-        if memory is None:
-            curved = bool(self.here.equalities.size)
-            radius = _FIRST_RADIUS_TO_EQUALITIES if curved else options.first_radius
-            memory = self.here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp)
-        self.curvature, self.radius, self.sides = memory
+    Corrections are the shortest, and keep the values of the active inequalities unless these are
+    too many. They are kept while they shrink the error of the linear prediction.
+    """
+    change, longest = step.change, 0.5 * float(np.linalg.norm(step.change))
+    predicted, least = here.equalities + here.equality_rows @ change, np.inf
+    n_equalities, n = here.equality_rows.shape
+    sides = step.sides if n_equalities + step.sides.size <= n else step.sides[:0]
+    rows = np.concatenate([here.equality_rows, here.inequality_rows(sides // 2)])
+    changes = np.eye(len(rows))[:, :n_equalities]
+    correction = np.linalg.lstsq(rows, changes, rcond=_DEPENDENT)[0]
+    for _ in range(_MAX_CORRECTIONS):
+        missed = program.equalities_at(x + change) - predicted
+        error = float(np.abs(missed).sum())
+        if not error < 0.5 * least:
+            break
+        step, least = replace(step, change=change), error
+        back = -correction @ missed
+        if error <= 0.1 * FEASIBLE or float(np.linalg.norm(back)) > longest:
+            break
+        change = change + back
+    return step
 
-    def run(self) -> bool:
-        """Take steps until one is negligible, or time or iterations run out.
 
-        Returns
-        -------
-        converged : bool
-            Whether the last step was negligible, within the constraints.
-        """
-        options, converged = self._options, self.x.size == 0
-        while not converged and self.iterations < options.max_iterations:
-            hessian = self.here.hessian + self.curvature
-            enough = options.tolerance * self.here.cost
-            try:
-                subproblem = Subproblem(self._program, self.here, hessian, self.radius, self.sides)
-                is_feasible = self.violated <= options.feasible
-                largest, pull = subproblem.within_sides()
-                converged = is_feasible and largest <= enough
-                if converged:
-                    self.pull = pull
-                    break
-                step = subproblem.solve()
-            except np.linalg.LinAlgError:  # numbers overflow: there is no better point from here
-                break
-            self.pull, self.sides = step.pull, step.sides
-            # An exact penalty needs a weight above every multiplier. It may fall again (Powell, "A
-            # fast algorithm for nonlinearly constrained optimization calculations", 1978).
-            multipliers = np.concatenate([step.multipliers, np.abs(step.equality_multipliers)])
-            least = 2.0 * float(multipliers.max(initial=0.0))
-            self.weight = max(least, 0.5 * (self.weight + least))
-            predicted = step.decrease + self.weight * (self.violated - step.infeasibility)
-            negligible = predicted <= enough
-            converged = negligible and is_feasible
-            restores = self.violated - step.infeasibility > options.feasible
-            stuck = (negligible and not restores) or self.radius < _MIN_RADIUS
-            before, self._last_step = self._last_step, time.perf_counter()
-            if converged or stuck or self._is_late(self._last_step - before):
-                break
-            self._take(step, subproblem, predicted)
-        return converged
-
-    def _take(self, step: Step, subproblem: Subproblem, predicted: float) -> None:
-        """Evaluate a step, update the curvature, accept the step if it lowers the penalty."""
-        if self.here.equalities.size:
-            step = self._restored(step, subproblem)
-        there = self._program.evaluate(self.x + step.change)
-        self.iterations += 1
-        violated = infeasibility(self._program, there)
-        decrease = self.here.cost - there.cost + self.weight * (self.violated - violated)
-        length = math.sqrt(float(step.change @ step.change))
-        if not decrease >= 0.25 * predicted:  # a NaN must shrink the radius, too
-            self.radius = 0.25 * length
-        elif decrease > 0.75 * predicted and (step.damping > 0.0 or length > 0.8 * self.radius):
-            self.radius = 2.0 * max(length, self.radius)
-        if step.infeasibility <= self._options.feasible:  # otherwise, multipliers may be penalties
-            self.curvature = self._learned(step, there)
-        if decrease > 0.0:
-            self.x, self.here, self.violated = self.x + step.change, there, violated
-            if violated <= self._options.feasible:
-                self.feasible = self.x, there
-
-    def _restored(self, step: Step, subproblem: Subproblem) -> Step:
-        """The step, corrected along the equalities where they are curved, before its evaluation.
-
-        Corrections are kept while they shrink the error of the linear prediction.
-        """
-        change, longest = step.change, 0.5 * float(np.linalg.norm(step.change))
-        predicted, least = self.here.equalities + self.here.equality_rows @ change, np.inf
-        correction = subproblem.correction(step.sides)
-        for _ in range(_MAX_CORRECTIONS):
-            missed = self._program.equalities_at(self.x + change) - predicted
-            error = float(np.abs(missed).sum())
-            if not error < 0.5 * least:
-                break
-            step, least = replace(step, change=change), error
-            back = -correction @ missed
-            if error <= 0.1 * FEASIBLE or float(np.linalg.norm(back)) > longest:
-                break
-            change = change + back
-        return step
-
-    def _learned(self, step: Step, there: MotionPoint) -> FloatArray:
-        """The estimate S of the curvature after the Dennis–Gay–Welsch update along a step."""
-        if not np.isfinite(there.cost):
-            return self.curvature
-        change, curvature = step.change, self.curvature
-        # The Lagrangian's gradient there, with the multipliers of the step.
-        pull = there.gradient
-        if step.sides.size:
-            signed = np.where(step.sides % 2, step.multipliers, -step.multipliers)
-            pull = pull + signed @ there.inequality_rows(step.sides // 2)
-        if step.equality_multipliers.size:
-            pull = pull + step.equality_multipliers @ there.equality_rows
-        turned = pull - step.pull
-        # S must map the step to the change of the gradient that the known part does not explain.
-        known = 0.5 * ((self.here.hessian + there.hessian) @ change)
-        unknown = turned - known
-        curved = curvature @ change
-        size = abs(float(change @ curved))
-        if size > 0.0:
-            # Sizing: an S that was estimated at larger residuals is too large here.
-            factor = min(1.0, abs(float(change @ unknown)) / size)
-            curvature, curved = curvature * factor, curved * factor
-        share = _EXPECTED_SHARE
-        scale = (1.0 - share) * turned + share * (known + curved)
-        along = float(change @ scale)
-        lengths = float(change @ change) * float(scale @ scale)
-        if not along > _MIN_COSINE * math.sqrt(lengths):
-            return curvature
-        error = (unknown - curved) / along
-        # E cᵀ + c Eᵀ − (E·step/along) c cᵀ, c the scale; the last term shared out to the others.
-        half = error - (0.5 * float(error @ change) / along) * scale
-        cross = half[:, None] * scale
-        return np.asarray(curvature + cross + cross.T)
+def _learned(
+    curvature: FloatArray, here: MotionPoint, step: Step, there: MotionPoint
+) -> FloatArray:
+    """The estimate S of the curvature after the Dennis–Gay–Welsch update along a step."""
+    if not np.isfinite(there.cost):
+        return curvature
+    # The Lagrangian's gradient there, with the multipliers of the step.
+    change, pull = step.change, there.gradient
+    if step.sides.size:
+        signed = np.where(step.sides % 2, step.multipliers, -step.multipliers)
+        pull = pull + signed @ there.inequality_rows(step.sides // 2)
+    if step.equality_multipliers.size:
+        pull = pull + step.equality_multipliers @ there.equality_rows
+    turned = pull - step.pull
+    # S must map the step to the change of the gradient that the known part does not explain.
+    known = 0.5 * ((here.hessian + there.hessian) @ change)
+    unknown = turned - known
+    curved = curvature @ change
+    size = abs(float(change @ curved))
+    if size > 0.0:
+        # Sizing: an S that was estimated at larger residuals is too large here.
+        factor = min(1.0, abs(float(change @ unknown)) / size)
+        curvature, curved = curvature * factor, curved * factor
+    scale = (1.0 - _EXPECTED_SHARE) * turned + _EXPECTED_SHARE * (known + curved)
+    along = float(change @ scale)
+    lengths = float(change @ change) * float(scale @ scale)
+    if not along > _MIN_COSINE * math.sqrt(lengths):
+        return curvature
+    error = (unknown - curved) / along
+    # E cᵀ + c Eᵀ − (E·step/along) c cᵀ, c the scale; the last term shared out to the others.
+    half = error - (0.5 * float(error @ change) / along) * scale
+    cross = half[:, None] * scale
+    return np.asarray(curvature + cross + cross.T)
 
 
 def infeasibility(program: MotionProgram, at: MotionPoint) -> float:
