@@ -142,12 +142,8 @@ class Budget:
         check_number(seconds, "the time for planning [s]", GoalError, 1e-9)
         self.seconds, self.is_cancelled, self.evaluations = seconds, is_cancelled, _ENDLESS
         self._deadline = time.perf_counter() + seconds
-        self._cuts: list[bool] = []  # shared by all parts of a budget
-
-    @property
-    def was_cut_off(self) -> bool:
-        """Whether the clock, or a cancellation, ended a part of the search."""
-        return bool(self._cuts)
+        # Not empty if the clock, or a cancellation, ended a search. All parts share it.
+        self.cuts: list[bool] = []
 
     def is_late(self, ahead: float = 0.0) -> bool:
         """Whether the time runs out within some seconds, or the search was cancelled.
@@ -156,7 +152,7 @@ class Budget:
         """
         late = time.perf_counter() + ahead > self._deadline or self.is_cancelled()
         if late:
-            self._cuts.append(True)
+            self.cuts.append(True)
         return late
 
     def is_over(self) -> bool:

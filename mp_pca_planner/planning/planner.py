@@ -25,7 +25,6 @@ from ..exceptions import (
 from ..input_limits import INPUT_LIMITS
 from ..motion.collision import CollisionModel
 from ..motion.goal import (
-    Goal,
     GoalLike,
     JointGoal,
     JointState,
@@ -243,7 +242,17 @@ class Planner:
         goal = as_goal(goal, self.robot.joint_names, duration)
         start = as_state(start, self.robot.joint_names, "the start")
         check_choice(mode, "the mode", GoalError, MODES)
-        context = replace(self._context, limits=self._limits_for(goal, start))
+        states, times = [start, getattr(goal, "state", start)], [getattr(goal, "duration", None)]
+        if isinstance(goal, SequenceGoal):
+            states += [one for one in goal.targets if isinstance(one, JointState)]
+            times += goal.times
+        limits, is_asked = self.limits, bool(set(times) - {None})
+        moves = any(np.any([one.velocities, one.accelerations]) for one in states)
+        # Limits of the demonstrations are for motions from rest to rest in times of our own.
+        if self.options.demonstrated_margin and not (is_asked or moves):
+            careful, usual = self._demonstrated
+            limits = usual if self.options.timing in (SHORTEST, FREE) else careful
+        context = replace(self._context, limits=limits)
         budget = Budget(self.options.max_solve_time) if budget is None else budget
         n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
         budget = budget.without(min(n_segments * _TIME_FOR_CHECKS, 0.4 * budget.seconds))
@@ -266,19 +275,3 @@ class Planner:
         pairs = zip(self.limits.joint_names, usual.acceleration.tolist(), strict=True)
         free = np.isinf(self.limits.acceleration)
         return {name: value for (name, value), has in zip(pairs, free, strict=True) if has}
-
-    def _limits_for(self, goal: Goal, start: JointState) -> JointLimits:
-        """The limits of a motion, see `demonstrated_margin` of the options."""
-        targets: Sequence[object] = ()
-        times: Sequence[float | None] = ()
-        if isinstance(goal, SequenceGoal):
-            targets, times = goal.targets, goal.times
-        else:
-            targets, times = [getattr(goal, "state", None)], [goal.duration]
-        states = [start, *(one for one in targets if isinstance(one, JointState))]
-        is_moving = any(np.any([one.velocities, one.accelerations]) for one in states)
-        is_asked = any(one is not None for one in times)
-        if not self.options.demonstrated_margin or is_moving or is_asked:
-            return self.limits
-        careful, usual = self._demonstrated
-        return usual if self.options.timing in (SHORTEST, FREE) else careful

@@ -153,7 +153,7 @@ def _status(best: Candidate, budget: Budget) -> tuple[str, str]:
             why = "because no better motion within the limits was found"
             return STOPPED_EARLY, f"{text}, {why}"
         return SOLVED, text
-    if budget.was_cut_off:
+    if budget.cuts:
         return STOPPED_EARLY, f"{_time_ran_out(budget)} before the search ended"
     if not best.solution.converged:
         return STOPPED_EARLY, "not the best motion yet: the solver's iterations ran out"
@@ -197,7 +197,7 @@ def _refusal(context: Context, best: Candidate, budget: Budget, score: float) ->
 
 def _searched(budget: Budget, kind: str) -> str:
     """Text on the end of the search for a kind of motion."""
-    if budget.was_cut_off:
+    if budget.cuts:
         return f"{_time_ran_out(budget)} before a motion {kind} was found"
     return f"no motion {kind} was found"
 

@@ -10,11 +10,12 @@ and acceleration for any weights if their boundary parts h are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, set_frozen
 from ..exceptions import TrajectoryError
 from ..motion.goal import JointState, Pose
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
@@ -75,6 +76,14 @@ class Request:
         Timing of a free duration of a single goal.
     n_passed : int
         Initial targets of the goal that are left out, because the robot is there.
+    start, goal : JointState
+        States at the start and at the last target.
+    pose : Pose or None
+        The pose to reach, if the last target is one.
+    duration : float
+        The requested duration, or the predicted one [s].
+    duration_is_free : bool
+        Whether the duration of the whole is not specified.
     """
 
     segments: tuple[RequestSegment, ...]
@@ -83,31 +92,17 @@ class Request:
     naturalness: float = NATURAL
     timing: str = DEMONSTRATED
     n_passed: int = 0
+    start: JointState = field(init=False)
+    goal: JointState = field(init=False)
+    pose: Pose | None = field(init=False)
+    duration: float = field(init=False)
+    duration_is_free: bool = field(init=False)
 
-    @property
-    def start(self) -> JointState:
-        """State at the start."""
-        return self.segments[0].start
-
-    @property
-    def goal(self) -> JointState:
-        """State at the last target."""
-        return self.segments[-1].goal
-
-    @property
-    def pose(self) -> Pose | None:
-        """The pose to reach, if the last target is one."""
-        return self.segments[-1].pose
-
-    @property
-    def duration(self) -> float:
-        """The requested duration, or the predicted one [s]."""
-        return sum(segment.duration for segment in self.segments)
-
-    @property
-    def duration_is_free(self) -> bool:
-        """Whether the duration of the whole is not specified."""
-        return not self.groups[-1][1]
+    def __post_init__(self) -> None:
+        first, last = self.segments[0], self.segments[-1]
+        duration = sum(map(attrgetter("duration"), self.segments))
+        ends = {"start": first.start, "goal": last.goal, "pose": last.pose}
+        set_frozen(self, duration=duration, duration_is_free=not self.groups[-1][1], **ends)
 
     def resting_durations(self, least: FloatArray, usual: FloatArray) -> FloatArray:
         """Durations of segments from rest to rest, neither below the least nor the usual ones [s].

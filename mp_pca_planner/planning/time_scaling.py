@@ -54,10 +54,21 @@ def least_stretch(robot: Robot, limits: JointLimits, states: FloatArray) -> floa
     tau = robot.inverse_dynamics(*states[:3])
     if kinematic >= 1.0 and np.all(np.abs(tau) <= limits.effort):
         return kinematic
-    parts = _effort_parts(robot, states, tau)
-    if not np.all(np.abs(parts[0]) < limits.effort):
+    rest, (viscous, coulomb) = np.zeros_like(states[0]), robot.drag(states[1])
+    gravity = robot.inverse_dynamics(states[0], rest, rest)
+    # Friction counts in full at any speed, so that it is not underestimated in shorter motions.
+    static = gravity + robot.friction * np.sign(states[1])
+    inertial = tau - gravity - viscous - coulomb
+    if not np.all(np.abs(static) < limits.effort):
         return float("inf")
-    return max(kinematic, _stretch_of_efforts(limits, *parts))
+    # The least factor k with |s + d/k + m/k²| ≤ τ_max there and beyond.
+    for side in (1.0, -1.0):
+        room = np.maximum(limits.effort - side * static, np.finfo(float).tiny)
+        half, square = side * viscous / (2.0 * room), side * inertial / room
+        roots = np.sqrt(np.maximum(half**2 + square, 0.0))
+        factor = np.max(np.where(half**2 + square < 0.0, 0.0, half + roots))
+        kinematic = max(kinematic, float(factor))
+    return kinematic
 
 
 def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
@@ -73,33 +84,6 @@ def kinematic_stretch(limits: JointLimits, rates: FloatArray) -> float:
     bounds = np.array([limits.velocity, limits.acceleration, limits.jerk])
     shares = np.max(np.abs(rates) / bounds[:, None], axis=(1, 2))
     return float(np.max(shares ** (1.0 / np.arange(1, 4))))
-
-
-def _effort_parts(
-    robot: Robot, states: FloatArray, tau: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Efforts of gravity and friction, of damping, and of inertia, along a motion.
-
-    Friction counts in full at any speed, so that it is not underestimated in shorter motions.
-    """
-    rest = np.zeros_like(states[0])
-    viscous, coulomb = robot.drag(states[1])
-    gravity = robot.inverse_dynamics(states[0], rest, rest)
-    static = gravity + robot.friction * np.sign(states[1])
-    return static, viscous, tau - gravity - viscous - coulomb
-
-
-def _stretch_of_efforts(
-    limits: JointLimits, static: FloatArray, viscous: FloatArray, inertial: FloatArray
-) -> float:
-    """The least factor k with |s + d/k + m/k²| ≤ τ_max there and beyond."""
-    factors = []
-    for side in (1.0, -1.0):
-        room = np.maximum(limits.effort - side * static, np.finfo(float).tiny)
-        half, square = side * viscous / (2.0 * room), side * inertial / room
-        roots = np.sqrt(np.maximum(half**2 + square, 0.0))
-        factors.append(np.max(np.where(half**2 + square < 0.0, 0.0, half + roots)))
-    return float(max(*factors, 0.0))
 
 
 def least_duration(robot: Robot, limits: JointLimits, start: FloatArray, goal: FloatArray) -> float:

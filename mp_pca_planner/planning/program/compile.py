@@ -31,12 +31,11 @@ from ..time_scaling import least_stretch, slowdown
 from .bases import NEAR_EXPECTED, MotionBasis
 from .constraints import AlongPath, Clearance, Constraint, Ends, PoseTarget
 from .limits import Limits, limit_shares
-from .motion_program import Chain, MotionProgram, junctions_of
+from .motion_program import Chain, MotionProgram, Naturalness, junctions_of
 from .segment import (
     END_SCALES,
     GOAL_POSITION,
     LOG_DURATION_SCALE,
-    Naturalness,
     SegmentProgram,
     Unknowns,
 )

@@ -26,7 +26,7 @@ from ...motion.goal import JointState
 from ..motion import Motion
 from ..request import Request
 from .constraints import Clearance, Constraint, Findings, Linear, PoseTarget
-from .segment import END_SCALES, LOG_DURATION_SCALE, Naturalness, SegmentProgram
+from .segment import END_SCALES, LOG_DURATION_SCALE, Course, Quadratic, SegmentProgram
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +172,28 @@ class Chain:
                     jacobian[-1, column] = sign * by_time * junction.time_unit
             parts.append((local, jacobian))
         return parts
+
+
+@dataclass(frozen=True, eq=False)
+class Naturalness:
+    """½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), the cost of deviations from the demonstrations.
+
+    Attributes
+    ----------
+    expected : array, shape (n_unknowns,)
+        The unknowns of the expected motion.
+    precision : array, shape (n_unknowns, n_unknowns)
+        ρΛ⁻¹ of the scaled unknowns.
+    """
+
+    expected: FloatArray
+    precision: FloatArray
+
+    def at(self, course: Course) -> Quadratic:
+        """The term with its derivatives."""
+        deviation = course.x - self.expected
+        pull = self.precision @ deviation
+        return Quadratic(0.5 * float(pull @ deviation), pull, self.precision)
 
 
 class MotionProgram:

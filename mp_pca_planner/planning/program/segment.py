@@ -362,13 +362,12 @@ class SegmentProgram:
         if key not in self._known:
             if expected in self._known:
                 self._known = {expected: self._known[expected]}
-            course = self._course(x)
-            self._known[key] = course, self._costs(course)
+            self._known[key] = self._evaluated(x)
         return self._known[key]
 
-    def _course(self, x: FloatArray) -> Course:
-        unknowns, by_row = self.unknowns, self._states.values(x)
-        n_nodes, n_joints = self.tables.n_nodes, unknowns.n_joints
+    def _evaluated(self, x: FloatArray) -> tuple[Course, Quadratic]:
+        unknowns, tables, by_row = self.unknowns, self.tables, self._states.values(x)
+        n_nodes, n_joints = tables.n_nodes, unknowns.n_joints
         if self._slopes is None or unknowns.duration_is_free:
             rows = self._states.slopes(x, by_row).rows()
             by_rate = rows.reshape(N_RATES, n_joints, n_nodes, x.size).transpose(0, 2, 1, 3)
@@ -380,52 +379,28 @@ class SegmentProgram:
         ends = unknowns.boundary[0], unknowns.boundary[GOAL_POSITION]
         nodes = Nodes(self._robot, states[0], states[1], states[2], states[3], tau, *ends)
         slopes = dict(zip(QUANTITIES, (*by_rate, dtau @ stacked), strict=True))
-        return Course(x, states, nodes, slopes)
-
-    def _costs(self, at: Course) -> Quadratic:
-        """The sum of the running costs: sums of squares over the nodes."""
-        residuals, rows = [], []
-        root = np.sqrt(self.tables.quadrature * self.unknowns.duration_at(at.x))[:, None]
+        # The running costs are sums of squares over the nodes.
+        residuals, jacobians = [], []
+        root = np.sqrt(tables.quadrature * unknowns.duration_at(x))[:, None]
         for weight, objective in self._objectives:
-            values, partials = objective(at.nodes)
-            jacobian = np.zeros((*values.shape, at.x.size))
+            values, partials = objective(nodes)
+            jacobian = np.zeros((*values.shape, x.size))
             for name, partial in partials.items():
-                slope = at.slopes[name]
+                slope = slopes[name]
                 jacobian += partial * slope if np.ndim(partial) == 0 else partial @ slope
-            if self.unknowns.duration_is_free:  # the time that each node stands for grows with T
-                stretch = self.unknowns.log_duration_slope(at.x)
-                jacobian[:, :, self.unknowns.n_linear] += 0.5 * stretch * values
+            if unknowns.duration_is_free:  # the time that each node stands for grows with T
+                stretch = unknowns.log_duration_slope(x)
+                jacobian[:, :, unknowns.n_linear] += 0.5 * stretch * values
             scale = np.sqrt(weight) * root
             jacobian *= scale[:, :, None]
             residuals.append((values * scale).ravel())
-            rows.append(jacobian.reshape(values.size, at.x.size))
-        residual, jacobian = np.concatenate(residuals), np.concatenate(rows)
+            jacobians.append(jacobian.reshape(values.size, x.size))
+        residual, jacobian = np.concatenate(residuals), np.concatenate(jacobians)
         cost = 0.5 * float(residual @ residual)
-        return Quadratic(cost, residual @ jacobian, jacobian.T @ jacobian)
+        costs = Quadratic(cost, residual @ jacobian, jacobian.T @ jacobian)
+        return Course(x, states, nodes, slopes), costs
 
     def effort(self, x: FloatArray) -> float:
         """½∫‖τ‖²dt at x, whether it is an objective or not [N²·m²·s]."""
         squares = np.square(self.at(x)[0].nodes.efforts).sum(axis=1)
         return float(0.5 * self.unknowns.duration_at(x) * self.tables.quadrature @ squares)
-
-
-@dataclass(frozen=True, eq=False)
-class Naturalness:
-    """½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), the cost of deviations from the demonstrations.
-
-    Attributes
-    ----------
-    expected : array, shape (n_unknowns,)
-        The unknowns of the expected motion.
-    precision : array, shape (n_unknowns, n_unknowns)
-        ρΛ⁻¹ of the scaled unknowns.
-    """
-
-    expected: FloatArray
-    precision: FloatArray
-
-    def at(self, course: Course) -> Quadratic:
-        """The term with its derivatives."""
-        deviation = course.x - self.expected
-        pull = self.precision @ deviation
-        return Quadratic(0.5 * float(pull @ deviation), pull, self.precision)

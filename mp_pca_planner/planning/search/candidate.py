@@ -73,6 +73,10 @@ class Candidate:
         Largest distances from the targets [rad or m].
     violation : Violation
         Violations of limits, clearances and targets, for the comparison of candidates.
+    duration : float
+        Duration of all segments [s].
+    is_valid : bool
+        Whether it may be executed and reaches the targets.
     is_hopeless : bool
         Whether bodies collide at an end of the motion that is fixed.
     has_clearances : bool
@@ -99,6 +103,8 @@ class Candidate:
     collisions: tuple[Collision, ...]
     target_errors: tuple[float, ...]
     violation: Violation
+    duration: float
+    is_valid: bool
     is_hopeless: bool
     has_clearances: bool = False
     strayed: tuple[str, ...] = ()
@@ -106,16 +112,6 @@ class Candidate:
     corners: FloatArray | None = None
     n_stops: int = 0
     how: str = OPTIMISED
-
-    @property
-    def duration(self) -> float:
-        """Duration of all segments [s]."""
-        return sum(motion.duration for motion in self.motions)
-
-    @property
-    def is_valid(self) -> bool:
-        """Whether it may be executed and reaches the targets."""
-        return not any(self.violation)
 
     @property
     def meets_bodies(self) -> bool:
@@ -195,11 +191,12 @@ def checked(
         errors.append(float(np.abs(missed).max()))
     violation = (
         check.worst_excess if check.violations else 0.0,
-        sum(POSE_TOLERANCE + one.penetration for one in collisions),
-        sum(excess for _, excess in strayed),
+        sum([POSE_TOLERANCE + one.penetration for one in collisions]),
+        sum([excess for _, excess in strayed]),
         0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
     )
-    end = trajectory.duration if request.pose is None else np.inf
+    duration = sum(map(attrgetter("duration"), motions))
+    end = float(trajectory.times[-1]) if request.pose is None else np.inf
     return Candidate(
         request,
         bases,
@@ -211,6 +208,8 @@ def checked(
         collisions,
         tuple(errors),
         violation,
+        duration,
+        is_valid=not any(violation),
         is_hopeless=any(one.first_time == 0.0 or one.last_time >= end for one in collisions),
         strayed=tuple(name for name, _ in strayed),
         refusal=refusal,
@@ -301,10 +300,10 @@ def _best_of(
         limited = replace(setting.solver, max_iterations=most)
         solutions.append(solve(program, x, limited, memory, budget.is_late))
         budget.evaluations -= solutions[-1].iterations
-    best = solutions[0]
-    if len(solutions) > 1:
-        best = min(solutions, key=lambda one: (not is_feasible(one), rank_of(one.cost)))
-    return best, sum(one.iterations for one in solutions)
+    passes = sum(map(attrgetter("iterations"), solutions))
+    if len(solutions) == 1:
+        return solutions[0], passes
+    return min(solutions, key=lambda one: (not is_feasible(one), rank_of(one.cost))), passes
 
 
 def _motions_at(

@@ -349,20 +349,22 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
             case.found.append(candidate)
             if candidate.is_valid:
                 break
-        rivals = [] if best is None else [best]
-        if case.found:
-            rivals.append(least_violation(case.found))
-        if len(rivals) > 1:  # slow motions and detours have no costs yet
-            rivals = [with_costs(context, one) for one in rivals]
-        best = min(
-            rivals, key=lambda one: (one.violation, one.how == SLOW, rank_of(one.solution.cost))
-        )
+        rivals = [least_violation(case.found)] if case.found else []
+        if best is not None:  # slow motions and detours have no costs yet
+            rivals = [with_costs(context, one) for one in [best, *rivals]]
+        best = rivals[0]
+        if len(rivals) > 1:
+            best = min(rivals, key=_rank)
         # Further configurations of a pose are for where the most natural one has no motion.
         is_enough = best.is_valid and (request.pose is not None and best.how != SLOW)
         if is_enough or budget.is_cancelled() or (budget.is_over() and best.is_valid):
             break
     assert best is not None, "a goal has a request"
     return with_costs(context, best)
+
+
+def _rank(found: Candidate) -> tuple[Violation, bool, float]:
+    return found.violation, found.how == SLOW, rank_of(found.solution.cost)
 
 
 def with_costs(context: Context, found: Candidate) -> Candidate:

@@ -15,8 +15,8 @@ from mp_pca_planner.motion.validation import Violation
 from mp_pca_planner.planning.motion import N_LIMIT_POINTS, Tables, limit_phases
 from mp_pca_planner.planning.program.constraints import Findings
 from mp_pca_planner.planning.program.limits import MARGIN, QUANTITIES, Limits
-from mp_pca_planner.planning.program.motion_program import MotionProgram
-from mp_pca_planner.planning.program.segment import Naturalness, SegmentProgram, Unknowns
+from mp_pca_planner.planning.program.motion_program import MotionProgram, Naturalness
+from mp_pca_planner.planning.program.segment import SegmentProgram, Unknowns
 from mp_pca_planner.planning.solver import solve
 
 FAR_FROM_LIMITS = [JointState(JOINTS, [0.0, 0.0, 0.0, -1.0])]

@@ -10,7 +10,7 @@ from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.planning.motion import Tables, cost_of
 from mp_pca_planner.planning.objectives import effort
-from mp_pca_planner.planning.program.segment import Naturalness
+from mp_pca_planner.planning.program.motion_program import Naturalness
 
 
 @pytest.mark.parametrize("name", BASES)

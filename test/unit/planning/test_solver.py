@@ -13,8 +13,7 @@ from support.arm import arm_primitive
 from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.planning.options import SolverOptions
-from mp_pca_planner.planning.program.motion_program import MotionProgram
-from mp_pca_planner.planning.program.segment import Naturalness
+from mp_pca_planner.planning.program.motion_program import MotionProgram, Naturalness
 from mp_pca_planner.planning.solver import (
     FEASIBLE,
     solve,
