@@ -13,9 +13,9 @@ banded system: the accelerations determine motions that markers don't show, such
 rotation of an upper arm while the elbow is straight.
 
 Joint origins can be fitted to a recording, so that one model serves people of different sizes. The
-marker positions are linear in the joints' origins o (or in their distances, along the directions
-that the URDF gives): with the rotation R of the parent link, ∂p/∂o = R for every marker beyond the
-joint. Origins and the joint positions of some frames are found together, as least squares.
+marker positions are linear in the joints' origins (or in their distances, along the directions
+that the URDF gives). They and the joint positions of some frames are found together, as least
+squares.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..lazy import LazyModule
-from ..robot.model import Robot
+from ..robot.model import AttachedPoints, Robot
 from .markers import MarkerMap, MarkerPlacement
 
 linalg, optimize = LazyModule("scipy.linalg"), LazyModule("scipy.optimize")
@@ -83,9 +83,7 @@ class MarkerProblem:
         targets: FloatArray,
         smoothness: float = 1e-6,
     ) -> None:
-        self.points = robot.attach_points(
-            [m.link for m in markers], np.array([m.position for m in markers])
-        )
+        self.points = _attached(robot, markers)
         self._seen: BoolArray = np.asarray(np.isfinite(targets).all(axis=2))
         self.targets = np.where(self._seen[..., None], targets, 0.0)
         # Roots of the weights, 0 where a marker is missing; shape (n_frames, n_markers).
@@ -148,6 +146,10 @@ class MarkerProblem:
         near_zero = np.clip(0.0, low + 0.1 * (high - low), high - 0.1 * (high - low))
         size = _N_STARTS - 1, self.n_joints
         return np.vstack([near_zero, np.random.default_rng(0).uniform(low, high, size)])
+
+
+def _attached(robot: Robot, markers: Sequence[MarkerPlacement]) -> AttachedPoints:
+    return robot.attach_points([m.link for m in markers], np.array([m.position for m in markers]))
 
 
 def solve(problem: MarkerProblem, period: float) -> FloatArray:
@@ -285,21 +287,17 @@ class FittedOrigin(NamedTuple):
 
     Attributes
     ----------
-    joint, parent : str
-        Its name, and the link that it is on.
+    joint : str
+        Its name.
     origin : array, shape (3,)
-        Its origin there in the URDF [m].
+        Its origin in its parent link in the URDF [m].
     directions : array, shape (n_directions, 3)
         The directions there in which it is fitted.
-    beyond : frozenset of str
-        The links beyond it.
     """
 
     joint: str
-    parent: str
     origin: FloatArray
     directions: FloatArray
-    beyond: frozenset[str]
 
 
 def fitted_origins(urdf: str, marker_map: MarkerMap) -> tuple[FittedOrigin, ...]:
@@ -313,12 +311,11 @@ def fitted_origins(urdf: str, marker_map: MarkerMap) -> tuple[FittedOrigin, ...]
     """
     where = f"{marker_map.source}: fit_origins"
     joints = {joint.get("name", ""): joint for joint in ET.fromstring(urdf).findall("joint")}
-    ends = {name: (_end(joint, "parent"), _end(joint, "child")) for name, joint in joints.items()}
     fitted = []
     for name, kind in marker_map.fit_origins.items():
         if name not in joints:
             raise RecordingError(f"{where}: {unknown_name('joint', name, joints)}")
-        place, (parent, child) = joints[name].find("origin"), ends[name]
+        place = joints[name].find("origin")
         text = "0 0 0" if place is None else place.get("xyz", "0 0 0")
         origin = np.array(text.split(), dtype=float)
         if kind == "length" and not origin.any():
@@ -327,17 +324,8 @@ def fitted_origins(urdf: str, marker_map: MarkerMap) -> tuple[FittedOrigin, ...]
                 "length to fit; use 'position'"
             )
         directions = np.eye(3) if kind == "position" else origin[None] / np.linalg.norm(origin)
-        beyond, below = set[str](), {child}
-        while below:
-            beyond |= below
-            below = {after for before, after in ends.values() if before in below}
-        fitted.append(FittedOrigin(name, parent, origin, directions, frozenset(beyond)))
+        fitted.append(FittedOrigin(name, origin, directions))
     return tuple(fitted)
-
-
-def _end(joint: ET.Element, which: str) -> str:
-    element = joint.find(which)
-    return "" if element is None else element.get("link", "")
 
 
 def fit_origins(
@@ -368,32 +356,27 @@ def fit_origins(
     """
     chosen = np.unique(np.linspace(0, len(targets) - 1, _N_FRAMES).round().astype(int))
     problem = MarkerProblem(robot, markers, targets[chosen])
-    # All directions of all joints; the tip of a direction, less its origin, is the direction in the
-    # base frame.
-    parents = [joint.parent for joint in fitted for _ in joint.directions]
-    directions = np.concatenate([joint.directions for joint in fitted])
-    ends = robot.attach_points([*parents, *parents], np.vstack([directions, 0.0 * directions]))
-    of_joint = np.repeat(np.arange(len(fitted)), [len(joint.directions) for joint in fitted])
-    beyond = np.array([[m.link in joint.beyond for joint in fitted] for m in markers])[:, of_joint]
-    n = len(directions)
+    # Places are linear in the origins: those of robots with one of them displaced by 1 m tell all.
+    places = [problem.points]
+    for joint in fitted:
+        for direction in joint.directions:
+            urdf = _with_origins(robot.urdf, {joint.joint: joint.origin + direction})
+            places.append(_attached(Robot(urdf, robot.joint_names), markers))
+    n = len(places) - 1
 
     def errors(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Weighted errors of the markers, and their derivatives by the changes and by q."""
         change, q = x[:n], x[n:].reshape(-1, robot.n_joints)
-        points, by_q = problem.points.positions_and_jacobians(q)
-        tips, tips_by_q = ends.positions_and_jacobians(q)
-        turned, turned_by_q = tips[:, :n] - tips[:, n:], tips_by_q[:, :n] - tips_by_q[:, n:]
-        effects = np.einsum("mc,kci->kmic", beyond, turned)
-        moved = points + effects @ change
-        by_q = by_q + np.einsum("mc,c,kcij->kmij", beyond, change, turned_by_q)
-        scale = problem.scale[..., None]
-        rows = (scale[..., None] * by_q).reshape(len(q), -1, robot.n_joints)
-        jacobian = np.hstack(
-            [(scale[..., None] * effects).reshape(-1, n), linalg.block_diag(*rows)]
-        )
+        of_all = [place.positions_and_jacobians(q) for place in places]
+        points, by_q = map(np.array, zip(*of_all, strict=True))
+        shares, scale = np.append(1.0 - change.sum(), change), problem.scale[..., None]
+        wrong = scale * (np.tensordot(shares, points, 1) - problem.targets)
+        effects = scale[..., None] * np.moveaxis(points[1:] - points[0], 0, -1)
+        rows = scale[..., None] * np.tensordot(shares, by_q, 1)
+        blocks = linalg.block_diag(*rows.reshape(len(q), -1, robot.n_joints))
         still = _UNCHANGED * np.eye(n, x.size)
-        weighted = (scale * (moved - problem.targets)).reshape(-1)
-        return np.append(weighted, still @ x), np.vstack([jacobian, still])
+        jacobian = np.vstack([np.hstack([effects.reshape(-1, n), blocks]), still])
+        return np.append(wrong.reshape(-1), still @ x), jacobian
 
     configurations = [_best_of_starts(problem, 0)]
     for frame in range(1, problem.n_frames):
@@ -407,14 +390,20 @@ def fit_origins(
     fit = optimize.least_squares(
         lambda x: errors(x)[0], start, lambda x: errors(x)[1], bounds, max_nfev=_MAX_STEPS
     )
-    changes = [fit.x[:n][of_joint == i] @ joint.directions for i, joint in enumerate(fitted)]
-    origins = {joint.joint: joint.origin + x for joint, x in zip(fitted, changes, strict=True)}
-    notes = tuple(
-        f"joint '{joint.joint}' fits the markers best at ({_millimetres(origins[joint.joint])}) mm "
-        f"in its parent link; the URDF has it at ({_millimetres(joint.origin)}) mm"
-        for joint in fitted
-    )
-    return Robot(_with_origins(robot.urdf, origins), robot.joint_names), notes
+    origins, notes, first = dict[str, FloatArray](), [], 0
+    for joint in fitted:
+        changes = fit.x[first : first + len(joint.directions)]
+        first += len(joint.directions)
+        origins[joint.joint] = joint.origin + changes @ joint.directions
+        after, before = (
+            ", ".join(f"{1000.0 * x:.1f}" for x in place)
+            for place in (origins[joint.joint], joint.origin)
+        )
+        notes.append(
+            f"joint '{joint.joint}' fits the markers best at ({after}) mm in its parent link; "
+            f"the URDF has it at ({before}) mm"
+        )
+    return Robot(_with_origins(robot.urdf, origins), robot.joint_names), tuple(notes)
 
 
 def _with_origins(urdf: str, origins: Mapping[str, FloatArray]) -> str:
@@ -426,7 +415,3 @@ def _with_origins(urdf: str, origins: Mapping[str, FloatArray]) -> str:
             origin = ET.SubElement(joint, "origin") if origin is None else origin
             origin.set("xyz", " ".join(map(repr, position.tolist())))
     return ET.tostring(root, encoding="unicode")
-
-
-def _millimetres(position: FloatArray) -> str:
-    return ", ".join(f"{1000.0 * x:.1f}" for x in position)
