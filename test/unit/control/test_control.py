@@ -3,9 +3,8 @@
 """Control laws against closed forms, and their error bounds against simulations."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from support.arm import JOINTS, arm_robot, mass_matrix
+from support.arm import JOINTS, arm_robot
 from support.reaches import arm_reach, reach
 
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, simulate, verify
@@ -15,7 +14,6 @@ from mp_pca_planner.control.law import (
     ControlLaw,
 )
 from mp_pca_planner.control.stability import analyse
-from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot
 
 PENDULUM = """<robot name="pendulum">
@@ -25,24 +23,6 @@ PENDULUM = """<robot name="pendulum">
   <joint name="hinge" type="revolute"><parent link="world"/><child link="rod"/>
     <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="10" effort="100"/></joint>
 </robot>"""
-
-
-def test_payload_adds_its_weight_and_inertia_at_its_place() -> None:
-    arm = arm_robot()
-    frame = arm.end_effector
-    heavy = arm.with_payload(0.5)
-    model = pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
-    data = model.createData()
-    q = np.array([0.1, -0.3, 0.5, -0.8])
-    jacobian = pin.computeFrameJacobian(
-        model, data, q, model.getFrameId(frame), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    )[:3]
-    added = mass_matrix(heavy, q) - mass_matrix(arm, q)
-    assert np.allclose(added, 0.5 * jacobian.T @ jacobian, atol=1e-12)
-    weight = 0.5 * 9.81 * jacobian[2]
-    still = np.zeros((1, 4))
-    both = [r.inverse_dynamics(q[None], still, still)[0] for r in (heavy, arm)]
-    assert np.allclose(both[0] - both[1], weight, atol=1e-9)
 
 
 def test_error_of_computed_torque_decays_as_the_chosen_second_order_system() -> None:

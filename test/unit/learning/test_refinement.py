@@ -13,11 +13,9 @@ from support.arm import JOINTS, arm_primitive, arm_robot
 from support.patience import PATIENT
 from support.worlds import ball_beside, least_distance
 
-import mp_pca_planner as mp
 from mp_pca_planner.exceptions import LearningError, PlannerError, TrajectoryError
 from mp_pca_planner.learning.refined_motion import (
     AMPLITUDE,
-    LOG_DURATION,
     N_PARAMETERS,
     RefinedMotion,
     evaluate_warp,
@@ -124,10 +122,6 @@ def test_a_warp_increases_and_keeps_its_ends(c):
     np.testing.assert_allclose(bend[[0, -1]], 0.0, atol=1e-7)
 
 
-def least(motion, world):
-    return least_distance(world, motion.trajectory)
-
-
 def planned_stiffly():
     """A motion near the demonstrations, which refinement changes much."""
     states = arm_primitive().boundary_states
@@ -154,27 +148,15 @@ def test_gradients_of_clearances_are_those_of_differences():
         np.testing.assert_allclose(slopes, rows[near, k], atol=2e-3 * np.abs(rows).max())
 
 
-@pytest.mark.slow
 def test_refining_keeps_clear_of_an_obstacle_that_it_would_meet_otherwise():
     plan = planned_stiffly()
     bare = refine(plan.motions, ROBOT, LIMITS)
     world = ball_beside(plan.trajectory, bare.trajectory)
-    assert least(bare, world) < 0.0
+    assert least_distance(world, bare.trajectory) < 0.0
     model = CollisionModel(ROBOT, world=world)
     found = refine(plan.motions, ROBOT, LIMITS, model)
-    assert least(found, world) > 1e-3
+    assert least_distance(world, found.trajectory) > 1e-3
     assert 0.0 < found.gain < bare.gain
-
-
-def test_refining_a_detour_keeps_clear_of_the_obstacle():
-    start, goal = arm_primitive().boundary_states[0][[0, 3]]
-    world = mp.World([mp.Obstacle("post", mp.Box((0.04, 0.04, 1.2), (0.374, -0.384, 0.14)))])
-    model = CollisionModel(ROBOT, world=world)
-    plan = Planner(ROBOT, [arm_primitive()], LIMITS, PATIENT, model).plan(goal, start)
-    assert plan.is_executable and plan.facts["correction"] > 0.0
-    found = refine(plan.motions, ROBOT, LIMITS, model, time_price=3.0)
-    assert found.gain > 0.01
-    assert least(found, world) > 0.0
 
 
 def test_cost_is_the_integral_of_the_efforts():
@@ -229,12 +211,11 @@ def test_time_that_costs_is_spared():
     assert dear.motion.duration < cheap.motion.duration
     assert dear.cost <= dear.original_cost
     # At an optimum inside of the bounds a longer duration gains as much as it costs.
-    if abs(cheap.motion.parameters[0, LOG_DURATION]) < 1.0 and not cheap.check.worst_excess:
-        slower, faster = (
-            motion.effort(ROBOT) + 10.0 * motion.duration
-            for motion in (cheap.motion.lasting(x * cheap.motion.duration) for x in (1.01, 0.99))
-        )
-        assert abs(slower - faster) < 0.02 * 0.02 * cheap.cost
+    slower, faster = (
+        motion.effort(ROBOT) + 10.0 * motion.duration
+        for motion in (cheap.motion.lasting(x * cheap.motion.duration) for x in (1.01, 0.99))
+    )
+    assert abs(slower - faster) < 0.02 * 0.02 * cheap.cost
 
 
 def test_what_is_not_executable_is_refused():
@@ -298,16 +279,3 @@ def test_limits_and_their_slopes_are_those_of_differences(n_segments):
     if n_segments == 1:
         jerk = np.subtract(*(motion.evaluate(times + h)[2] for h in (step, -step))) / (2 * step)
         assert values.min() == pytest.approx(1.0 - np.abs(jerk).max() / 40.0 - MARGIN, rel=0.05)
-
-
-def test_a_motion_at_its_limit_of_jerk_becomes_cheaper_within_it():
-    limits = ROBOT.limits({name: {"max_jerk": 25.0} for name in JOINTS})
-    planner = Planner(ROBOT, [arm_primitive()], limits, PATIENT)
-    states, gains = arm_primitive().boundary_states, []
-    for i in range(2):
-        goal = JointGoal(JointState(JOINTS, states[i, 3]))
-        plan = planner.plan(goal, JointState(JOINTS, states[i, 0]))
-        found = refine([plan.motion], ROBOT, limits)
-        assert not check_limits(found.trajectory, ROBOT, limits).violations
-        gains.append(found.gain)
-    assert min(gains) > 0.01

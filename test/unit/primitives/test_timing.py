@@ -95,19 +95,6 @@ def test_arc_length_alignment_goes_its_way_at_the_pace_of_minimum_jerk():
         np.testing.assert_allclose(way / way[-1], minimum_jerk(0.0, 1.0, 101), atol=0.03)
 
 
-def test_a_rest_in_the_middle_is_passed_through():
-    demonstration = with_rest(0.4)
-    (warp,) = align([demonstration], "arc_length")
-
-    def slowest(motion):
-        # Over 4 % of the phases each.
-        ways = np.linalg.norm(motion[4:] - motion[:-4], axis=1)[20:-20]
-        return ways.min() / ways.mean()
-
-    assert slowest(demonstration.time_normalised(101)) == 0.0
-    assert slowest(aligned_positions(demonstration, warp, PHASES)) > 0.5
-
-
 @pytest.mark.parametrize(("method", "coupling"), [("linear", "joint"), ("arc_length", "arm")])
 def test_weights_and_warp_give_a_demonstration_back_in_its_own_time(method, coupling):
     demonstrations = arm_demonstrations()
@@ -160,24 +147,6 @@ def test_warps_of_any_motion_increase_from_0_to_1(method, data):
     warps = align([any_motion() for _ in range(data.draw(st.integers(1, 3)))], method)
     assert np.all(warps[:, 0] == 0.0) and np.all(warps[:, -1] == 1.0)
     assert np.diff(warps, axis=1).min() > 0.0
-
-
-@pytest.mark.parametrize("method", ALIGNMENTS)
-def test_very_short_and_single_demonstrations_make_a_primitive(method):
-    times = np.array([0.0, 0.02])
-    reach = Demonstration(
-        ("a", "b"),
-        times,
-        [[0.0, 0.0], [0.1, 0.0]],
-        np.zeros((2, 2)),
-        np.zeros((2, 2)),
-        recording="short",
-        start_time=0.0,
-        end_time=0.02,
-    )
-    primitive = build_primitive([reach], "short", PrimitiveOptions(align=method))
-    assert primitive.n_components == 0
-    np.testing.assert_allclose(primitive.reproduction(0, times), reach.positions, atol=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore:8 of 8 motions")
