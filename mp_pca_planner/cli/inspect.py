@@ -52,7 +52,8 @@ def _contents(name: str, arguments: argparse.Namespace) -> tuple[list[dict[str, 
         primitive = load_primitive(name)
         facts = _primitive_facts(name, primitive)
         law = f"  control law: {facts['control_statement']}"
-        return [facts], [*primitive_lines(name, primitive), law]
+        efforts = "of rigid bodies, and of rotors, damping and friction where the robot has them"
+        return [facts], [*primitive_lines(name, primitive), f"  efforts of plans: {efforts}", law]
     options = {"state_field": arguments.field, "salvage": arguments.recover}
     paths = find_recordings([name])
     found = [asdict(inspect_recording(path, arguments.topic, **options)) for path in paths]
