@@ -15,8 +15,6 @@ limited. Then motions of 3 s are stopped by a call of ``~/stop``. Obstacles on t
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -24,21 +22,23 @@ from subprocess import Popen
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-from support.node_setup import (
-    URDF,
-    RobotClient,
-    joint_states,
+from support.nodes import (
+    NodeClient,
+    arm_node,
+    described_client,
+    other_process,
     processor_time,
+    publish_states,
     resident_megabytes,
-    running_node,
+    simulated_robot,
+    words,
 )
 from support.tables import benchmark_parser, show
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.ros.client import Answer, GoalClient, this_machine_only
+from mp_pca_planner.ros.client import Answer, this_machine_only
 from mp_pca_planner.ros.nodes import LATCHED
 
 RATES = (20.0, 1000.0)  # of joint states [Hz]
@@ -69,7 +69,7 @@ def main() -> None:
         what = "the node, Python's resource tracker, the planner and the watcher"
         loads.append(f"resident memory of {what}: {user.memory} MB")
     found["goal to trajectory, among obstacles"] = latencies(answers)
-    with user_among(arguments.obstacles, ends[0], "-p", f"duration:={DURATION}") as user:
+    with user_among(arguments.obstacles, ends[0], duration=DURATION) as user:
         for end in ends[1 : arguments.motions + 1]:
             for what, seconds in user.stop(end):
                 found.setdefault(what, []).append(seconds)
@@ -95,10 +95,7 @@ def at_rest(ends: Sequence[np.ndarray]) -> tuple[Latencies, list[str]]:
     """Latencies of goals by the rate of joint states, and sentences on the load of the node."""
     answers: dict[float, list[Answer]] = {rate: [] for rate in RATES}
     shares: dict[float, list[float]] = {rate: [] for rate in RATES}
-    with running_node() as node, RobotClient() as client:
-        client.publish("robot_description", String(data=URDF.read_text(encoding="utf-8")))
-        client.wait_for_node()
-        client.wait_for_model()
+    with arm_node() as (node, _), described_client() as client:
 
         def plan(end: np.ndarray) -> Answer:
             time.sleep(PAUSE)
@@ -107,7 +104,7 @@ def at_rest(ends: Sequence[np.ndarray]) -> tuple[Latencies, list[str]]:
         # Alternating, so that other load of the machine affects both alike.
         for part in range(N_ROUNDS):
             for rate in RATES:
-                with joint_states(rate, ends[-1].tolist()):
+                with other_process(publish_states, rate, ends[-1].tolist()):
                     while plan(ends[0]).trajectory is None:
                         pass  # no state has been received yet
                     shares[rate].append(idle_share(node))
@@ -132,13 +129,16 @@ def idle_share(node: Popen[str], duration: float = 1.25) -> float:
 
 
 @contextmanager
-def user_among(n_obstacles: int, start: np.ndarray, *words: str) -> Iterator[User]:
+def user_among(n_obstacles: int, start: np.ndarray, **others: float) -> Iterator[User]:
     """The user of a node and a simulated robot that stands among obstacles."""
-    limits = [f"limits.{j}.{key}:={value}" for j in JOINT_NAMES for key, value in LIMITS.items()]
-    given = [word for one in ("collision:=true", *limits) for word in ("-p", one)]
-    with running_node(*given, *words) as node, simulated_robot(start), GoalClient() as client:
+    limits = {f"limits.{j}.{key}": value for j in JOINT_NAMES for key, value in LIMITS.items()}
+    with (
+        arm_node(*words(collision="true", **limits, **others)) as (node, folder),
+        simulated_robot(folder / "robot.txt", start),
+        NodeClient() as client,
+    ):
         client.wait_for_node()
-        client.wait_for_diagnostics(lambda values: values["model"] != "none")
+        client.wait_for_model()
         user = User(client, node)
         user.surround(n_obstacles)
         yield user
@@ -147,7 +147,7 @@ def user_among(n_obstacles: int, start: np.ndarray, *words: str) -> Iterator[Use
 class User:
     """Sends goals, stops and obstacles, and measures when trajectories come."""
 
-    def __init__(self, client: GoalClient, node: Popen[str]) -> None:
+    def __init__(self, client: NodeClient, node: Popen[str]) -> None:
         self._client = client
         self._node = node
         topic = f"{client.planner}/obstacles"
@@ -206,18 +206,6 @@ def wait_for_arrival(trajectory: JointTrajectory) -> None:
     """Wait for the time of a motion, and a moment more."""
     last = trajectory.points[-1].time_from_start
     time.sleep(last.sec + 1e-9 * last.nanosec + 0.3)
-
-
-@contextmanager
-def simulated_robot(start: np.ndarray) -> Iterator[None]:
-    """A simulated robot in a process of its own."""
-    command = [sys.executable, "-m", "mp_pca_planner", "simulate", "--robot", str(URDF)]
-    command += ["--joints", ",".join(JOINT_NAMES), "--start", ",".join(map(str, start))]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as robot:
-        try:
-            yield
-        finally:
-            robot.terminate()
 
 
 if __name__ == "__main__":

@@ -18,6 +18,11 @@ the lag of servos, and goals and stops continue the motion by the clock. (3) A c
 restarts shortly before the end of a motion holds a position close to that end.
 
     python3 -m campaigns.moving_robot [--events 1000] [--robots panda,ur5] [--seed 0] [--json]
+    python3 -m campaigns.moving_robot --servos [--events 1000]
+
+With `--servos`, there are goals and stops alone, without the state of the controller, of robots
+whose drives lag and sag. That is no fault: no command jumps by more than 1 mrad, no goal is
+rejected, and all motions end as arrived, replaced or stopped.
 
 Exits with 1 if a command exceeded a limit by more than 1 %, or jumped by more than 0.2 mrad in a
 millisecond. It also exits with 1 if a goal got no report or several, a motion got no execution
@@ -31,11 +36,12 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
 from support.problems import Scene
-from support.referee import Verdict, judge
+from support.referee import Verdict
 from support.tables import benchmark_parser, show
 from support.virtual_node import VirtualNode, scene_and_model
 
@@ -56,6 +62,11 @@ APART = {
     "slowed": "goal of a robot that was slowed",
     "unknown": "start at a rest of unknown command",
 }
+LAGS, SAGS = (0.02, 0.05, 0.1), (0.0, 0.006)  # of servos [s], [rad]
+LARGEST_JUMP, GOOD_ENDS = 1e-3, ("arrived", "replaced", "stopped")  # with them [rad]
+P_GOAL = 0.75  # share of goals among the events of servos; others are stops
+PERIOD = 1e-3  # of the controller [s]
+SERVOS_HEADER = ["robot", "lag [ms]", "sag [mrad]", "largest jump [mrad]", "goals", "motions"]
 FINEST = 1e-6  # step below the resolution of encoders [rad]
 ARRIVED = 1e-3  # largest final error of the controller [rad]
 TOLERANCE = Settings.following_tolerance  # what can be known of it without its state
@@ -118,43 +129,29 @@ class Run:
         self.node.run(8.0)
 
 
-def goal(run: Run) -> None:
-    """Send one goal."""
-    run.send(run.target())
-
-
 def part_of_a_goal(run: Run) -> None:
     """Send a goal for two joints."""
     chosen = run.random.choice(len(run.joints), 2, replace=False)
     run.send(run.target()[chosen], [run.joints[k] for k in chosen])
 
 
-def stream(run: Run, target: Callable[[float], Any]) -> None:
-    """Send goals at some rate; each is a function of the time since the first."""
-    rate = float(run.random.choice(RATES))
-    for k in range(max(int(rate * run.random.uniform(0.5, 2.0)), 1)):
-        run.send(target(k / rate))
-        run.node.run(1.0 / rate)
+def stream(n_targets: int, goal: Callable[..., Any]) -> Callable[[Run], None]:
+    """Send goals at some rate: a function of their number, of the time, and of some targets."""
+
+    def event(run: Run) -> None:
+        targets = [run.target() for _ in range(n_targets)]
+        rate = float(run.random.choice(RATES))
+        for k in range(max(int(rate * run.random.uniform(0.5, 2.0)), 1)):
+            run.send(goal(k, k / rate, *targets))
+            run.node.run(1.0 / rate)
+
+    return event
 
 
-def repeated_goal(run: Run) -> None:
-    """Send the same goal at some rate."""
-    there = run.target()
-    stream(run, lambda _: there)
-
-
-def drifting_goal(run: Run) -> None:
-    """Send a moving goal at some rate."""
-    there, towards = run.target(), run.target()
-    direction = (towards - there) / max(np.abs(towards - there).max(), 1e-3)
-    most = np.abs(towards - there).max()
-    stream(run, lambda time: there + min(DRIFT * time, most) * direction)
-
-
-def alternating_goals(run: Run) -> None:
-    """Send two goals in turn at some rate."""
-    targets, turn = (run.target(), run.target()), iter(range(10**6))
-    stream(run, lambda _: targets[next(turn) % 2])
+def drift(_: int, time: float, here: Any, there: Any) -> Any:
+    """A goal that moves from one target to another one."""
+    most = np.abs(there - here).max()
+    return here + min(DRIFT * time, most) * (there - here) / max(most, 1e-3)
 
 
 def stop(run: Run) -> None:
@@ -232,11 +229,11 @@ def restart_controller(run: Run) -> None:
 
 
 EVENTS: dict[str, Callable[[Run], None]] = {
-    "goal": goal,
+    "goal": lambda run: run.send(run.target()),
     "part of a goal": part_of_a_goal,
-    "repeated goal": repeated_goal,
-    "drifting goal": drifting_goal,
-    "alternating goals": alternating_goals,
+    "repeated goal": stream(1, lambda k, time, here: here),
+    "drifting goal": stream(2, drift),
+    "alternating goals": stream(2, lambda k, time, *both: both[k % 2]),
     "stop": stop,
     "hold": faulty("held", lambda _: True),
     "silence": faulty("silent", lambda _: True),
@@ -264,21 +261,9 @@ class Result:
 
 def result_of(run: Run) -> Result:
     """Judge a run."""
-    record, limits = run.node.robot.record, run.model.limits
-    bounds = {
-        name: getattr(limits, name)
-        for name in ("lower", "upper", "velocity", "acceleration", "jerk")
-    }
-    apart = messages_apart(run)
-    verdict = judge(
-        record.q,
-        record.clock,
-        bounds,
-        time=record.times,
-        cuts=[*record.cuts, *apart["point"]],
-        joins=sorted(apart["slowed"] | apart["hasty"] | apart["unknown"]),
-        finest=FINEST,
-    )
+    record, apart = run.node.robot.record, messages_apart(run)
+    joins = sorted(apart["slowed"] | apart["hasty"] | apart["unknown"])
+    verdict = run.node.verdict(cuts=apart["point"], joins=joins, finest=FINEST)
     known = set().union(*apart.values())
     most = LISTED_APART[run.has_controller_state]
     jumps = [jump for jump in verdict.jumps if jump[0] not in known or abs(jump[2]) > most]
@@ -369,6 +354,63 @@ def untrue(run: Run) -> list[str]:
     return problems
 
 
+class LaggingServos:
+    """Drives that approach their commands with a time constant [s], less a sag [rad]."""
+
+    def __init__(self, q: Any, lag: float, sag: float) -> None:
+        self.q = np.array(q) - sag
+        self.v = self.acting = np.zeros_like(self.q)
+        self._share, self._sag = 1.0 - np.exp(-PERIOD / lag), sag
+
+    def step(self, command: Any) -> None:
+        """Move for one period."""
+        moved = (command - self._sag - self.q) * self._share
+        self.q, self.v = self.q + moved, moved / PERIOD
+
+
+def run_servos(
+    scene: Scene, model: Model, lag: float, sag: float, n_events: int, seed: int = 1
+) -> tuple[Verdict, Counter[str], Counter[str]]:
+    """Random goals and stops after a first motion: verdict, reports of goals and of motions."""
+    ends = np.array([m.positions[[0, -1]] for m in scene.demonstrations])
+    ends = ends.reshape(-1, model.robot.n_joints)
+    random = np.random.default_rng(seed)
+    node = VirtualNode(model, ends[0], seed=seed)
+    node.robot.plant = LaggingServos(ends[0], lag, sag)
+    node.run(0.3)
+    for k in range(n_events + 1):
+        if k == 0 or random.random() < P_GOAL:
+            q = ends[random.integers(len(ends)) if k else 1]
+            node.goal(JointGoal(JointState(model.robot.joint_names, q)), k)
+        else:
+            node.stop()
+        node.run(random.uniform(0.1, 2.0) if k else 5.0)
+        if k == 0:
+            # A resting robot that has not moved yet is commanded to be where it is measured.
+            first = len(node.robot.record)
+    node.run(8.0)
+    statuses = Counter(str(r.status) for r in node.plan_reports)
+    outcomes = Counter(str(r.outcome) for _, r in node.execution_reports)
+    return node.verdict(first=first, finest=FINEST), statuses, outcomes
+
+
+def servos(robots: Sequence[str], n_events: int) -> tuple[list[list[str]], bool]:
+    """A row for each robot, lag and sag, and whether there are problems."""
+    rows, is_good = [], True
+    n_events = -(-n_events // (len(robots) * len(LAGS) * len(SAGS)))
+    for name in robots:
+        scene, model = scene_and_model(name)
+        for lag, sag in product(LAGS, SAGS):
+            verdict, *counts = run_servos(scene, model, lag, sag, n_events)
+            statuses, outcomes = counts
+            is_good &= verdict.largest_jump <= LARGEST_JUMP and not verdict.exceeded
+            is_good &= not statuses["refused"] and set(outcomes) <= set(GOOD_ENDS)
+            texts = [", ".join(f"{n} {x}" for x, n in sorted(one.items())) for one in counts]
+            jump = f"{1e3 * verdict.largest_jump:.3f}"
+            rows.append([name, f"{1e3 * lag:g}", f"{1e3 * sag:g}", jump, *texts])
+    return rows, not is_good
+
+
 def main() -> int:
     """Print a row per robot, and each problem with its seed."""
     parser = benchmark_parser(__doc__)
@@ -378,7 +420,12 @@ def main() -> int:
     parser.add_argument(
         "--controller-state", action="store_true", help="the controller states its command"
     )
+    parser.add_argument("--servos", action="store_true", help="goals and stops of lagging drives")
     arguments = parser.parse_args()
+    if arguments.servos:
+        rows, is_bad = servos(arguments.robots.split(","), arguments.events)
+        show({"Servos that lag": (SERVOS_HEADER, rows)}, as_json=arguments.json)
+        return int(is_bad)
     found: dict[str, dict[str, Any]] = {}
     for name in arguments.robots.split(","):
         results = []

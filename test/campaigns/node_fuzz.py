@@ -14,15 +14,12 @@ import argparse
 import os
 import random
 import sys
-import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
-from campaigns.fuzz_states import ODD_STATES, odd_states
 from geometry_msgs.msg import PoseStamped, Vector3
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -34,8 +31,6 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
@@ -43,12 +38,13 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from support.node_setup import URDF, RobotClient, primitive_file, silent_node, start_node
+from support.nodes import URDF, NodeClient, arm_node, described_client, words
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mp_pca_planner.files import config_file
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.ros.client import is_served, this_machine_only
+from mp_pca_planner.ros.client import NoAnswerError, is_served, this_machine_only
 
 _PATIENCE, _ACKNOWLEDGED = 120.0, 5.0  # [s]
 _PERIOD = 2e-3
@@ -61,7 +57,7 @@ _MARKER = Marker(type=Marker.CUBE, scale=Vector3(x=0.1, y=0.1, z=0.1))
 _MARKER.pose.position.x, _MARKER.pose.orientation.w = 5.0, 1.0
 TOPICS: dict[str, Any] = {
     "joint_states": _STATE,
-    "robot_description": String(data=URDF.read_text(encoding="utf-8")),
+    "robot_description": String(data=URDF),
     "mp_pca_planner/goal": JointState(name=JOINT_NAMES, position=_END.tolist()),
     "mp_pca_planner/goal_pose": PoseStamped(),
     "mp_pca_planner/goal_sequence": JointTrajectory(joint_names=JOINT_NAMES, points=[_POINT] * 3),
@@ -82,7 +78,7 @@ ODD_VALUES: tuple[Any, ...] = (
     *(0.0, -0.0, 0.5, -1.0, 5e-324, 1e-300, 1e308, float("inf"), float("-inf"), float("nan")),
     *("", " ", _LONG, 200 * _LONG, "/", "..", "~", "../" * 1000, "/dev/zero", "/dev/stdin"),
     *("a\nb", "\x1b[31mred", "\u202eright", "🤖", "%s%n$(reboot)`id`", "null", "[]", "auto"),
-    *("<robot/>", _CHAIN, str(URDF), URDF.read_text("utf-8")),
+    *("<robot/>", _CHAIN, str(config_file("human_arm.urdf")), URDF),
     *([], [True], [0], [0.0], [""], [_LONG], ["/"], ["/dev/zero"], ["a"] * 10_000),
     *(b"", b"\xff\x00"),
 )
@@ -96,6 +92,10 @@ MESSAGES_OF_MANY = (
 """Well-formed goals that are far too large."""
 
 
+ODD_STATES = ("nan velocities", "inf", "lengths", "split", "subsets", "clocks", "others", "nan")
+"""Kinds of joint states of odd robots."""
+
+
 def main() -> int:
     """Run the fuzz test and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -103,36 +103,27 @@ def main() -> int:
     parser.add_argument("--share", type=int, default=1, help="set each parameter to 1 in so many")
     arguments = parser.parse_args()
     os.environ.update(this_machine_only())
+    given = words(save_folder="'{folder}'", state_timeout=3600.0)
     with (
-        primitive_file() as file,
-        tempfile.TemporaryDirectory() as folder,
-        (Path(folder) / "log.txt").open("w+") as log,
+        arm_node(*given, may_trace=True) as (node, folder),
+        described_client() as client,
     ):
-        own = ("-p", f"primitives:=['{file}']", "-p", f"save_folder:='{folder}'")
-        node = start_node(*own, "-p", "state_timeout:=3600.0", output=log)
-        try:
-            with RobotClient() as client, silent_node("fuzzer") as caller:
-                fuzzer = Fuzzer(node, client, caller)
-                fuzzer.check("the start")
-                fuzzer.send_garbage(arguments.messages)
-                fuzzer.send_too_much()
-                fuzzer.send_odd_states(arguments.messages // 10)
-                fuzzer.send_unknown_frames()
-                fuzzer.set_odd_values(arguments.share)
-        finally:
-            node.terminate()
-            status = node.wait(timeout=60.0)
-        log.seek(0)
-        lines = log.read().splitlines()
+        fuzzer = Fuzzer(node, client)
+        fuzzer.check("the start")
+        fuzzer.send_garbage(arguments.messages)
+        fuzzer.send_too_much()
+        fuzzer.send_odd_states(arguments.messages // 10)
+        fuzzer.send_unknown_frames()
+        fuzzer.set_odd_values(arguments.share)
+        lines = (folder / "log.txt").read_text(errors="replace").splitlines()
     found = {line[line.index("internal") :]: k for k, line in enumerate(lines) if _DEFECT in line}
     print(
         f"{fuzzer.n_steps} steps with {fuzzer.n_sent} messages and values, {fuzzer.n_served} good "
-        "goals served in between"
+        f"goals served in between; the node logged {len(found)} kinds of internal errors"
     )
-    print(f"the node ended with status {status} and logged {len(found)} kinds of internal errors")
     for text, k in found.items():
         print(f"{text}, after:", *lines[max(k - _N_BEFORE, 0) : k], sep="\n")
-    return int(status != 0 or bool(found))
+    return int(bool(found))
 
 
 class Fuzzer:
@@ -143,29 +134,15 @@ class Fuzzer:
     node :
         The process of the node.
     client :
-        A client of the node.
-    caller :
-        A node of the fuzzer's own.
+        A client of the node, which has a model.
     seed : int
         Seed of the random input.
     """
 
-    def __init__(
-        self,
-        node: Popen[str],
-        client: RobotClient,
-        caller: Node,
-        seed: int = 1,
-    ) -> None:
+    def __init__(self, node: Popen[str], client: NodeClient, seed: int = 1) -> None:
         self.n_steps = self.n_served = self.n_sent = 0
-        self._node, self._client, self._caller = node, client, caller
-        self._executor = SingleThreadedExecutor(context=caller.context)
-        self._executor.add_node(caller)
-        self._random = random.Random(seed)
+        self._node, self._client, self._random = node, client, random.Random(seed)
         self._services: dict[str, Any] = {}
-        client.wait_for_node()
-        client.publish("robot_description", TOPICS["robot_description"])
-        client.wait_for_model()
         self._first_values = self._all_parameters()
 
     def send_garbage(self, n_messages: int) -> None:
@@ -229,15 +206,11 @@ class Fuzzer:
 
     def call_services(self) -> None:
         """Call each service; its answer depends on the input before."""
-        there = "mp_pca_planner"
         for name in ("stop", "save_motion", "reload_primitives"):
-            self._call(Trigger, f"{there}/{name}", Trigger.Request())
+            self._call(Trigger, name)
         odd = ["", _LONG, "limits.", "limits..", "a\nb"]
-        for kind, name in (
-            (GetParameters, "get_parameters"),
-            (DescribeParameters, "describe_parameters"),
-        ):
-            self._call(kind, f"{there}/{name}", kind.Request(names=odd))
+        self._call(GetParameters, "get_parameters", names=odd)
+        self._call(DescribeParameters, "describe_parameters", names=odd)
 
     def check(self, what: str) -> None:
         """Reset the parameters and check that the next valid goal is served."""
@@ -266,11 +239,11 @@ class Fuzzer:
         goal.header.stamp.sec = self._random.randrange(1, 2**31)
         return goal
 
-    def _flood(self, topic: str, kind: Any, messages: Sequence[bytes] | Iterator[bytes]) -> None:
+    def _flood(self, topic: str, kind: Any, messages: Iterable[bytes]) -> None:
         qos = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        publisher = self._caller.create_publisher(kind, topic, qos)
+        publisher = self._client.node.create_publisher(kind, topic, qos)
         while not publisher.get_subscription_count():
-            self._executor.spin_once(0.05)
+            self._client.spin_once()
         for message in messages:
             self.n_sent += 1
             # DDS rejects messages beyond the bound of their type.
@@ -281,53 +254,40 @@ class Fuzzer:
             self._client.spin_once(0.0)
         # What is not acknowledged yet would be lost; truncated messages never are.
         publisher.wait_for_all_acked(Duration(seconds=_ACKNOWLEDGED))
-        self._caller.destroy_publisher(publisher)
+        self._client.node.destroy_publisher(publisher)
 
     def _all_parameters(self) -> list[ParameterMessage]:
-        names = self._call(
-            ListParameters, "mp_pca_planner/list_parameters", ListParameters.Request()
-        ).result.names
+        names = self._call(ListParameters, "list_parameters").result.names
         # This parameter can't be set.
         names = [name for name in names if name != "start_type_description_service"]
-        request = GetParameters.Request(names=names)
-        values = self._call(GetParameters, "mp_pca_planner/get_parameters", request).values
-        return [
-            ParameterMessage(name=name, value=value)
-            for name, value in zip(names, values, strict=True)
-        ]
+        values = self._call(GetParameters, "get_parameters", names=names).values
+        pairs = zip(names, values, strict=True)
+        return [ParameterMessage(name=name, value=value) for name, value in pairs]
 
     def _set(self, values: dict[str, Any]) -> None:
         self.n_sent += len(values)
         parameters = [as_message(name, value) for name, value in values.items()]
-        request = SetParameters.Request(parameters=parameters)
-        self._call(SetParameters, "mp_pca_planner/set_parameters", request)
+        self._call(SetParameters, "set_parameters", parameters=parameters)
 
     def _set_first_values(self) -> Any:
         # Without primitives no limit parameters are declared.
         known = [value for value in self._first_values if not value.name.startswith("limits.")]
         for values in (known, self._first_values):
-            result = self._call(
-                SetParametersAtomically,
-                "mp_pca_planner/set_parameters_atomically",
-                SetParametersAtomically.Request(parameters=values),
-            ).result
+            name = "set_parameters_atomically"
+            result = self._call(SetParametersAtomically, name, parameters=values).result
         return result
 
-    def _call(self, kind: Any, name: str, request: Any) -> Any:
+    def _call(self, kind: Any, name: str, **request: Any) -> Any:
         if name not in self._services:
-            self._services[name] = self._caller.create_client(kind, name)
+            there = f"{self._client.planner}/{name}"
+            self._services[name] = self._client.node.create_client(kind, there)
         client = self._services[name]
         assert client.wait_for_service(_PATIENCE), f"{name} is not there"
         # The client may discover the service before the service discovers it; then the answer is
         # lost.
         for _ in range(3):
-            future = client.call_async(request)
-            deadline = time.monotonic() + _PATIENCE / 3.0
-            # spin_until_future_complete adds a callback to the future with each message.
-            while not future.done() and time.monotonic() < deadline:
-                self._executor.spin_once(0.1)
-            if future.done():
-                return future.result()
+            with suppress(NoAnswerError):
+                return self._client.result(client, kind.Request(**request), _PATIENCE / 3.0)
         raise AssertionError(f"{name} did not answer to {request!s:.200}")
 
 
@@ -359,6 +319,39 @@ def garbage(message: Any, n: int, generator: random.Random) -> Iterator[bytes]:
         else:
             damaged = bytearray(generator.randbytes(generator.randrange(64)))
         yield bytes(damaged)
+
+
+def odd_states(kind: str, state: JointState, generator: random.Random) -> Iterator[JointState]:
+    """Thirty joint states of a robot at rest; some kinds can't be used."""
+    names, q, now = list(state.name), state.position.tolist(), time.time()
+    for k in range(30):
+        message = JointState(name=names, position=q, velocity=[0.0] * len(q))
+        if kind == "nan velocities":
+            message.velocity = [generator.choice([0.0, float("nan")]) for _ in q]
+        elif kind == "inf":
+            message.velocity = [generator.choice([0.0, float("inf")]) for _ in q]
+        elif kind == "lengths":
+            message.velocity = [0.0] * generator.randrange(8)
+            message.position = q[: generator.randrange(len(q) + 1)]
+        elif kind in ("split", "subsets"):
+            half = set(names[k % 2 :: 2])
+            chosen = half if kind == "split" else set(generator.sample(names, k % 5))
+            message.name = [name for name in names if name in chosen]
+            message.position = [x for name, x in zip(names, q, strict=True) if name in chosen]
+            message.velocity = []
+        elif kind == "clocks":
+            stamp = generator.choice(
+                [now, now - 3.0, now + 1e3, 1.0, 2e9, generator.random() * 2e9]
+            )
+            message.header.stamp.sec = int(stamp)
+            message.header.stamp.nanosec = int(stamp % 1.0 * 1e9)
+        elif kind == "others":
+            message.name = [*names, *(f"finger {k} {j}" for j in range(100))]
+            message.position = [*q, *[float("nan")] * 100]
+            message.velocity = []
+        elif kind == "nan":
+            message.position = [generator.choice([x, float("nan")]) for x in q]
+        yield message
 
 
 if __name__ == "__main__":

@@ -19,29 +19,25 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from functools import partial
+from contextlib import nullcontext
+from itertools import count
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import numpy as np
-from campaigns.stop_latency import BOMBS, primitive_folder, running
-from node import LIMITS, simulated_robot
-from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
+from node import LIMITS
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
-from support.node_setup import PROCESSES, URDF, RobotClient, silent_node, start_node
+from support.arm import JOINTS, arm_robot
+from support.hostile_meshes import write_bombs
+from support.nodes import NodeClient, arm_node, goal_message, other_process, simulated_robot, words
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.robot.model import Robot
+from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.ros.client import this_machine_only
 from mp_pca_planner.ros.messages import to_seconds, to_trajectory
@@ -66,55 +62,50 @@ def main() -> int:
     os.environ.update(this_machine_only())
     n = arguments.trials
     ends = [motion.positions[-1] for motion in generate_motions(2 * n + 10, seed=2)]
-    given = [f"limits.{j}.{key}:={value}" for j in JOINT_NAMES for key, value in LIMITS.items()]
-    given += [f"duration:={DURATION}", f"obstacle_margin:={MARGIN}"]
-    words = [word for one in given for word in ("-p", one)]
-    reserves, times, n_read = list[float](), list[float](), 0
-    with tempfile.TemporaryDirectory() as name, RobotClient() as client:
-        folder, log = Path(name), Path(name) / "log.txt"
-        library = primitive_folder(folder, arguments.primitives)
-        with (
-            log.open("w") as output,
-            running(start_node("-p", f"primitives:=['{library}']", *words, output=output)),
-            simulated_robot(ends[0]),
-        ):
-            user = User(client)
-            with nullcontext() if arguments.quiet else busy(folder):
-                for k, end in enumerate(ends[1:]):
-                    if len(reserves) == n:
-                        break
-                    found = user.trial(end, share=(0.7, 1.0)[k % 2])
-                    if found is None:
-                        continue
-                    reserve, took = found
-                    reserves.append(reserve)
-                    times.append(took)
-                    text = f"{took:.3f} s after the obstacle, {reserve:.3f} s before the collision"
-                    print(f"trial {len(reserves)}: {text}", flush=True)
-                    words = log.read_text(errors="replace")
-                    if reserve < GOAL:
-                        print(words[n_read:])
-                    n_read = len(words)
-    late = int((np.array(reserves) < GOAL).sum())
+    limits = {f"limits.{j}.{key}": value for j in JOINTS for key, value in LIMITS.items()}
+    given = words(duration=DURATION, obstacle_margin=MARGIN, **limits)
+    found, n_read = list[tuple[float, float]](), 0
+    with (
+        arm_node(*given, n_primitives=arguments.primitives, may_trace=True) as (_, folder),
+        simulated_robot(folder / "robot.txt", ends[0]),
+        NodeClient() as client,
+        nullcontext() if arguments.quiet else other_process(_keep_busy, folder),
+    ):
+        user = User(client)
+        for k, end in enumerate(ends[1:]):
+            if len(found) == n:
+                break
+            times = user.trial(end, share=(0.7, 1.0)[k % 2])
+            if times is None:
+                continue
+            found.append(times)
+            reserve, took = times
+            text = f"{took:.3f} s after the obstacle, {reserve:.3f} s before the collision"
+            print(f"trial {len(found)}: {text}", flush=True)
+            log = (folder / "log.txt").read_text(errors="replace")
+            if reserve < GOAL:
+                print(log[n_read:])
+            n_read = len(log)
+    reserves, reactions = np.array(found).T
+    late = int((reserves < GOAL).sum())
     print(f"{n} obstacles on the path of running motions, {late} reactions later than {GOAL:g} s")
-    print(
-        f"  reaction to collision: median {np.median(reserves):.2f} s, least {min(reserves):.3f} s"
-    )
-    print(f"  obstacle to reaction: median {np.median(times):.3f} s, longest {max(times):.3f} s")
+    for what, values, worst in (
+        ("reaction to collision", reserves, reserves.min()),
+        ("obstacle to reaction", reactions, reactions.max()),
+    ):
+        print(f"  {what}: median {np.median(values):.2f} s, worst {worst:.3f} s")
     return int(late > 0)
 
 
 class User:
     """Sends goals and obstacles, and measures when trajectories come."""
 
-    def __init__(self, client: RobotClient) -> None:
-        self._client = client
-        self._robot = Robot.from_file(URDF, JOINT_NAMES)
+    def __init__(self, client: NodeClient) -> None:
+        self._client, self._robot, self._stamps = client, arm_robot(), count(1)
         topic = f"{client.planner}/obstacles"
         self._obstacles = client.node.create_publisher(MarkerArray, topic, EVERY)
-        self._state = np.zeros(len(JOINT_NAMES))
+        self._state = np.zeros(len(JOINTS))
         client.node.create_subscription(JointState, "joint_states", self._on_state, 10)
-        self._stamp = 0
         client.wait_for_node(TIMEOUT)
         client.wait_for_model()
         client.wait(lambda: self._obstacles.get_subscription_count() > 0, TIMEOUT, "not met")
@@ -141,11 +132,10 @@ class User:
         appeared = time.time()
         self._client.wait(lambda: len(self._client.trajectories) > n, TIMEOUT, "no reaction")
         took = time.time() - appeared
-        reserve = began + first - appeared - took
         self._spin_until(began + first + 0.5)
         self._publish(None)
         self._wait_for_rest()
-        return reserve, took
+        return began + first - appeared - took, took
 
     def _wait_for_rest(self) -> None:
         """Wait until the robot rests, at its goal or where it was stopped."""
@@ -158,21 +148,19 @@ class User:
         """Send a goal until it is served; returns the trajectory and when it begins [s]."""
         deadline = time.time() + TIMEOUT
         while time.time() < deadline:
-            self._stamp += 1
-            message = JointState(name=JOINT_NAMES, position=goal.tolist())
-            message.header.stamp.sec = self._stamp
+            message = goal_message(goal)
+            message.header.stamp.sec = next(self._stamps)
             sent = time.time()
             answer = self._client.send(message, TIMEOUT)
             if answer.trajectory is not None:
-                # That of an earlier goal may come first.
-                self._client.wait(partial(self._began_after, sent), TIMEOUT, "no motion")
-                newest = self._client.trajectories[-1]
-                return newest, to_seconds(newest.header.stamp) or time.time()
+                while 0.0 < (began := self._newest_stamp()) < sent:
+                    self._client.spin_once()  # that of an earlier goal may come first
+                return self._client.trajectories[-1], began or time.time()
         raise PlannerError(f"no goal was served: {answer.report.message}")
 
-    def _began_after(self, sent: float) -> bool:
-        """Whether the newest motion begins after a time [s]; without a stamp, it begins now."""
-        return not 0.0 < to_seconds(self._client.trajectories[-1].header.stamp) < sent
+    def _newest_stamp(self) -> float:
+        """When the newest motion begins [s]; 0 if it begins now."""
+        return to_seconds(self._client.trajectories[-1].header.stamp)
 
     def _publish(self, centre: np.ndarray | None) -> None:
         one = Marker(ns="ball", type=Marker.SPHERE)
@@ -189,38 +177,22 @@ class User:
             self._client.spin_once(0.01)
 
     def _on_state(self, message: JointState) -> None:
-        self._state = np.array(message.position[: len(JOINT_NAMES)])
+        self._state = np.array(message.position[: len(JOINTS)])
 
 
-@contextmanager
-def busy(folder: Path) -> Iterator[None]:
-    """A process that keeps the node busy."""
-    for name, text in BOMBS.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    process = PROCESSES.Process(target=_keep_busy, args=[folder], daemon=True)
-    process.start()
-    try:
-        yield
-    finally:
-        process.kill()
-        process.join()
-
-
-def _keep_busy(folder: Path) -> None:
-    with silent_node("busy") as node:
-        there = "mp_pca_planner"
-        obstacles = node.create_publisher(MarkerArray, f"{there}/obstacles", 10)
-        reload = node.create_client(Trigger, f"{there}/reload_primitives")
-        change = node.create_client(SetParameters, f"{there}/set_parameters")
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        for k in range(10**9):
-            executor.spin_until_future_complete(reload.call_async(Trigger.Request()), TIMEOUT)
+def _keep_busy(folder: Path, is_ready: Event) -> None:
+    with NodeClient("busy") as client:
+        client.wait_for_node(TIMEOUT)
+        topic = f"{client.planner}/obstacles"
+        obstacles = client.node.create_publisher(MarkerArray, topic, 10)
+        bombs = write_bombs(folder)
+        is_ready.set()
+        for k in count():
+            client.call("reload_primitives", TIMEOUT)
             value = Parameter("naturalness", value=0.5 + 0.1 * (k % 5)).to_parameter_msg()
-            request = SetParameters.Request(parameters=[value])
-            executor.spin_until_future_complete(change.call_async(request), TIMEOUT)
+            client.set_parameters(value)
             bomb = Marker(ns="bomb", id=k % 2, type=Marker.MESH_RESOURCE)
-            bomb.mesh_resource = f"file://{folder / list(BOMBS)[k % len(BOMBS)]}"
+            bomb.mesh_resource = f"file://{bombs[k % len(bombs)]}"
             bomb.scale.x = bomb.scale.y = bomb.scale.z = 1.0
             obstacles.publish(MarkerArray(markers=[bomb]))
 

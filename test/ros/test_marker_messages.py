@@ -16,7 +16,6 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from builtin_interfaces.msg import Duration
-from campaigns.stop_latency import soup, write_stl
 from geometry_msgs.msg import Point, Quaternion, Vector3
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
@@ -27,6 +26,7 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Header
 from support.arm import arm_primitive
 from support.domains import set_domain
+from support.hostile_meshes import soup, write_stl
 from support.nodes import URDF, ros_node
 from support.patience import HANG
 from visualization_msgs.msg import Marker, MarkerArray

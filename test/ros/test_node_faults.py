@@ -22,7 +22,6 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.parameter import Parameter
 from support.arm import JOINTS, arm_demonstrations, arm_primitive
 from support.domains import set_domain
-from support.node_setup import start_node
 from support.nodes import (
     GOAL,
     PATIENTLY,
@@ -35,6 +34,7 @@ from support.nodes import (
     planner_of,
     ros_node,
     running_node,
+    start_node,
 )
 from support.patience import HANG
 

@@ -228,9 +228,8 @@ def test_node_that_was_told_all_that_serves_goals_when_its_parameters_are_as_bef
 
 
 @pytest.fixture(scope="module")
-def fuzzer(node: subprocess.Popen[str], client: NodeClient) -> Iterator[Fuzzer]:
-    with ros_node("fuzzer") as caller:
-        yield Fuzzer(node, client, caller)
+def fuzzer(node: subprocess.Popen[str], client: NodeClient) -> Fuzzer:
+    return Fuzzer(node, client)
 
 
 def test_good_goals_are_served_after_garbage_on_every_topic(fuzzer: Fuzzer) -> None:

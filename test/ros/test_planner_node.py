@@ -37,7 +37,6 @@ from std_srvs.srv import Trigger
 from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 from support.domains import set_domain
 from support.forged import forge
-from support.node_setup import start_node
 from support.nodes import (
     GOAL,
     PATIENCE,
@@ -50,6 +49,7 @@ from support.nodes import (
     goal_message,
     ros_node,
     running_node,
+    start_node,
     times,
 )
 from support.patience import HANG

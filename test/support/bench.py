@@ -4,9 +4,6 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,10 +16,18 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from support.arm import JOINTS, arm_primitive
-from support.nodes import START, NodeClient, call, goal_message, ros_node, running_node
+from support.nodes import (
+    START,
+    NodeClient,
+    call,
+    goal_message,
+    ros_node,
+    running_node,
+    simulated_robot,
+    words,
+)
 from support.patience import HANG, NODE_EVER
 
-from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros.client import Answer, is_served, report_values
 
@@ -127,13 +132,10 @@ class Bench:
             self._set_fault(name, normal)
 
     def _set_fault(self, name: str, value: object) -> None:
-        request = SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()]
-        )
-        (result,) = call(
-            self._node, SetParameters, "simulated_robot/set_parameters", request
-        ).results
-        assert result.successful, result.reason
+        message = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[message])
+        done = call(self._node, SetParameters, "simulated_robot/set_parameters", request)
+        assert done.results[0].successful, done.results[0].reason
 
     def begin_slowly(self, positions: Sequence[float]) -> Answer:
         """Send a goal, and wait until the robot is well on its way."""
@@ -154,28 +156,20 @@ def benched(
 ) -> Iterator[Bench]:
     """The node and the robot, which both have to end cleanly; a managed node is prepared."""
     save_primitive(arm_primitive(), folder / "arm.npz")
-    command = [sys.executable, "-m", "mp_pca_planner", "simulate"]
-    command += ["--robot", str(config_file("human_arm.urdf")), "--joints", ",".join(JOINTS)]
-    command += ["--start", ",".join(map(str, START)), *options]
-    arguments = [f"primitives:=['{folder / 'arm.npz'}']", f"max_solve_time:={NODE_EVER}"]
-    arguments += [f"state_timeout:={STATE_TIMEOUT}"]
-    arguments += [f"limits.{j}.max_{k}:={v}" for j in JOINTS for k, v in LIMITS.items()]
-    words = [word for argument in arguments for word in ("-p", argument)]
+    limits = {f"limits.{j}.max_{k}": v for j in JOINTS for k, v in LIMITS.items()}
+    given = {"max_solve_time": NODE_EVER, "state_timeout": STATE_TIMEOUT, **limits}
+    primitives = words(primitives=f"['{folder / 'arm.npz'}']")
+    managed = ["--managed"] if prepare else []
     with (
-        running_node(folder / "log.txt", *words, options=["--managed"] if prepare else []),
-        (folder / "robot.txt").open("w") as log,
-        subprocess.Popen(command, stdout=log, stderr=log) as robot,
+        running_node(folder / "log.txt", *primitives, *words(**given), options=managed),
+        simulated_robot(folder / "robot.txt", START, *options),
+        NodeClient() as client,
+        ros_node("user") as user,
     ):
-        try:
-            with NodeClient() as client, ros_node("user") as user:
-                client.wait_for_node(HANG)
-                if prepare:
-                    prepare(user)
-                client.wait_for_model()
-                bench = Bench(client, user, str(folder / "arm.npz"))
-                bench.wait(lambda: bool(bench.measured))
-                yield bench
-        finally:
-            robot.send_signal(signal.SIGINT)
-            status = robot.wait(HANG)
-    assert status == 0, (folder / "robot.txt").read_text()
+        client.wait_for_node(HANG)
+        if prepare:
+            prepare(user)
+        client.wait_for_model()
+        bench = Bench(client, user, str(folder / "arm.npz"))
+        bench.wait(lambda: bool(bench.measured))
+        yield bench

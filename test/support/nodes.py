@@ -1,15 +1,23 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the running node share."""
+"""The node, a simulated robot and clients in tests, campaigns and benchmarks."""
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import signal
-import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
+from multiprocessing.synchronize import Event
 from pathlib import Path
-from typing import Any
+from subprocess import Popen
+from tempfile import TemporaryDirectory
+from typing import IO, Any
 
 import numpy as np
 import rclpy
@@ -17,30 +25,44 @@ from rcl_interfaces.msg import Parameter, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from support.arm import JOINTS, arm_primitive
-from support.node_setup import RobotClient, start_node
 from support.patience import HANG, NODE_EVER
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from mp_pca_planner.files import config_file
+from mp_pca_planner.primitives.build import build_primitive
+from mp_pca_planner.primitives.file import save_primitive
+from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.recordings.synthetic import generate_motions
+from mp_pca_planner.ros.client import GoalClient
 from mp_pca_planner.ros.nodes import LATCHED
 
 MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+# Fresh processes: ROS does not survive a fork.
+PROCESSES = multiprocessing.get_context("spawn")
 
 # Tests publish a state once, and the machine may be busy: how long states are good for, and plans
 # may take [s].
 PATIENCE = {"state_timeout": NODE_EVER, "max_solve_time": NODE_EVER}
-PATIENTLY = tuple(word for name, time in PATIENCE.items() for word in ("-p", f"{name}:={time}"))
 
 
-class NodeClient(RobotClient):
+def words(**parameters: object) -> tuple[str, ...]:
+    """Arguments of a node that set parameters."""
+    return tuple(word for k, v in parameters.items() for word in ("-p", f"{k}:={v}"))
+
+
+PATIENTLY = words(**PATIENCE)
+
+
+class NodeClient(GoalClient):
     """A client that plays the robot and the operator, too.
 
     Attributes
@@ -49,13 +71,22 @@ class NodeClient(RobotClient):
         All that were received, the newest last.
     """
 
-    def __init__(self, *arguments: str, **names: str) -> None:
+    def __init__(self, *arguments: str, joint_states: str = "joint_states", **names: str) -> None:
         super().__init__(*arguments, **names)
+        node = self.node
+        self._publishers |= {
+            "joint_states": node.create_publisher(JointState, joint_states, 1),
+            "robot_description": node.create_publisher(String, "robot_description", LATCHED),
+        }
         self.previews: list[MarkerArray] = []
         parameters = f"{self.planner}/set_parameters"
-        self._services["set_parameters"] = self.node.create_client(SetParameters, parameters)
+        self._services["set_parameters"] = node.create_client(SetParameters, parameters)
         preview = f"{self.planner}/preview"
-        self.node.create_subscription(MarkerArray, preview, self.previews.append, LATCHED)
+        node.create_subscription(MarkerArray, preview, self.previews.append, LATCHED)
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish on a goal topic, ``joint_states`` or ``robot_description``."""
+        self._publishers[topic].publish(message)
 
     def publish_state(
         self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float] = ()
@@ -69,6 +100,10 @@ class NodeClient(RobotClient):
 
     def publish_description(self, urdf: str) -> None:
         self.publish("robot_description", String(data=urdf))
+
+    def wait_for_model(self) -> None:
+        """Wait until the node has primitives and a robot model."""
+        self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
     def set_parameters(self, *parameters: Parameter) -> list[SetParametersResult]:
         """Set parameters one by one."""
@@ -93,11 +128,20 @@ class NodeClient(RobotClient):
         return self.previews[-1]
 
 
+def start_node(
+    *ros_arguments: str, options: Sequence[str] = (), output: IO[str] | None = None
+) -> Popen[str]:
+    """Start the node in a process of its own, with arguments before and after ``--ros-args``."""
+    command = [sys.executable, "-m", "mp_pca_planner", "planner_node", *options]
+    command += ["--ros-args", *ros_arguments]
+    return Popen(command, stdout=output, stderr=output, text=True)
+
+
 @contextmanager
 def running_node(
-    log: Path, *ros_arguments: str, options: Sequence[str] = ()
-) -> Iterator[subprocess.Popen[str]]:
-    """A node that has to end cleanly."""
+    log: Path, *ros_arguments: str, options: Sequence[str] = (), may_trace: bool = False
+) -> Iterator[Popen[str]]:
+    """A node that has to end cleanly, and unless it may, without a traceback in its log."""
     with log.open("w") as output:
         process = start_node(*ros_arguments, options=options, output=output)
     try:
@@ -109,20 +153,109 @@ def running_node(
         finally:
             process.kill()
     assert status == 0, f"status {status}\n{log.read_text()}"
-    assert "Traceback" not in log.read_text()
+    assert may_trace or "Traceback" not in log.read_text()
 
 
-def planner_of(node: subprocess.Popen[str]) -> int:
-    """The process in which a node plans: its first child that was spawned."""
-    children = Path(f"/proc/{node.pid}/task/{node.pid}/children").read_text().split()
-    commands = {int(child): Path(f"/proc/{child}/cmdline").read_bytes() for child in children}
-    return next(child for child, command in commands.items() if b"spawn_main" in command)
+@cache
+def _raise_arm() -> MovementPrimitive:
+    return build_primitive(generate_motions(20, seed=1), "raise_arm")
 
 
 @contextmanager
-def described_client() -> Iterator[NodeClient]:
+def arm_node(
+    *ros_arguments: str, n_primitives: int = 1, may_trace: bool = False
+) -> Iterator[tuple[Popen[str], Path]]:
+    """A node with primitives that differ in their names, and a folder with its log.txt.
+
+    In arguments, ``{folder}`` stands for the folder.
+    """
+    with TemporaryDirectory() as name:
+        folder, library = Path(name), Path(name, "primitives")
+        library.mkdir()
+        for k in range(n_primitives):
+            save_primitive(replace(_raise_arm(), name=f"raise_{k}"), library / f"{k:04}.npz")
+        others = [word.replace("{folder}", name) for word in ros_arguments]
+        given = ("-p", f"primitives:=['{library}']", *others)
+        with running_node(folder / "log.txt", *given, may_trace=may_trace) as node:
+            yield node, folder
+
+
+@contextmanager
+def simulated_robot(log: Path, start: Sequence[float], *options: str) -> Iterator[None]:
+    """A simulated robot in a process of its own, which has to end cleanly."""
+    command = [sys.executable, "-m", "mp_pca_planner", "simulate"]
+    command += ["--robot", str(config_file("human_arm.urdf")), "--joints", ",".join(JOINTS)]
+    command += ["--start", ",".join(map(str, start)), *options]
+    with log.open("w") as output, Popen(command, stdout=output, stderr=output) as robot:
+        try:
+            yield
+        finally:
+            robot.send_signal(signal.SIGINT)
+            status = robot.wait(HANG)
+    assert status == 0, log.read_text()
+
+
+def children_of(node: Popen[str]) -> list[int]:
+    return [*map(int, Path(f"/proc/{node.pid}/task/{node.pid}/children").read_text().split())]
+
+
+def planner_of(node: Popen[str]) -> int:
+    """The process in which a node plans: its first child that was spawned."""
+    commands = {child: Path(f"/proc/{child}/cmdline").read_bytes() for child in children_of(node)}
+    return next(child for child, command in commands.items() if b"spawn_main" in command)
+
+
+def processor_time(node: Popen[str]) -> float:
+    """CPU time of the node and its workers [s]."""
+    ticks = 0
+    for process in (node.pid, *children_of(node)):
+        text = Path(f"/proc/{process}/stat").read_text(encoding="ascii")
+        ticks += sum(map(int, text.rpartition(")")[2].split()[11:13]))
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def resident_megabytes(node: Popen[str]) -> list[float]:
+    """Resident memory of the node and of its workers [MB]."""
+    processes = (node.pid, *children_of(node))
+    pages = [int(Path(f"/proc/{process}/statm").read_text().split()[1]) for process in processes]
+    return [n * os.sysconf("SC_PAGE_SIZE") / 1e6 for n in pages]
+
+
+@contextmanager
+def other_process(work: Callable[..., None], *arguments: Any) -> Iterator[None]:
+    """A process that works until the end, from when it sets the event of its last argument."""
+    is_ready = PROCESSES.Event()
+    process = PROCESSES.Process(target=work, args=(*arguments, is_ready), daemon=True)
+    process.start()
+    try:
+        is_ready.wait(60.0)
+        yield
+    finally:
+        process.kill()
+        process.join()
+
+
+def publish_states(rate: float, positions: list[float], is_ready: Event) -> None:
+    """Publish a joint state at a fixed rate, for ever."""
+    state = JointState(name=JOINTS, position=positions, velocity=[0.0] * len(positions))
+    # Serialised once, because the driver of a real robot needs less CPU time than Python.
+    message = bytes(serialize_message(state))
+    with ros_node("joint_state_broadcaster") as node:
+        publisher = node.create_publisher(JointState, "joint_states", 1)
+        while not publisher.get_subscription_count():
+            time.sleep(0.01)
+        is_ready.set()
+        due = time.monotonic()
+        while True:
+            publisher.publish(message)
+            due = max(due + 1.0 / rate, time.monotonic() - 0.1)
+            time.sleep(max(due - time.monotonic(), 0.0))
+
+
+@contextmanager
+def described_client(*arguments: str) -> Iterator[NodeClient]:
     """A client of a node that has a model: its only robot description is that of the topic."""
-    with NodeClient() as client:
+    with NodeClient(*arguments) as client:
         client.wait_for_node()
         client.publish_description(URDF)
         client.wait_for_model()
@@ -154,11 +287,11 @@ def call(node: Node, kind: Any, name: str, request: Any) -> Any:
         executor.spin_until_future_complete(future, 10.0)
         if future.done():
             return future.result()
-    raise AssertionError(f"{name} did not answer")
+    raise AssertionError(f"{name} did not answer to {request!s:.200}")
 
 
 def goal_message(
-    positions: list[float] = GOAL, names: tuple[str, ...] = JOINTS, **fields: object
+    positions: Sequence[float] = GOAL, names: Sequence[str] = JOINTS, **fields: object
 ) -> JointState:
     return JointState(name=list(names), position=list(positions), **fields)
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import numpy as np
 from support.arm import JOINTS, arm_primitive
 from support.patience import NODE_EVER
-from support.referee import judge
 from support.virtual_node import VirtualNode
 
 from mp_pca_planner.execution.parameters import Settings
@@ -23,7 +22,6 @@ LIMITS = {
     name: {"max_velocity": 3.0, "max_acceleration": 12.0, "max_jerk": 200.0} for name in JOINTS
 }
 WAIT = 0.02  # of motions from rest, in which any message is received [s]
-FINEST = 2e-7  # step that no encoder sees [rad]
 
 
 def model(**settings):
@@ -65,20 +63,6 @@ class Node(VirtualNode):
     @property
     def commanded(self):
         return self.robot.record.q[-1]
-
-    def verdict(self, cuts=(), joins=()):
-        """What the referee says of all commands."""
-        record, limits = self.robot.record, self.model.limits
-        names = ("lower", "upper", "velocity", "acceleration", "jerk")
-        return judge(
-            record.q,
-            record.clock,
-            {name: getattr(limits, name) for name in names},
-            time=record.times,
-            cuts=[*record.cuts, *cuts],
-            joins=joins,
-            finest=FINEST,
-        )
 
     def assert_smooth(self, cuts=()):
         """No command is beyond a limit, and none jumps."""

@@ -8,13 +8,14 @@ The planning time is simulated, too, so results do not depend on the load of the
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
 import numpy as np
 from support.problems import Scene, scene_of
+from support.referee import Verdict, judge
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.execution.link import (
@@ -225,6 +226,26 @@ class VirtualNode:
             return self.server.stop()
         except PlannerError as error:
             return f"nothing was published: {error}"
+
+    def verdict(
+        self,
+        cuts: Iterable[int] = (),
+        joins: Iterable[int] = (),
+        finest: float = 2e-7,
+        first: int = 0,
+    ) -> Verdict:
+        """What the referee says of all commands, or of those from one on."""
+        record, limits = self.robot.record, self._model.limits
+        names = ("lower", "upper", "velocity", "acceleration", "jerk")
+        return judge(
+            record.q[first:],
+            record.clock[first:],
+            {name: getattr(limits, name) for name in names},
+            time=record.times[first:],
+            cuts=[x - first for x in (*record.cuts, *cuts)],
+            joins=list(joins),
+            finest=finest,
+        )
 
     def run(self, duration: float) -> None:
         """Advance the time [s]."""
