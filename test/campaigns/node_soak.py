@@ -106,11 +106,12 @@ def send(client: NodeClient, positions: list[float], second: int, number: int) -
 
     try:
         answer = client.send(goal, PATIENCE)
-        if answer.values["status"] == "served" and is_served(answer.report):
-            client.wait(lambda: n_motions() > 0, PATIENCE, "sent no motion")
+        if not is_served(answer.report):
+            return answer.values["status"], 0
+        client.wait(lambda: n_motions() > 0, PATIENCE, "sent no motion")
     except NoAnswerError:
         return "unanswered", 0
-    return answer.values["status"], n_motions()
+    return "served", n_motions()
 
 
 def report(found: list[Outcome], memory: list[float]) -> int:
