@@ -22,8 +22,7 @@ from scipy.interpolate import BPoly
 from support.problems import Problem
 
 from mp_pca_planner.arrays import FloatArray
-from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.files import load_yaml, read_text, reading
+from mp_pca_planner.files import load_yaml, read_text
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.robot.limits import JointLimits
 
@@ -42,6 +41,7 @@ REFEREE_END_SHARE = 0.05
 # Steps of the grids on which collisions and clearances are computed [s].
 REFEREE_COLLISION_PERIOD = 1e-3
 REFEREE_CLEARANCE_PERIOD = 1e-2
+SHAPES = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder}
 
 
 @dataclass(frozen=True)
@@ -247,11 +247,6 @@ class SceneReferee:
         File of a moveit_msgs/PlanningScene with boxes, spheres and cylinders.
     srdf : Path, optional
         Pairs of links that are not checked; neighbours unless given.
-
-    Raises
-    ------
-    PlannerError
-        If the scene can't be read.
     """
 
     def __init__(self, arm: RigidArm, urdf: Path, scene: Path, srdf: Path | None = None) -> None:
@@ -340,21 +335,10 @@ def _hulls(geometry: Any) -> Any:
 
 def _obstacles(scene: Path) -> Iterator[tuple[str, Any, Any]]:
     """Name, shape and pose of each obstacle of a planning scene."""
-    with reading(f"the scene '{scene}'", PlannerError):
-        content = load_yaml(read_text(scene))
-        for one in content["world"]["collision_objects"]:
-            for shape, pose in zip(one["primitives"], one["primitive_poses"], strict=True):
-                turn = pin.Quaternion(np.array(pose["orientation"], dtype=float)).normalized()
-                placement = pin.SE3(turn.matrix(), np.array(pose["position"], dtype=float))
-                yield one["id"], _shape(shape["type"], shape["dimensions"]), placement
-
-
-def _shape(kind: str, sizes: Sequence[float]) -> Any:
-    if kind == "box":
-        return coal.Box(*sizes)
-    if kind == "sphere":
-        return coal.Sphere(*sizes)
-    if kind == "cylinder":
-        height, radius = sizes
-        return coal.Cylinder(radius, height)
-    raise ValueError(f"the referee knows boxes, spheres and cylinders, but not '{kind}'")
+    for one in load_yaml(read_text(scene))["world"]["collision_objects"]:
+        for shape, pose in zip(one["primitives"], one["primitive_poses"], strict=True):
+            turn = pin.Quaternion(np.array(pose["orientation"], dtype=float)).normalized()
+            placement = pin.SE3(turn.matrix(), np.array(pose["position"], dtype=float))
+            # A cylinder has its height first.
+            sizes = shape["dimensions"][:: -1 if shape["type"] == "cylinder" else 1]
+            yield one["id"], SHAPES[shape["type"]](*sizes), placement

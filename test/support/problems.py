@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.cli.example_robots import demonstrations_of
 from mp_pca_planner.exceptions import PlannerError
-from mp_pca_planner.files import load_yaml, read_text, reading
+from mp_pca_planner.files import load_yaml, read_text
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
@@ -180,24 +180,16 @@ def scenes_in(folder: Path, n_scenes: int) -> list[Path]:
     ]
 
 
-def robot_of_scene(scene: Path, levels: int = 4) -> Path:
-    """The URDF file of the robot that a scene names, in a folder above or of that name.
-
-    Parameters
-    ----------
-    scene :
-        The file.
-    levels :
-        Number of folders above it that are searched.
+def robot_of_scene(scene: Path) -> Path:
+    """The URDF file of the robot that a scene names, in one of four folders above or of that name.
 
     Raises
     ------
     PlannerError
         If there is none.
     """
-    with reading(f"the scene '{scene}'", PlannerError):
-        name = Path(str(load_yaml(read_text(scene))["robot_model_name"])).name
-    for folder in list(scene.resolve().parents)[:levels]:
+    name = Path(_read(scene)["robot_model_name"]).name
+    for folder in list(scene.resolve().parents)[:4]:
         for path in (folder / f"{name}.urdf", folder / name / f"{name}.urdf"):
             if path.is_file():
                 return path
@@ -205,54 +197,26 @@ def robot_of_scene(scene: Path, levels: int = 4) -> Path:
 
 
 def requested_ends(scene: Path) -> tuple[dict[str, float], dict[str, float]]:
-    """Start and goal of the problem in a scene, by joint name [rad or m].
-
-    Raises
-    ------
-    PlannerError
-        If its request can't be read.
-    """
-    path = _request_of(scene)
-    with reading(f"the request '{path}'", PlannerError):
-        content = load_yaml(read_text(path))
-        state = content["start_state"]["joint_state"]
-        goals = [
-            (one["joint_name"], one["position"])
-            for constraint in content["goal_constraints"]
-            for one in constraint["joint_constraints"]
-        ]
-        start = _positions(zip(state["name"], state["position"], strict=True))
-        return start, _positions(goals)
+    """Start and goal of the problem in a scene, by joint name [rad or m]."""
+    content = _read(_request_of(scene))
+    state = content["start_state"]["joint_state"]
+    goals = {
+        one["joint_name"]: float(one["position"])
+        for constraint in content["goal_constraints"]
+        for one in constraint["joint_constraints"]
+    }
+    return dict(zip(state["name"], map(float, state["position"]), strict=True)), goals
 
 
 def scene_problem(scene: Path, joint_names: Sequence[str]) -> Problem:
-    """The problem in a scene, of any duration.
-
-    Raises
-    ------
-    PlannerError
-        If its request can't be read, or leaves a joint out.
-    """
-    ends = []
-    for what, state in zip(("start", "goal"), requested_ends(scene), strict=True):
-        for name in joint_names:
-            if name not in state:
-                raise PlannerError(
-                    f"the request of '{scene}' has no {what} position of joint '{name}'"
-                )
-        ends.append(np.array([state[name] for name in joint_names]))
-    start, goal = ends
+    """The problem in a scene, of any duration."""
+    start, goal = (np.array([end[name] for name in joint_names]) for end in requested_ends(scene))
     return Problem(start, goal, float("nan"), scene=scene)
+
+
+def _read(path: Path) -> Any:
+    return load_yaml(read_text(path))
 
 
 def _request_of(scene: Path) -> Path:
     return scene.with_name(scene.name.replace("scene", "request", 1))
-
-
-def _positions(pairs: Any) -> dict[str, float]:
-    """Positions by joint name; finite numbers."""
-    found = {str(name): float(position) for name, position in pairs}
-    for name, position in found.items():
-        if not np.isfinite(position):
-            raise ValueError(f"the position of joint '{name}' is {position}")
-    return found

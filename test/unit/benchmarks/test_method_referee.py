@@ -1,10 +1,13 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
+"""The referee of planned motions, against a pendulum's closed forms."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.dense import minimum_jerk_motion
 from support.motion_referee import RigidArm, judge
 from support.problems import Problem
 
@@ -44,36 +47,27 @@ def limits(**values: float) -> JointLimits:
 
 
 def motion(n_points: int = 16) -> Trajectory:
-    s = np.linspace(0.0, 1.0, n_points)[:, None]
-    return Trajectory(
-        ["hinge"],
-        s[:, 0] * DURATION,
-        WAY * (10 * s**3 - 15 * s**4 + 6 * s**5),
-        WAY * (30 * s**2 - 60 * s**3 + 30 * s**4) / DURATION,
-        WAY * (60 * s - 180 * s**2 + 120 * s**3) / DURATION**2,
-    )
+    return minimum_jerk_motion(["hinge"], [0.0], [WAY], DURATION, n_points)
+
+
+def efforts(n: int = 100_001) -> np.ndarray:
+    """Of the motion, by the formula."""
+    q, _, a = (x[:, 0] for x in motion(n).states)
+    return MASS * LENGTH**2 * a + MASS * GRAVITY * LENGTH * np.sin(q)
 
 
 PROBLEM = Problem(np.zeros(1), np.array([WAY]), DURATION)
 
 
-def test_cost_of_holding_still_is_that_of_the_weight(pendulum):
+def test_costs_are_those_of_the_pendulums_efforts(pendulum):
     still = Trajectory(["hinge"], [0.0, 2.0], [[0.4], [0.4]], np.zeros((2, 1)), np.zeros((2, 1)))
-    problem = Problem(np.array([0.4]), np.array([0.4]), 2.0)
-    verdict = judge(still, problem, pendulum, limits())
+    verdict = judge(still, Problem(np.array([0.4]), np.array([0.4]), 2.0), pendulum, limits())
     weight = MASS * GRAVITY * LENGTH * np.sin(0.4)
     assert verdict.effort_cost == pytest.approx(0.5 * weight**2 * 2.0, rel=1e-12)
     assert verdict.feasible
-
-
-def test_cost_of_a_motion_is_the_integral_of_the_pendulums_efforts(pendulum):
-    s = np.linspace(0.0, 1.0, 200_001)
-    q = WAY * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    a = WAY * (60 * s - 180 * s**2 + 120 * s**3) / DURATION**2
-    tau = MASS * LENGTH**2 * a + MASS * GRAVITY * LENGTH * np.sin(q)
-    expected = 0.5 * np.mean(tau**2) * DURATION
-    verdict = judge(motion(), PROBLEM, pendulum, limits())
-    assert verdict.effort_cost == pytest.approx(expected, rel=1e-5)
+    expected = 0.5 * np.mean(efforts() ** 2) * DURATION
+    found = judge(motion(), PROBLEM, pendulum, limits()).effort_cost
+    assert found == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -82,23 +76,20 @@ def test_cost_of_a_motion_is_the_integral_of_the_pendulums_efforts(pendulum):
         ("max_velocity", 15 / 8 * WAY / DURATION),
         ("max_acceleration", 10 / np.sqrt(3) * WAY / DURATION**2),
         ("max_jerk", 60 * WAY / DURATION**3),
+        ("max_effort", np.abs(efforts()).max()),
     ],
 )
 def test_violation_is_the_relative_excess_of_the_known_peak(pendulum, key, peak):
     for excess in (1e-5, 0.1):
-        verdict = judge(motion(), PROBLEM, pendulum, limits(**{key: peak / (1 + excess)}))
+        # Of three points, the peaks are between them.
+        verdict = judge(motion(3), PROBLEM, pendulum, limits(**{key: peak / (1 + excess)}))
         assert verdict.limit_violation == pytest.approx(excess, rel=0.03)
         assert key.removeprefix("max_") in verdict.worst_limit
         assert not verdict.feasible
     verdict = judge(motion(), PROBLEM, pendulum, limits(**{key: peak * 1.0001}))
-    assert (
-        verdict.limit_violation == 0.0
-        and verdict.feasible
-        and verdict.limits_active
-        != (
-            key == "max_jerk"  # it peaks at the ends
-        )
-    )
+    assert verdict.limit_violation == 0.0 and verdict.feasible
+    # The jerk and the effort peak at the ends.
+    assert verdict.limits_active == (key in ("max_velocity", "max_acceleration"))
 
 
 def test_violation_of_a_position_is_a_share_of_the_range(pendulum):
@@ -106,41 +97,21 @@ def test_violation_of_a_position_is_a_share_of_the_range(pendulum):
     assert verdict.limit_violation == pytest.approx((WAY - 0.7) / 0.9, rel=1e-9)
 
 
-def test_violation_of_an_effort_is_found_between_the_points(pendulum):
-    at_points = motion(3)
-    s = np.linspace(0.0, 1.0, 100_001)
-    a = WAY * (60 * s - 180 * s**2 + 120 * s**3) / DURATION**2
-    q = WAY * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    peak = np.abs(MASS * LENGTH**2 * a + MASS * GRAVITY * LENGTH * np.sin(q)).max()
-    verdict = judge(at_points, PROBLEM, pendulum, limits(max_effort=peak / 1.2))
-    assert verdict.limit_violation == pytest.approx(0.2, rel=1e-4)
-
-
 def test_missed_ends_and_end_velocities_are_not_feasible(pendulum):
-    beside = Problem(np.array([0.01]), np.array([WAY]), DURATION)
+    beside = replace(PROBLEM, start=np.array([0.01]))
     verdict = judge(motion(), beside, pendulum, limits())
     assert verdict.end_error == pytest.approx(0.01) and not verdict.feasible
     m = motion()
     moving = Trajectory(m.joint_names, m.times, m.positions, m.velocities + 0.05, m.accelerations)
-    assert judge(moving, PROBLEM, pendulum, limits()).end_velocity == pytest.approx(0.05)
-    assert not judge(moving, PROBLEM, pendulum, limits()).feasible
+    verdict = judge(moving, PROBLEM, pendulum, limits())
+    assert verdict.end_velocity == pytest.approx(0.05) and not verdict.feasible
 
 
 def test_distance_from_the_demonstration_is_that_of_a_shifted_copy(pendulum):
-    m = motion(151)
-    shifted = m.positions + np.deg2rad(3.0)
-    shown = Demonstration(
-        ["hinge"],
-        m.times,
-        shifted,
-        m.velocities,
-        m.accelerations,
-        recording="shifted",
-        start_time=0.0,
-        end_time=DURATION,
-    )
-    problem = Problem(np.zeros(1), np.array([WAY]), DURATION, shown)
-    assert judge(m, problem, pendulum, limits()).demo_distance_deg == pytest.approx(3.0, rel=1e-6)
+    m, shift = motion(151), np.deg2rad(3.0)
+    shown = Demonstration.of_samples(["hinge"], m.times, m.positions + shift, "shifted")
+    verdict = judge(m, replace(PROBLEM, demonstration=shown), pendulum, limits())
+    assert verdict.demo_distance_deg == pytest.approx(3.0, rel=1e-6)
     assert np.isnan(judge(m, PROBLEM, pendulum, limits()).demo_distance_deg)
 
 
