@@ -22,7 +22,7 @@ import pinocchio as pin
 import pyarrow
 import yaml
 from pyarrow import parquet
-from support.bags import EPOCH, JOINT_STATE, Message, Messages, storage_file, write_messages
+from support.bags import EPOCH, JOINT_STATE, Message, Messages, S, storage_file, write_messages
 from support.forged import rewrite
 from support.marker_bags import TF
 from support.marker_bags import Messages as MarkerMessages
@@ -182,28 +182,36 @@ def _write(path: Path, raw: list[tuple[int, bytes]]) -> None:
         shutil.move(storage_file(write_messages(Path(folder, "new"), messages, entries)), path)
 
 
-def spoil_bytes(path: Path, random: Random) -> None:
-    """Flip, cut out, repeat, insert or move some bytes."""
-    content = bytearray(path.read_bytes())
+def spoilt_bytes(raw: bytes, random: Random) -> bytes:
+    """Bytes that are flipped, cut out, repeated, inserted, or odd numbers."""
+    content = bytearray(raw)
     for _ in range(random.integers(1, 9)):
         n = len(content)
         at, to = sorted(int(k) for k in random.integers(0, n + 1, 2))
         to = min(to, at + int(random.choice([1, 4, 8, 64, n])))
-        match random.integers(0, 6):
+        match random.integers(0, 7):
             case 0 if at < n:
                 content[at] ^= 1 << int(random.integers(0, 8))
             case 1:
-                odd = (b"\x00" * 4, b"\xff" * 4, b"\x00\x00\x00\x80")
-                content[at : at + 4] = odd[int(random.integers(0, 3))]
-            case 2 if to - at < n // 2:
+                odd = np.uint32(random.choice([0, 1, 2**31, 2**32 - 1]))
+                content[4 * (at // 4) : 4 * (at // 4) + 4] = odd.tobytes()
+            case 2:
+                odd = np.float64(random.choice(ODD_NUMBERS))
+                content[8 * (at // 8) : 8 * (at // 8) + 8] = odd.tobytes()
+            case 3 if to - at < n // 2:
                 del content[at:to]
-            case 3:
-                content[at:at] = content[at:to][:4096]
             case 4:
+                content[at:at] = content[at:to][:4096]
+            case 5:
                 content[at:at] = random.bytes(int(random.integers(1, 9)))
             case _ if random.random() < 0.3:
                 del content[at:]
-    path.write_bytes(bytes(content))
+    return bytes(content)
+
+
+def spoil_bytes(path: Path, random: Random) -> None:
+    """Corrupt the bytes of a file."""
+    path.write_bytes(spoilt_bytes(path.read_bytes(), random))
 
 
 def spoil_text(path: Path, random: Random) -> None:
@@ -334,32 +342,11 @@ def spoil_bag(path: Path, random: Random) -> None:
     if random.random() < 0.5:
         return spoil_bytes(path, random)
     worst = random.random() ** 3
-    messages = [
-        (_spoilt_stamp(stamp, random), _spoilt_message(raw, random))
-        if random.random() < worst
-        else (stamp, raw)
-        for stamp, raw in messages_of(path.suffix)
-    ]
+    messages = messages_of(path.suffix).copy()
+    for k in np.flatnonzero(random.random(len(messages)) < worst):
+        stamp, raw = messages[k]
+        stamp = int(random.choice([stamp, stamp - S, 0, 2**62, stamp + 1000 * S]))
+        messages[k] = stamp, spoilt_bytes(raw, random)
     path.unlink()
     _write(path, messages)
     return None
-
-
-def _spoilt_stamp(stamp: int, random: Random) -> int:
-    return int(random.choice([stamp, stamp - 10**9, 0, 2**62, stamp + 10**12]))
-
-
-def _spoilt_message(raw: bytes, random: Random) -> bytes:
-    content = bytearray(raw)
-    match random.integers(0, 4):
-        case 0 if content:
-            content[int(random.integers(0, len(content)))] = int(random.integers(0, 256))
-        case 1:
-            del content[int(random.integers(0, len(content) + 1)) :]
-        case 2:
-            at = 8 * int(random.integers(0, len(content) // 8 + 1))
-            content[at : at + 8] = np.float64(random.choice(ODD_NUMBERS)).tobytes()
-        case 3:
-            at = 4 * int(random.integers(0, len(content) // 4 + 1))
-            content[at : at + 4] = np.uint32(random.choice([0, 1, 2**31, 2**32 - 1])).tobytes()
-    return bytes(content)

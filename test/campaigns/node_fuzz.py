@@ -20,6 +20,8 @@ from contextlib import suppress
 from subprocess import Popen
 from typing import Any
 
+import numpy as np
+from campaigns.fuzz_files import spoilt_bytes
 from geometry_msgs.msg import PoseStamped, Vector3
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -148,13 +150,13 @@ class Fuzzer:
     def send_garbage(self, n_messages: int) -> None:
         """Send damaged and random serialised messages to each topic in turn."""
         for topic, message in TOPICS.items():
-            self._flood(topic, type(message), garbage(message, n_messages, self._random))
+            self._flood(topic, type(message), garbage(message, n_messages, self.n_steps))
             if isinstance(message, MarkerArray):  # valid ones by chance may be in the way
                 none = serialize_message(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
                 self._flood(topic, MarkerArray, [none] * 5)
             self.check(topic)
         self._set({"use_sim_time": True})
-        clocks = garbage(Clock(), n_messages, self._random)
+        clocks = garbage(Clock(), n_messages, self.n_steps)
         # Of a negative time, rclpy itself raises an error.
         self._flood("/clock", Clock, [x for x in clocks if len(x) < 8 or x[7] < 0x80])
         self.check("/clock")
@@ -303,22 +305,10 @@ def as_message(name: str, value: object) -> ParameterMessage:
     return Parameter(name, kind, value).to_parameter_msg()
 
 
-def garbage(message: Any, n: int, generator: random.Random) -> Iterator[bytes]:
-    """Damaged and random serialised messages of a type."""
-    good = bytes(serialize_message(message))
-    for k in range(n):
-        damaged = bytearray(good)
-        if k % 4 == 0:
-            del damaged[generator.randrange(len(good)) :]
-        elif k % 4 == 1:
-            for _ in range(generator.randrange(1, 6)):
-                octet = generator.choice([0, 1, 127, 128, 255, generator.randrange(256)])
-                damaged[generator.randrange(len(good))] = octet
-        elif k % 4 == 2:
-            damaged[4:] = generator.randbytes(generator.randrange(128))
-        else:
-            damaged = bytearray(generator.randbytes(generator.randrange(64)))
-        yield bytes(damaged)
+def garbage(message: Any, n: int, seed: int) -> Iterator[bytes]:
+    """Damaged serialised messages of a type."""
+    good, generator = bytes(serialize_message(message)), np.random.default_rng(seed)
+    return (spoilt_bytes(good, generator) for _ in range(n))
 
 
 def odd_states(kind: str, state: JointState, generator: random.Random) -> Iterator[JointState]:

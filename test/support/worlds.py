@@ -45,42 +45,42 @@ def random_world(rng: np.random.Generator) -> mp.World:
 
 def plain_distances(world: mp.World, q: np.ndarray) -> np.ndarray:
     """Distances of the links of the human arm from obstacles, by Pinocchio and its library."""
-    path, kind = str(config_file("human_arm.urdf")), pin.GeometryType.COLLISION
+    path = str(config_file("human_arm.urdf"))
     model = pin.buildModelFromUrdf(path)
-    geometry = pin.buildGeomFromUrdf(model, path, kind)
+    shapes = pin.buildGeomFromUrdf(model, path, pin.GeometryType.COLLISION)
+    moving = [i for i, part in enumerate(shapes.geometryObjects) if part.parentJoint]
+    for obstacle in world:
+        (shape,) = obstacle.shapes
+        number = shapes.addGeometryObject(
+            pin.GeometryObject(
+                obstacle.name,
+                parent_joint=0,
+                placement=pin.XYZQUATToSE3(shape.pose),
+                collision_geometry=_body(shape),
+            )
+        )
+        for i in moving:
+            shapes.addCollisionPair(pin.CollisionPair(i, number))
     order = [arm_robot().joint_names.index(name) for name in model.names[1:]]
-    data, geometry_data = model.createData(), geometry.createData()
+    data, poses = model.createData(), shapes.createData()
     least = np.empty((len(q), len(world)))
     for k, one in enumerate(q):
-        pin.updateGeometryPlacements(model, data, geometry, geometry_data, one[order])
-        for i, obstacle in enumerate(world):
-            (shape,) = obstacle.shapes
-            if isinstance(shape, mp.Mesh):
-                body = coal.BVHModelOBBRSS()
-                body.beginModel(len(shape.triangles), len(shape.vertices))
-                body.addVertices(shape.vertices)
-                body.addTriangles(shape.triangles)
-                body.endModel()
-            else:
-                sizes = [np.ravel(value) for key, value in vars(shape).items()]
-                kind = type(shape).__name__
-                body = getattr(coal, kind)(*map(float, np.concatenate(sizes[: len(sizes) - 2])))
-            there = pin.XYZQUATToSE3(shape.pose)
-            least[k, i] = np.inf
-            for j, part in enumerate(geometry.geometryObjects):
-                if part.parentJoint == 0:
-                    continue
-                here = geometry_data.oMg[j]
-                found = coal.distance(
-                    part.geometry,
-                    coal.Transform3s(here.rotation, here.translation),
-                    body,
-                    coal.Transform3s(there.rotation, there.translation),
-                    coal.DistanceRequest(),
-                    coal.DistanceResult(),
-                )
-                least[k, i] = min(least[k, i], found)
+        pin.computeDistances(model, data, shapes, poses, one[order])
+        found = [result.min_distance for result in poses.distanceResults]
+        least[k] = np.reshape(found, (len(world), len(moving))).min(axis=1)
     return least
+
+
+def _body(shape: object) -> object:
+    if isinstance(shape, mp.Mesh):
+        body = coal.BVHModelOBBRSS()
+        body.beginModel(len(shape.triangles), len(shape.vertices))
+        body.addVertices(shape.vertices)
+        body.addTriangles(shape.triangles)
+        body.endModel()
+        return body
+    sizes = [np.ravel(value) for value in vars(shape).values()][:-2]
+    return getattr(coal, type(shape).__name__)(*map(float, np.concatenate(sizes)))
 
 
 def least_distance(world: mp.World, motion: mp.Trajectory) -> float:
