@@ -64,12 +64,24 @@ APART = {
 }
 LAGS, SAGS = (0.02, 0.05, 0.1), (0.0, 0.006)  # of servos [s], [rad]
 LARGEST_JUMP, GOOD_ENDS = 1e-3, ("arrived", "replaced", "stopped")  # with them [rad]
-P_GOAL = 0.75  # share of goals among the events of servos; others are stops
 PERIOD = 1e-3  # of the controller [s]
-SERVOS_HEADER = ["robot", "lag [ms]", "sag [mrad]", "largest jump [mrad]", "goals", "motions"]
 FINEST = 1e-6  # step below the resolution of encoders [rad]
 ARRIVED = 1e-3  # largest final error of the controller [rad]
 TOLERANCE = Settings.following_tolerance  # what can be known of it without its state
+
+
+class LaggingServos:
+    """Drives that approach their commands with a time constant [s], less a sag [rad]."""
+
+    def __init__(self, q: Any, lag: float, sag: float) -> None:
+        self.q = np.array(q) - sag
+        self.v = self.acting = np.zeros_like(self.q)
+        self._share, self._sag = 1.0 - np.exp(-PERIOD / lag), sag
+
+    def step(self, command: Any) -> None:
+        """Move for one period."""
+        moved = (command - self._sag - self.q) * self._share
+        self.q, self.v = self.q + moved, moved / PERIOD
 
 
 @dataclass
@@ -80,6 +92,7 @@ class Run:
     model: Model
     seed: int
     has_controller_state: bool = False
+    servos: tuple[float, float] | None = None
     n_goals: int = 0
     events: list[str] = field(default_factory=list)
 
@@ -88,10 +101,13 @@ class Run:
         self.ends = np.array([m.positions[[0, -1]] for m in self.scene.demonstrations])
         self.node = VirtualNode(self.model, self.ends[0, 0], seed=self.seed)
         self.faults = self.node.robot.faults
+        if self.servos:
+            self.node.robot.plant = LaggingServos(self.ends[0, 0], *self.servos)
         self.node.has_controller_state = self.has_controller_state
         self.node.has_velocities, self.node.is_split = self.seed % 2 == 0, self.seed // 2 % 2 == 1
         # Before its first motion, the robot is commanded to be where it is measured.
         self.node.run(0.2)
+        self.first = len(self.node.robot.record) if self.servos else 0
         self.send(self.target())
         self.node.run(4.0)
 
@@ -114,7 +130,7 @@ class Run:
 
     def happen(self) -> None:
         """Apply one random event, then advance the time."""
-        event = str(self.random.choice(list(EVENTS)))
+        event = str(self.random.choice(["goal", "stop"] if self.servos else list(EVENTS)))
         self.events.append(event)
         EVENTS[event](self)
         self.node.run(self.random.uniform(0.05, 1.5))
@@ -263,10 +279,12 @@ def result_of(run: Run) -> Result:
     """Judge a run."""
     record, apart = run.node.robot.record, messages_apart(run)
     joins = sorted(apart["slowed"] | apart["hasty"] | apart["unknown"])
-    verdict = run.node.verdict(cuts=apart["point"], joins=joins, finest=FINEST)
+    verdict = run.node.verdict(cuts=apart["point"], joins=joins, finest=FINEST, first=run.first)
     known = set().union(*apart.values())
     most = LISTED_APART[run.has_controller_state]
     jumps = [jump for jump in verdict.jumps if jump[0] not in known or abs(jump[2]) > most]
+    if run.servos:
+        jumps = [jump for jump in verdict.jumps if abs(jump[2]) > LARGEST_JUMP]
     sizes = {
         kind: max((abs(size) for tick, _, size in verdict.jumps if tick in ticks), default=0.0)
         for kind, ticks in apart.items()
@@ -277,6 +295,10 @@ def result_of(run: Run) -> Result:
     problems = [str(one) for one in verdict.exceeded]
     problems += [f"jump of {size:.2g} at {tick}, joint {j}" for tick, j, size in jumps]
     problems += [*unanswered(run), *untrue(run)]
+    if run.servos:
+        said = [r.status for r in run.node.plan_reports if r.status == "refused"]
+        said += [r.outcome for _, r in run.node.execution_reports]
+        problems += [f"reported: {word}" for word in said if word not in GOOD_ENDS]
     away = np.abs(record.q[-1] - run.last).max()
     if away > ARRIVED:
         problems.append(f"the last goal is missed by {away:.2g}")
@@ -294,6 +316,8 @@ def messages_apart(run: Run) -> dict[str, set[int]]:
     lost = np.searchsorted(record.times, [time for time, _ in robot.rejections])
     found: dict[str, set[int]] = {kind: set() for kind in APART}
     last = 0
+    if run.servos:
+        return found
     for tick, n_points in robot.taken:
         was_slowed = record.scaling[max(tick - LATELY, 0) : tick + 1].min() < 1.0
         if n_points == 1:
@@ -354,63 +378,6 @@ def untrue(run: Run) -> list[str]:
     return problems
 
 
-class LaggingServos:
-    """Drives that approach their commands with a time constant [s], less a sag [rad]."""
-
-    def __init__(self, q: Any, lag: float, sag: float) -> None:
-        self.q = np.array(q) - sag
-        self.v = self.acting = np.zeros_like(self.q)
-        self._share, self._sag = 1.0 - np.exp(-PERIOD / lag), sag
-
-    def step(self, command: Any) -> None:
-        """Move for one period."""
-        moved = (command - self._sag - self.q) * self._share
-        self.q, self.v = self.q + moved, moved / PERIOD
-
-
-def run_servos(
-    scene: Scene, model: Model, lag: float, sag: float, n_events: int, seed: int = 1
-) -> tuple[Verdict, Counter[str], Counter[str]]:
-    """Random goals and stops after a first motion: verdict, reports of goals and of motions."""
-    ends = np.array([m.positions[[0, -1]] for m in scene.demonstrations])
-    ends = ends.reshape(-1, model.robot.n_joints)
-    random = np.random.default_rng(seed)
-    node = VirtualNode(model, ends[0], seed=seed)
-    node.robot.plant = LaggingServos(ends[0], lag, sag)
-    node.run(0.3)
-    for k in range(n_events + 1):
-        if k == 0 or random.random() < P_GOAL:
-            q = ends[random.integers(len(ends)) if k else 1]
-            node.goal(JointGoal(JointState(model.robot.joint_names, q)), k)
-        else:
-            node.stop()
-        node.run(random.uniform(0.1, 2.0) if k else 5.0)
-        if k == 0:
-            # A resting robot that has not moved yet is commanded to be where it is measured.
-            first = len(node.robot.record)
-    node.run(8.0)
-    statuses = Counter(str(r.status) for r in node.plan_reports)
-    outcomes = Counter(str(r.outcome) for _, r in node.execution_reports)
-    return node.verdict(first=first, finest=FINEST), statuses, outcomes
-
-
-def servos(robots: Sequence[str], n_events: int) -> tuple[list[list[str]], bool]:
-    """A row for each robot, lag and sag, and whether there are problems."""
-    rows, is_good = [], True
-    n_events = -(-n_events // (len(robots) * len(LAGS) * len(SAGS)))
-    for name in robots:
-        scene, model = scene_and_model(name)
-        for lag, sag in product(LAGS, SAGS):
-            verdict, *counts = run_servos(scene, model, lag, sag, n_events)
-            statuses, outcomes = counts
-            is_good &= verdict.largest_jump <= LARGEST_JUMP and not verdict.exceeded
-            is_good &= not statuses["refused"] and set(outcomes) <= set(GOOD_ENDS)
-            texts = [", ".join(f"{n} {x}" for x, n in sorted(one.items())) for one in counts]
-            jump = f"{1e3 * verdict.largest_jump:.3f}"
-            rows.append([name, f"{1e3 * lag:g}", f"{1e3 * sag:g}", jump, *texts])
-    return rows, not is_good
-
-
 def main() -> int:
     """Print a row per robot, and each problem with its seed."""
     parser = benchmark_parser(__doc__)
@@ -422,20 +389,17 @@ def main() -> int:
     )
     parser.add_argument("--servos", action="store_true", help="goals and stops of lagging drives")
     arguments = parser.parse_args()
-    if arguments.servos:
-        rows, is_bad = servos(arguments.robots.split(","), arguments.events)
-        show({"Servos that lag": (SERVOS_HEADER, rows)}, as_json=arguments.json)
-        return int(is_bad)
+    drives = list(product(LAGS, SAGS)) if arguments.servos else [None]
     found: dict[str, dict[str, Any]] = {}
-    for name in arguments.robots.split(","):
+    for name, servos in product(arguments.robots.split(","), drives):
         results = []
-        stated = arguments.controller_state
-        found_in = campaign(name, arguments.events, arguments.seed, controller_state=stated)
-        for result in found_in:
+        title = name if servos is None else f"{name}, lag {servos[0]:g} s, sag {servos[1]:g} rad"
+        n_events, stated = arguments.events // len(drives), arguments.controller_state
+        for result in campaign(name, n_events, arguments.seed, stated, servos):
             results.append(result)
             for problem in result.problems:
-                print(f"{name}, seed {result.run.seed}: {problem}", file=sys.stderr, flush=True)
-        found[name] = summary(results)
+                print(f"{title}, seed {result.run.seed}: {problem}", file=sys.stderr, flush=True)
+        found[title] = summary(results)
     columns = list(dict.fromkeys(column for one in found.values() for column in one))
     rows = [[name, *(str(one.get(c, 0)) for c in columns)] for name, one in found.items()]
     show({"Random events": (["robot", *columns], rows)}, as_json=arguments.json)
@@ -443,12 +407,16 @@ def main() -> int:
 
 
 def campaign(
-    name: str, n_events: int, seed: int, *, controller_state: bool = False
+    name: str,
+    n_events: int,
+    seed: int,
+    controller_state: bool = False,
+    servos: tuple[float, float] | None = None,
 ) -> Iterator[Result]:
     """Runs of ten events each, up to the given number of events."""
     scene, model = scene_and_model(name)
     for k in range(-(-n_events // EVENTS_IN_A_RUN)):
-        run = Run(scene, model, seed + k, controller_state)
+        run = Run(scene, model, seed + k, controller_state, servos)
         for _ in range(min(EVENTS_IN_A_RUN, n_events - k * EVENTS_IN_A_RUN)):
             run.happen()
         run.end()

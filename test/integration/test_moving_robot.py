@@ -28,16 +28,11 @@ def n_goals(rate):
     return min(round(4.0 * rate), 12)
 
 
-@cache
-def panda():
-    return scene_and_model("panda")
-
-
 class Panda(Node):
     """A panda at the start of a demonstration, and its node."""
 
     def __init__(self, seed=0, *, stamp_trajectories=True):
-        scene, model = panda()
+        scene, model = scene_and_model("panda")
         settings = replace(model.settings, stamp_trajectories=stamp_trajectories)
         self.ends = np.array([m.positions[[0, -1]] for m in scene.demonstrations]).reshape(-1, 7)
         model = replace(model, settings=settings)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import count
 from typing import Any
 
@@ -45,6 +46,7 @@ JERK_OF_ACCELERATION = 20.0
 MAX_ACCELERATION = {"panda": (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0), "ur5": (3.0,) * 6}
 
 
+@cache
 def scene_and_model(name: str, **others: Any) -> tuple[Scene, Model]:
     """A robot with acceleration and jerk limits, and the planner of its node."""
     scene = scene_of(name, *example_file(name), n_motions=30)
