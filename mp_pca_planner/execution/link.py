@@ -161,8 +161,6 @@ class PlanRequest:
         Measured positions of joints that do not move [rad or m].
     running : RunningMotion or None
         The motion that it continues.
-    budget : float
-        Time until the motion must be sent, if it continues another one [s].
     """
 
     key: int
@@ -170,7 +168,6 @@ class PlanRequest:
     start: JointState
     measured: Mapping[str, float] = field(default_factory=dict)
     running: RunningMotion | None = None
-    budget: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +192,6 @@ class Planned:
         Names of its primitives.
     laws : mapping of str to str
         What is known of their control laws.
-    segments : tuple of (float, JointState)
-        Durations of the segments of a sequence [s], and where they end.
     planned_duration, solve_time : float
         See `RunningMotion`; time taken to find it [s].
     facts : ModelFacts or None
@@ -212,7 +207,6 @@ class Planned:
     values: Mapping[str, Any]
     primitives: tuple[str, ...]
     laws: Mapping[str, str]
-    segments: tuple[tuple[float, JointState], ...]
     planned_duration: float
     solve_time: float
     facts: ModelFacts | None = None

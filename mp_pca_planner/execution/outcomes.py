@@ -5,15 +5,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import StrEnum
-from itertools import starmap
 from typing import Any
 
 import numpy as np
 
-from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
-from ..planning.resolve import in_order
+from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
 from .link import Planned
 from .motions import PublishedMotion
 from .tracking import Following, How
@@ -299,39 +297,18 @@ class Execution:
             self._controller,
         )
 
-    def rest_of_goal(self, place: float) -> Goal | None:
-        """The goal for all joints, without a duration and without the targets before a place [s].
+    def rest_of_goal(self) -> Goal | None:
+        """The goal for all joints, without a duration; None for a stop or a sequence.
 
-        Joints that the goal doesn't name keep the position that they were to have, not the one at
-        that place. None for a stop.
+        Joints that the goal doesn't name keep the position that they were to have.
         """
-        if self.planned is None:
+        if self.planned is None or isinstance(self.planned.goal, SequenceGoal):
             return None
         goal, end = self.planned.goal, self.planned.trajectory
         if isinstance(goal, PoseGoal):
             return replace(goal, duration=None)
-        names = end.joint_names
-        last: JointState | Pose = JointState(
-            names, end.positions[-1], end.velocities[-1], end.accelerations[-1]
-        )
-        if isinstance(goal, SequenceGoal) and len(self.planned.segments) == len(goal.targets):
-            # The published motion begins with a part of the one that it continues.
-            durations, states = zip(*self.planned.segments, strict=True)
-            ends = np.cumsum(durations)
-            began = self.motion.duration - ends[-1]
-            first = int(np.count_nonzero(began + ends[:-1] <= place))
-            targets = [
-                target if isinstance(target, Pose) else JointState(names, state.positions)
-                for target, state in zip(goal.targets, states, strict=True)
-            ]
-            if targets[first + 1 :]:
-                stops = goal.stops[first:]
-                return SequenceGoal(tuple(targets[first:]), primitive=goal.primitive, stops=stops)
-            last = targets[-1]
-        # For one target, more detours are tried than for a sequence.
-        if isinstance(last, Pose):
-            return PoseGoal(last, primitive=goal.primitive)
-        return JointGoal(last, primitive=goal.primitive)
+        last = (end.positions[-1], end.velocities[-1], end.accelerations[-1])
+        return JointGoal(JointState(end.joint_names, *last), primitive=goal.primitive)
 
     def repeats(self, goal: Goal, following: Following | None) -> str:
         """Why nothing has to be published for another goal; empty if a motion is needed."""
@@ -347,43 +324,15 @@ class Execution:
         return f"the robot is at the goal: the largest error is {error}"
 
 
-def is_same_goal(one: Goal, other: Goal) -> bool:
-    """Whether two goals are of the same kind and the same except for rounding."""
-    if type(one) is not type(other) or _timing(one) != _timing(other):
+def is_same_goal(one: Any, other: Any) -> bool:
+    """Whether two goals, or parts of them, are the same except for rounding."""
+    if type(one) is not type(other):
         return False
-    pairs = zip(_targets(one), _targets(other), strict=True)
-    return all(starmap(_is_same_target, pairs))
-
-
-def is_same_configuration(one: JointState, other: JointState) -> bool:
-    """Whether two states of the same joints, in any order, agree."""
-    if set(one.joint_names) != set(other.joint_names):
-        return False
-    pairs = zip(one.values, in_order(other, one.joint_names).values, strict=True)
-    return all(np.abs(a - b).max(initial=0.0) <= _SAME for a, b in pairs)
-
-
-def _timing(goal: Goal) -> tuple[Any, ...]:
-    """Options that two goals must share exactly; there are as many times as targets."""
-    if isinstance(goal, SequenceGoal):
-        return goal.primitive, goal.times, goal.stops
-    return goal.primitive, goal.duration
-
-
-def _targets(goal: Goal) -> tuple[JointState | Pose, ...]:
-    if isinstance(goal, SequenceGoal):
-        return goal.targets
-    return (goal.state if isinstance(goal, JointGoal) else goal.pose,)
-
-
-def _is_same_target(one: JointState | Pose, other: JointState | Pose) -> bool:
-    if isinstance(one, JointState) and isinstance(other, JointState):
-        return is_same_configuration(one, other)
-    if not (isinstance(one, Pose) and isinstance(other, Pose)) or one.frame != other.frame:
-        return False
-    if np.abs(one.position - other.position).max() > _SAME:
-        return False
-    if one.orientation is None or other.orientation is None:
-        return one.orientation is other.orientation
-    # Quaternions of the same rotation may differ in sign.
-    return abs(float(one.orientation @ other.orientation)) >= 1.0 - 0.125 * _SAME**2
+    if isinstance(one, np.ndarray):
+        return one.shape == other.shape and bool(np.all(np.abs(one - other) <= _SAME))
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(is_same_goal, one, other))
+    if is_dataclass(one):
+        names = (field.name for field in fields(one))
+        return all(is_same_goal(getattr(one, name), getattr(other, name)) for name in names)
+    return bool(one == other)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from ..control.law import control_statement
 from ..exceptions import GoalError, PlannerError, quote_names, unknown_name
 from ..input_limits import INPUT_LIMITS
 from ..motion.collision import CollisionModel
-from ..motion.goal import Goal, JointGoal, JointState, PoseGoal, SequenceGoal
+from ..motion.goal import JointState, PoseGoal, SequenceGoal
 from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_limits
@@ -50,8 +49,6 @@ more than the noise of sensors."""
 _NEAR, _NEAR_AT_REST, _SAME = 0.15, 0.03, 1e-4
 # Duration of a displaced motion in durations of the planned one.
 _SLOWEST = 2.0
-# Part of the time for planning that is left for what follows it [s].
-_PUBLISHING_TIME = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +307,7 @@ class GoalPlanner:
         model = None
         if library is not None and message.urdf:
             try:
-                model = self._assembled(message.urdf, library, message.settings, message.measured)
+                model = assemble_model(message.urdf, library, message.settings, message.measured)
             except PlannerError as error:
                 return SetUpDone(message.number, names, primitives, problem=str(error))
         self._paths, self._library, self.model = paths, library, model
@@ -322,7 +319,7 @@ class GoalPlanner:
         model = self.model
         if model is None or self._library is None or not is_outdated(model, measured, self.world):
             return False
-        self.model = self._assembled(model.urdf, self._library, model.settings, measured)
+        self.model = assemble_model(model.urdf, self._library, model.settings, measured)
         return True
 
     def plan(self, request: PlanRequest) -> Planned | Rejected:
@@ -332,31 +329,15 @@ class GoalPlanner:
                 raise GoalError("the planner is being set up; send the goal again")
             is_other = self.lock(request.measured)
             found = self._planned(request, self.model)
-            return replace(found, facts=self.model.facts) if is_other else found
-        except UnexecutablePlanError as error:
-            return Rejected(request.key, str(error), error.plan.summary())
-        except CancelledError:
-            return Rejected(request.key, "it is not needed any more", is_preempted=True)
         except PlannerError as error:
             return Rejected(request.key, str(error))
+        if is_other and isinstance(found, Planned):
+            return replace(found, facts=self.model.facts)
+        return found
 
-    def _assembled(
-        self,
-        urdf: str,
-        library: PrimitiveLibrary,
-        settings: Settings,
-        measured: Mapping[str, float],
-    ) -> Model:
-        return assemble_model(urdf, library, settings, measured)
-
-    def _budget(self, request: PlanRequest, model: Model, ends: float = math.inf) -> Budget:
-        """The time for a plan; none is needed any more after a time of the clock."""
-        seconds = model.settings.planner_options.max_solve_time
-        return Budget(seconds, lambda: time.monotonic() > ends or self._is_cancelled(request.key))
-
-    def _planned(self, request: PlanRequest, model: Model) -> Planned:
-        world, settings = self.world, model.settings
-        if self.unplaced and settings.unplaced_obstacles == REFUSE:
+    def _planned(self, request: PlanRequest, model: Model) -> Planned | Rejected:
+        world = self.world
+        if self.unplaced and model.settings.unplaced_obstacles == REFUSE:
             raise GoalError(
                 f"{self.unplaced}; with the parameter 'unplaced_obstacles' of 'warn', goals are "
                 "served without it"
@@ -364,15 +345,9 @@ class GoalPlanner:
         if unknown := unknown_positions(model, world):
             raise GoalError(unknown)
         self._use_world(model)
-        goal = request.goal
-        ends = time.monotonic() + request.budget - _PUBLISHING_TIME
-        running = None if isinstance(goal, SequenceGoal) else request.running
-        found = None
-        if running is not None and not isinstance(goal, SequenceGoal):
-            found = self._continued(request, goal, running, model, ends)
-        found = found or self._from_plan(request, goal, self._executable(goal, request, model))
+        found = self._continued(request, model) or self._solved(request, model)
         self.settle()
-        if self.world is not world:
+        if self.world is not world and isinstance(found, Planned):
             self._use_world(model)
             collision = model.planner.collision
             if collision is not None and (met := collision.collisions(found.trajectory)):
@@ -387,24 +362,24 @@ class GoalPlanner:
         if len(world) if collision is None else collision.world is not world:
             model.planner.use_collision(in_world(model, world))
 
-    def _executable(self, goal: Goal, request: PlanRequest, model: Model) -> Plan:
+    def _solved(self, request: PlanRequest, model: Model) -> Planned | Rejected:
         """A plan that may be executed."""
-        budget = self._budget(request, model)
-        plan = model.planner.plan(goal, request.start, budget=budget)
-        if self._is_cancelled(request.key):
-            raise CancelledError
-        if not plan.is_executable:
-            raise UnexecutablePlanError(plan)
-        return plan
-
-    def _from_plan(self, request: PlanRequest, goal: Goal, plan: Plan) -> Planned:
-        assert self.model is not None
-        self.plans = {**dict(list(self.plans.items())[-3:]), request.key: plan}
-        library = self.model.planner.primitives
-        laws = {name: control_statement(library.named(name)) for name in plan.primitives}
-        segments = [(motion.duration, motion.goal) for motion in plan.motions]
-        return Planned(
+        key, goal, seconds = (
             request.key,
+            request.goal,
+            model.settings.planner_options.max_solve_time,
+        )
+        budget = Budget(seconds, lambda: self._is_cancelled(key))
+        plan = model.planner.plan(goal, request.start, budget=budget)
+        if self._is_cancelled(key):
+            return Rejected(key, "it is not needed any more", is_preempted=True)
+        if not plan.is_executable:
+            return Rejected(key, plan.message, plan.summary())
+        self.plans = {**dict(list(self.plans.items())[-3:]), key: plan}
+        library = model.planner.primitives
+        laws = {name: control_statement(library.named(name)) for name in plan.primitives}
+        return Planned(
+            key,
             goal,
             plan.trajectory,
             plan.limit_check,
@@ -413,64 +388,43 @@ class GoalPlanner:
             plan.summary(),
             plan.primitives,
             laws,
-            tuple(segments) if isinstance(goal, SequenceGoal) else (),
             plan.trajectory.duration,
             plan.solve_time,
         )
 
-    def _continued(
-        self,
-        request: PlanRequest,
-        goal: JointGoal | PoseGoal,
-        running: RunningMotion,
-        model: Model,
-        ends: float,
-    ) -> Planned | None:
-        """Continue the running motion to another goal; None if that is impossible.
+    def _continued(self, request: PlanRequest, model: Model) -> Planned | Rejected | None:
+        """Displace the running motion to another goal near its end; None if that is impossible.
 
-        A planned motion takes no longer than the displaced one, so streams of goals do not delay
-        the arrival. Planning ends when it is time to publish. For a goal near the end of the
-        motion, the displaced motion is used. A motion of primitives that are no longer there is
-        not continued.
+        Streams of goals that drift do not delay the arrival then. A motion of primitives that are
+        no longer there is not continued.
         """
-        if not set(running.primitives) <= set(model.planner.primitives.names):
+        goal, running = request.goal, request.running
+        if running is None or isinstance(goal, SequenceGoal) or goal.duration or goal.primitive:
             return None
-        began = time.monotonic()
-        stated = goal
+        is_gone = not set(running.primitives) <= set(model.planner.primitives.names)
+        if is_gone or (running.is_over and not running.is_of_goal):
+            return None
+        began, found = time.monotonic(), None
         if isinstance(goal, PoseGoal):
-            if running.is_over:
+            found = self._solved(request, model)
+            if isinstance(found, Rejected):
+                return found
+            end = found.trajectory.positions[-1]
+            target = JointState(request.start.joint_names, end)
+        else:
+            target = model.planner.target(goal, request.start)
+            if model.planner.is_too_far(goal, request.start, target):
                 return None
-            end = self._executable(goal, request, model).trajectory.positions[-1]
-            end_state = JointState(request.start.joint_names, end)
-            goal = JointGoal(end_state, goal.duration, goal.primitive)
-        target = model.planner.target(goal, request.start)
-        if model.planner.is_too_far(goal, request.start, target):
-            return None
         change = float(np.abs(target.positions - running.trajectory.positions[-1]).max())
-        near = _NEAR_AT_REST if running.is_over else _NEAR
-        is_near = not goal.duration and goal.primitive is None and change <= near
-        is_there = change <= _SAME  # no motion is needed, says the planner
-        if running.is_over and (is_there or not (is_near and running.is_of_goal)):
-            return None
-        adapted = self._displaced(request, stated, target, running, model, began)
-        if adapted is None or is_near:
-            return adapted
-        if not goal.duration:
-            goal = replace(goal, duration=adapted.trajectory.duration)
-        budget = self._budget(request, model, ends)
-        plan = model.planner.plan(goal, request.start, budget=budget)
-        if self._is_cancelled(request.key):
-            raise CancelledError
-        is_late = time.monotonic() > ends
-        dearer = plan.trajectory.effort_cost > adapted.trajectory.effort_cost
-        if is_late or not plan.is_executable or (not stated.duration and dearer):
-            return adapted
-        return self._from_plan(request, stated, plan)
+        if running.is_over and change <= _SAME:
+            return None  # no motion is needed, says the planner
+        if change > (_NEAR_AT_REST if running.is_over else _NEAR):
+            return found
+        return self._displaced(request, target, running, model, began) or found
 
     def _displaced(
         self,
         request: PlanRequest,
-        goal: Goal,
         target: JointState,
         running: RunningMotion,
         model: Model,
@@ -501,7 +455,7 @@ class GoalPlanner:
         }
         return Planned(
             request.key,
-            goal,
+            request.goal,
             trajectory,
             check,
             message,
@@ -509,18 +463,9 @@ class GoalPlanner:
             values,
             running.primitives,
             running.laws,
-            (),
             running.planned_duration,
             solve_time,
         )
-
-
-class UnexecutablePlanError(PlannerError):
-    """A plan that must not be published."""
-
-    def __init__(self, plan: Plan) -> None:
-        super().__init__(plan.message)
-        self.plan = plan
 
 
 def displaced(

@@ -433,10 +433,9 @@ class MotionServer:
         attempt.key, attempt.start, attempt.began = self._key, start, now
         measured = dict(self.tracker.measured.others)
         attempt.carriers = {n: measured[n] for n in model.facts.carriers if n in measured}
-        budget = start.deadline - now if start.is_in_motion else math.inf
         self._active = attempt
         running = self._running(start)
-        self._planner.send(PlanRequest(self._key, goal, start.state, measured, running, budget))
+        self._planner.send(PlanRequest(self._key, goal, start.state, measured, running))
 
     def _running(self, start: MotionStart) -> RunningMotion | None:
         """The motion that a start is on, for the planner."""
@@ -640,7 +639,7 @@ class MotionServer:
             self._stop_for(verdict.reason, time_left=max(left, 0.0))
         elif motion is not execution.motion:
             return  # nothing leads around an obstacle on that one
-        elif self.is_idle and (goal := execution.rest_of_goal(now - execution.motion.began)):
+        elif self.is_idle and (goal := execution.rest_of_goal()):
             lookahead = max(self.statistics.expected_latency(type(goal)), _LOOKAHEAD)
             request = GoalRequest(goal, execution.name)
             self._begin(_Attempt(request, min(lookahead, left), is_detour=True))
