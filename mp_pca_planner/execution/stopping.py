@@ -182,28 +182,29 @@ def stop_at_point(
     -------
     stop : Trajectory or None
         The quintic from the first state to the point; None if no duration keeps the limits.
-        Where a controller has no accelerations, its cubic is gentler.
     """
     names, v = possible[0].joint_names, possible[0].velocities
     speed, zero = np.abs(v), np.zeros_like(v)
     # Peaks of the quintic to the end of an even deceleration.
     peaks = np.max(1.5 * speed / limits.acceleration), np.sqrt(np.max(6.0 * speed / limits.jerk))
+    # Controllers lead there by a quintic, or by a cubic if they have no accelerations.
     for time in max(_SHORTEST, *map(float, peaks)) * _PROLONGED:
         # From slightly outside the limits, a stop may only lead inwards.
         end = nearest_start(end_after(time), limits)
         stops = [
-            Trajectory(
-                names,
-                [0.0, time],
-                [s.positions, end],
-                [s.velocities, zero],
-                [s.accelerations, zero],
-            )
+            Trajectory(names, [0.0, time], [s.positions, end], [s.velocities, zero], accelerations)
             for s in possible
+            for accelerations in ([s.accelerations, zero], _cubic(s, end, time))
         ]
         if not any(check_limits(stop, robot, limits).violations for stop in stops):
             return stops[0]
     return None
+
+
+def _cubic(state: JointState, end: FloatArray, time: float) -> list[FloatArray]:
+    """Accelerations at both ends of the cubic from a state to rest."""
+    mean, v = (end - state.positions) / time, state.velocities
+    return [(6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time]
 
 
 def stop_on_path(

@@ -21,7 +21,6 @@ from mp_pca_planner.execution.planning import (
     GoalPlanner,
     Model,
     assemble_model,
-    displaced,
     in_world,
     is_outdated,
     unknown_positions,
@@ -350,7 +349,7 @@ def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPl
     assert isinstance(first, Planned)
     running = under_way(first)
     goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 0.5))
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
     assert isinstance(found, Planned)
     assert found.message == "the motion is continued to the new goal"
     assert found.primitives == first.primitives
@@ -363,7 +362,7 @@ def test_motion_of_primitives_that_went_is_not_displaced(planner: GoalPlanner) -
     assert isinstance(first, Planned)
     running = replace(under_way(first), primitives=("reloaded since",))
     goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 0.5))
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
     assert isinstance(found, Planned)
     assert found.primitives == first.primitives and "continued" not in found.message
 
@@ -382,25 +381,8 @@ def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
     planner.model = replace(planner.model, constraints=(Forbidden(),))
     running = under_way(first)
     goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 0.5))
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
     assert not isinstance(found, Planned) or "continued" not in found.message
-
-
-def test_motion_that_leads_elsewhere_is_planned_and_takes_no_longer_than_a_displaced_one(
-    planner: GoalPlanner,
-) -> None:
-    first = planner.plan(request(measured={"grip": 0.02}))
-    assert isinstance(first, Planned) and planner.model is not None
-    running = under_way(first)
-    goal = JointGoal(JointState(JOINTS, START))
-    bounds = planner.model.robot, planner.model.limits, 0.01
-    longest = displaced(running, goal.state, *bounds)
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 10.0))
-    assert isinstance(found, Planned) and longest is not None
-    assert found.trajectory.duration <= longest[0].duration + 1e-9
-    # Without time to plan, the displaced motion is used.
-    hasty = planner.plan(PlanRequest(3, goal, on(running), {}, running, 0.0))
-    assert isinstance(hasty, Planned) and "continued" in hasty.message
 
 
 @pytest.mark.parametrize("is_of_goal", [True, False])
@@ -418,23 +400,22 @@ def test_end_of_a_motion_is_displaced_to_a_near_goal_and_that_of_a_stop_is_not(
     assert ("continued" in getattr(found, "message", "")) == is_of_goal
 
 
-@pytest.mark.parametrize(("change", "is_continued"), [(None, False), (0.3, True)])
-def test_cheaper_one_of_the_planned_and_the_displaced_motion_is_sent(
-    planner: GoalPlanner, change: float | None, is_continued: bool
+@pytest.mark.parametrize(
+    ("change", "others", "is_continued"),
+    [(0.14, {}, True), (0.16, {}, False), (0.01, {"duration": 3.0}, False)],
+)
+def test_motion_that_leads_elsewhere_or_is_timed_is_planned(
+    planner: GoalPlanner, change: float, others: dict[str, float], is_continued: bool
 ) -> None:
     first = planner.plan(request(measured={"grip": 0.02}))
-    assert isinstance(first, Planned) and planner.model is not None
+    assert isinstance(first, Planned)
     running = under_way(first)
-    end = START if change is None else GOAL.state.positions + np.array([0.0, change, 0.0, 0.0])
-    goal = JointGoal(JointState(JOINTS, end))
-    adapted = displaced(running, goal.state, planner.model.robot, planner.model.limits, 0.01)
-    assert adapted is not None
-    timed = replace(goal, duration=adapted[0].duration)
-    planned = planner.model.planner.plan(timed, on(running)).trajectory
-    assert (adapted[0].effort_cost < planned.effort_cost) == is_continued
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running, 10.0))
+    end = GOAL.state.positions - np.array([0.0, change, 0.0, 0.0])
+    goal = JointGoal(JointState(JOINTS, end), **others)
+    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
     assert isinstance(found, Planned)
     assert ("continued" in found.message) == is_continued
+    np.testing.assert_allclose(found.trajectory.positions[-1], end, atol=1e-9)
 
 
 def test_goal_unlike_the_demonstrations_is_rejected_in_motion_as_at_rest(library: str) -> None:
@@ -446,6 +427,6 @@ def test_goal_unlike_the_demonstrations_is_rejected_in_motion_as_at_rest(library
     planner.set_up(SetUp(2, URDF, Settings(primitives=(library,), max_in_span_score=most)))
     away = JointGoal(JointState(JOINTS, GOAL.state.positions + np.array([0.0, 0.9, -0.6, 0.0])))
     running = under_way(first)
-    for one in (request(2, away), PlanRequest(3, away, on(running), {}, running, 0.5)):
+    for one in (request(2, away), PlanRequest(3, away, on(running), {}, running)):
         found = planner.plan(one)
         assert isinstance(found, Rejected) and "in-span score is" in found.reason
