@@ -113,36 +113,21 @@ class Positions:
 
 @dataclass(frozen=True, eq=False)
 class RunningMotion:
-    """The motion that a robot follows, to be continued to another goal.
+    """The motion of a goal that a robot follows, to be continued to another goal.
 
     Attributes
     ----------
-    trajectory : Trajectory
-        The motion.
+    planned : Planned
+        What was planned for that goal, with the motion as it was published.
     place : float
         Where on it the next motion begins [s].
     is_over : bool
         Whether the robot holds its end.
-    planned_duration : float
-        Duration of the planned motion, perhaps displaced several times since [s].
-    primitives : tuple of str
-        Names of its primitives.
-    laws : mapping of str to str
-        What is known of their control laws.
-    in_span_score : float
-        Its in-span score.
-    is_of_goal : bool
-        Whether it serves a goal.
     """
 
-    trajectory: Trajectory
+    planned: Planned
     place: float
     is_over: bool
-    planned_duration: float
-    primitives: tuple[str, ...] = ()
-    laws: Mapping[str, str] = field(default_factory=dict)
-    in_span_score: float = math.nan
-    is_of_goal: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +178,8 @@ class Planned:
     laws : mapping of str to str
         What is known of their control laws.
     planned_duration, solve_time : float
-        See `RunningMotion`; time taken to find it [s].
+        Duration of the planned motion, perhaps displaced several times since; time taken to find
+        it [s].
     facts : ModelFacts or None
         Facts of the model, if they have changed.
     """

@@ -170,7 +170,7 @@ class PublishedMotion:
         lead = round(switch - here, 9)
         if lead < MIN_STEP:
             return rest
-        old, begin = self._with_hold(switch - MIN_STEP), switch - lead
+        old, begin = self.trajectory, switch - lead
         inside = (old.times > begin + MIN_STEP) & (old.times < switch - MIN_STEP)
         since = np.concatenate([[0.0], np.round(old.times[inside] - begin, 9)])
         times = np.concatenate([since, rest.times + lead])
@@ -181,19 +181,6 @@ class PublishedMotion:
             effort = [np.interp(begin, old.times, one) for one in old.efforts.T]
             efforts = np.vstack([effort, old.efforts[inside], rest.efforts])
         return Trajectory(old.joint_names, times, q, v, a, efforts)
-
-    def _with_hold(self, until: float) -> Trajectory:
-        """The trajectory with a point at rest soon after its end, if there is time before a place.
-
-        A point shortly before the end may be the last one of it in a message. Without another
-        point, the controller would lead from its small velocity through a long rest.
-        """
-        old, soon = self.trajectory, self.duration + 0.05
-        if soon >= until or any(x[-1].any() for x in old.states[1:]):
-            return old
-        q, v, a = (np.vstack([x, x[-1:]]) for x in old.states)
-        efforts = None if old.efforts is None else np.vstack([old.efforts, old.efforts[-1:]])
-        return Trajectory(old.joint_names, np.append(old.times, soon), q, v, a, efforts)
 
     @cached_property
     def _ends(self) -> FloatArray:

@@ -26,7 +26,7 @@ from ..motion.validation import LimitCheck, check_limits
 from ..planning.context import Budget
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.path_constraints import PathConstraint, path_constraints
-from ..planning.plan import SOLVED, Plan
+from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..planning.report import motion_remarks
 from ..planning.self_collision import robot_collision
@@ -364,13 +364,9 @@ class GoalPlanner:
 
     def _solved(self, request: PlanRequest, model: Model) -> Planned | Rejected:
         """A plan that may be executed."""
-        key, goal, seconds = (
-            request.key,
-            request.goal,
-            model.settings.planner_options.max_solve_time,
-        )
+        key, seconds = request.key, model.settings.planner_options.max_solve_time
         budget = Budget(seconds, lambda: self._is_cancelled(key))
-        plan = model.planner.plan(goal, request.start, budget=budget)
+        plan = model.planner.plan(request.goal, request.start, budget=budget)
         if self._is_cancelled(key):
             return Rejected(key, "it is not needed any more", is_preempted=True)
         if not plan.is_executable:
@@ -380,7 +376,7 @@ class GoalPlanner:
         laws = {name: control_statement(library.named(name)) for name in plan.primitives}
         return Planned(
             key,
-            goal,
+            request.goal,
             plan.trajectory,
             plan.limit_check,
             plan.message,
@@ -395,14 +391,15 @@ class GoalPlanner:
     def _continued(self, request: PlanRequest, model: Model) -> Planned | Rejected | None:
         """Displace the running motion to another goal near its end; None if that is impossible.
 
-        Streams of goals that drift do not delay the arrival then. A motion of primitives that are
-        no longer there is not continued.
+        To a goal elsewhere, it is displaced if there is no plan. Streams of goals that drift do not
+        delay the arrival then. A motion of primitives that are no longer there is not continued.
         """
         goal, running = request.goal, request.running
         if running is None or isinstance(goal, SequenceGoal) or goal.duration or goal.primitive:
             return None
-        is_gone = not set(running.primitives) <= set(model.planner.primitives.names)
-        if is_gone or (running.is_over and not running.is_of_goal):
+        old = running.planned
+        is_gone = not set(old.primitives) <= set(model.planner.primitives.names)
+        if is_gone or isinstance(old.goal, SequenceGoal):
             return None
         began, found = time.monotonic(), None
         if isinstance(goal, PoseGoal):
@@ -415,11 +412,13 @@ class GoalPlanner:
             target = model.planner.target(goal, request.start)
             if model.planner.is_too_far(goal, request.start, target):
                 return None
-        change = float(np.abs(target.positions - running.trajectory.positions[-1]).max())
-        if running.is_over and change <= _SAME:
-            return None  # no motion is needed, says the planner
-        if change > (_NEAR_AT_REST if running.is_over else _NEAR):
-            return found
+        change = float(np.abs(target.positions - old.trajectory.positions[-1]).max())
+        if running.is_over and not _SAME < change <= _NEAR_AT_REST:
+            return found  # if the robot is there, no motion is needed, says the planner
+        if change > _NEAR:
+            found = found or self._solved(request, model)
+            if isinstance(found, Planned) or found.is_preempted:
+                return found
         return self._displaced(request, target, running, model, began) or found
 
     def _displaced(
@@ -440,31 +439,29 @@ class GoalPlanner:
             if np.any(constraint.values(model.robot, trajectory.positions)[0] < 0.0):
                 return None
         message, solve_time = "the motion is continued to the new goal", time.monotonic() - began
+        planned = running.planned
         values = {
-            "status": SOLVED,
+            **{name: planned.values[name] for name in ("status", "primitive", "in_span_score")},
             "message": message,
-            "primitive": ", ".join(running.primitives) or "none",
             "duration": trajectory.duration,
             "effort_cost": trajectory.effort_cost,
             "solve_time_s": solve_time,
             "iterations": 0,
-            "in_span_score": running.in_span_score,
             "limit_violation": check.worst_excess,
             "start_error": 0.0,
             "goal_error": 0.0,
         }
-        return Planned(
-            request.key,
-            request.goal,
-            trajectory,
-            check,
-            message,
-            tuple(motion_remarks(running.in_span_score, check)),
-            values,
-            running.primitives,
-            running.laws,
-            running.planned_duration,
-            solve_time,
+        return replace(
+            planned,
+            key=request.key,
+            goal=request.goal,
+            trajectory=trajectory,
+            check=check,
+            message=message,
+            remarks=tuple(motion_remarks(planned.values["in_span_score"], check)),
+            values=values,
+            solve_time=solve_time,
+            facts=None,
         )
 
 
@@ -495,7 +492,7 @@ def displaced(
         The displaced motion from the place on with its efforts, and its comparison with the
         limits; None if every displacement breaks a limit or takes too long.
     """
-    motion = PublishedMotion(running.trajectory, 0.0)
+    motion = PublishedMotion(running.planned.trajectory, 0.0)
     place = min(running.place, motion.duration)
     change = np.abs(goal.positions - motion.end)
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
@@ -508,7 +505,7 @@ def displaced(
     # Small displacements are smooth, too, if they take a quarter of a second.
     shortest = max(0.25, *needed)
     duration = max(motion.duration - place, shortest)
-    longest = _SLOWEST * max(running.planned_duration, shortest)
+    longest = _SLOWEST * max(running.planned.planned_duration, shortest)
     longest = min(longest, INPUT_LIMITS.longest_motion(period))
     # Longer ones are tried, because the sum with the motion must keep the limits.
     while duration <= longest:

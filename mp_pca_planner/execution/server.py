@@ -40,13 +40,12 @@ from .link import (
 from .motions import PublishedMotion
 from .outcomes import Execution, ExecutionReport, GoalOutcome, MotionOutcome
 from .parameters import Settings
-from .states import LateStateError
+from .states import UnconfirmedError
 from .stopping import find_stop
 from .tracking import (
     MotionStart,
     TooLateError,
     Tracker,
-    UnconfirmedError,
     Where,
     choose_start,
     join,
@@ -238,7 +237,7 @@ class MotionServer:
     def use(self, model: NodeModel | None, joint_names: tuple[str, ...]) -> None:
         """Use another model of some joints, or none; a running motion of others is stopped."""
         changed = "the parameters, the primitives or the robot description changed"
-        self._drop(f"{changed} during planning")
+        self.cancel(f"{changed} during planning")
         if joint_names != self.tracker.measured.joint_names:
             reason = "the joints of the primitives have changed"
             self.release(reason)
@@ -286,10 +285,6 @@ class MotionServer:
             self._planner.cancel(self._active.key)
         self._go_on()
 
-    def cancel(self, reason: str = "") -> None:
-        """Cancel all goals that wait or are being planned."""
-        self._drop(reason)
-
     @property
     def is_idle(self) -> bool:
         """Whether no goal is being served."""
@@ -310,7 +305,10 @@ class MotionServer:
 
     def watcher_died(self, reason: str) -> None:
         """Stop the robot along its path: nobody looks out for obstacles."""
-        if self.execution is not None and not self.execution.is_stop and self._is_in_motion():
+        execution = self.execution
+        if execution is None or execution.is_stop:
+            return
+        if self.tracker.clock() < execution.motion.began + execution.motion.duration:
             self._stop_for(f"the watcher of obstacles has ended ({reason})")
 
     def watch_again(self) -> None:
@@ -333,7 +331,7 @@ class MotionServer:
         PlannerError
             If the robot's state is unknown; nothing was published then.
         """
-        self._drop("")
+        self.cancel("")
         return self._stop(reason, max(self._threat_time() - self.tracker.clock(), 0.0))
 
     def release(self, reason: str) -> None:
@@ -410,7 +408,7 @@ class MotionServer:
             where = self.tracker.where(model.settings)
             start = choose_start(where, self.tracker, model.settings, attempt.lookahead)
             goal = request.goal if request.make_goal is None else request.make_goal(start.state)
-        except (UnconfirmedError, LateStateError) as error:
+        except UnconfirmedError as error:
             # States that ceased long ago do not come back soon.
             age = self.tracker.measured.age
             if now > attempt.deadline or age is None or age > _CONFIRMATION:
@@ -439,23 +437,13 @@ class MotionServer:
 
     def _running(self, start: MotionStart) -> RunningMotion | None:
         """The motion that a start is on, for the planner."""
-        following = start.following
-        if following is None:
+        following, execution = start.following, self.execution
+        if following is None or execution is None or execution.motion is not following.motion:
             return None
-        execution, motion = self.execution, following.motion
-        planned = None if execution is None else execution.planned
-        if planned is None or execution is None or execution.motion is not motion:
-            return RunningMotion(motion.trajectory, start.place, following.is_over, motion.duration)
-        return RunningMotion(
-            motion.trajectory,
-            start.place,
-            following.is_over,
-            planned.planned_duration,
-            planned.primitives,
-            planned.laws,
-            float(planned.values.get("in_span_score", math.nan)),
-            is_of_goal=True,
-        )
+        if execution.planned is None:
+            return None
+        planned = replace(execution.planned, trajectory=following.motion.trajectory)
+        return RunningMotion(planned, start.place, following.is_over)
 
     def _answered(self, message: Planned | Rejected) -> None:
         attempt = self._active
@@ -644,11 +632,6 @@ class MotionServer:
             request = GoalRequest(goal, execution.name)
             self._begin(_Attempt(request, min(lookahead, left), is_detour=True))
 
-    def _is_in_motion(self) -> bool:
-        execution = self.execution
-        now = self.tracker.clock()
-        return execution is not None and now < execution.motion.began + execution.motion.duration
-
     # Endings.
 
     def _where(self, model: NodeModel) -> Where | GoalError:
@@ -669,7 +652,7 @@ class MotionServer:
 
     def _stop_for(self, reason: str, *, again: bool = False, time_left: float = math.inf) -> None:
         """Stop the robot without being asked to; whatever prevents that is logged."""
-        self._drop(reason)
+        self.cancel(reason)
         try:
             said = self._stop(reason, time_left)
         except PlannerError as error:
@@ -677,8 +660,8 @@ class MotionServer:
         if not again:
             self._outputs.log(f"{reason}: {said}")
 
-    def _drop(self, reason: str) -> None:
-        """End all goals that are being served; with a reason they are refused, else overtaken."""
+    def cancel(self, reason: str) -> None:
+        """Cancel all goals; with a reason they are refused, else overtaken."""
         dropped = [self._waiting, self._retry.request if self._retry else None]
         self._waiting = self._retry = None
         active = self._active

@@ -33,8 +33,8 @@ _LEAST_DELAY, _LARGEST_DELAY = -0.02, 0.1
 _STAMP_SPACING, _FEWEST, _MOST = 0.02, 50, 250
 
 
-class LateStateError(GoalError):
-    """The newest state is too old; a newer one may come soon."""
+class UnconfirmedError(GoalError):
+    """Where the robot is is not known yet; it may be soon."""
 
 
 class StampClock:
@@ -262,10 +262,10 @@ class MeasuredStates:
     @property
     def age(self) -> float | None:
         """Age of the oldest message that is needed [s]; None if a joint has none."""
-        sources, missing = self._chosen()
-        if missing or not sources:
+        sources = self._newest_sources()
+        if not sources or None in sources:
             return None
-        return self._receipt_clock() - min(one.newest.received for one in sources)
+        return self._receipt_clock() - min(one.newest.received for one in sources if one)
 
     def newest(self, timeout: float) -> MeasuredState:
         """The newest state.
@@ -277,13 +277,16 @@ class MeasuredStates:
 
         Raises
         ------
-        LateStateError
+        UnconfirmedError
             If it is too old.
         GoalError
             If there is none, or it is unusable.
         """
-        sources, missing = self._chosen()
-        if missing or not sources:
+        found = self._newest_sources()
+        sources = [one for one in found if one is not None]
+        if len(sources) < len(self.joint_names) or not sources:
+            pairs = zip(self.joint_names, found, strict=True)
+            missing = [name for name, one in pairs if one is None]
             ignored = f" ({self.n_incomplete} without them were ignored)" * bool(self.n_incomplete)
             raise GoalError(
                 "the present state is not known: no joint_states message with the joints "
@@ -292,38 +295,32 @@ class MeasuredStates:
         oldest = min(sources, key=lambda one: one.newest.received)
         age = self._receipt_clock() - oldest.newest.received
         if 0.0 < timeout < age:
-            which = f" with {quote_names(oldest.joint_names)}" if len(sources) > 1 else ""
-            raise LateStateError(
+            which = f" with {quote_names(oldest.joint_names)}" if len(set(sources)) > 1 else ""
+            raise UnconfirmedError(
                 f"the present state is not known: the newest joint_states message{which} is "
                 f"{age:.3g} s old, at most {timeout:g} s (parameter state_timeout) is accepted"
             )
         columns = np.zeros((3, len(self.joint_names)))
-        for source in sources:
+        velocities = {one: one.velocities() for one in set(sources)}
+        for k, (name, source) in enumerate(zip(self.joint_names, sources, strict=True)):
             sample = source.newest
             if sample.flaw:
                 raise GoalError(
                     f"the present state is not known: the newest joint_states message can't be "
                     f"used: {sample.flaw}; one finite number for each joint is accepted"
                 )
-            places = [self.joint_names.index(name) for name in source.joint_names]
-            columns[:, places] = sample.positions, sample.velocities, source.velocities()
+            place = source.joint_names.index(name)
+            columns[:, k] = [
+                x[place] for x in (sample.positions, sample.velocities, velocities[source])
+            ]
         q, reported, v = columns
         time = min(source.newest.time for source in sources)
         return MeasuredState(JointState(self.joint_names, q, reported), v, time, age)
 
-    def _chosen(self) -> tuple[list[_Source], list[str]]:
-        """The sources that together have all joints, the newest of each, and what has none."""
-        every = [one for one in self._sources.values() if one.joint_names]
-        newest = max((one.newest.received for one in every), default=0.0)
-        live = sorted(
-            (one for one in every if newest - one.newest.received <= _WINDOW),
-            key=lambda one: (-len(one.joint_names), -one.newest.received),
-        )
-        chosen, missing = list[_Source](), list[str]()
-        for name in self.joint_names:
-            having = [one for one in [*live, *every] if name in one.joint_names]
-            if not having:
-                missing.append(name)
-            elif not any(source in chosen for source in having):
-                chosen.append(having[0])
-        return chosen, missing
+    def _newest_sources(self) -> list[_Source | None]:
+        """The source that has each joint, and was heard last; None for a joint without one."""
+        having = [
+            [one for one in self._sources.values() if name in one.joint_names]
+            for name in self.joint_names
+        ]
+        return [max(some, key=lambda one: one.newest.received, default=None) for some in having]

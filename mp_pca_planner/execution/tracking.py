@@ -28,7 +28,7 @@ from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from .motions import TRANSPORT, USUAL_TRANSPORT, PublishedMotion, hold
 from .parameters import AUTO, MEASURED, Settings
-from .states import Clock, MeasuredState, MeasuredStates
+from .states import Clock, MeasuredState, MeasuredStates, UnconfirmedError
 
 # Age of a state up to which a motion is joined, and a stated command counts [s].
 _MAX_AGE = 0.1
@@ -53,10 +53,6 @@ _N_MOMENTS, _N_PLACES = 20, 200
 # A robot's own lag is known from so many observations, at this speed [rad/s or m/s] or more; it
 # varies by so much [s].
 _FEWEST_LAGS, _MOST_LAGS, _CLEAR_SPEED, _LAG_SPREAD = 10, 100, 0.1, 0.015
-
-
-class UnconfirmedError(TrajectoryError):
-    """Where the robot is on its motion is not known yet; it may be soon."""
 
 
 class TooLateError(TrajectoryError):
@@ -476,11 +472,6 @@ class MotionStart:
     measured: MeasuredState
 
     @property
-    def deadline(self) -> float:
-        """Latest time to send a motion that starts on a running one [s]."""
-        return self.time - TRANSPORT
-
-    @property
     def is_in_motion(self) -> bool:
         """Whether the robot moves on a motion."""
         return self.following is not None and self.following.is_running
@@ -516,7 +507,7 @@ def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: fl
         expected = following.at(then)
         place, end = following.motion.near_point(expected), following.motion.duration
         # What is left of a motion at its jerk limit could not be displaced.
-        place = end if end - _LAST < place < end else place
+        place = end if place > end - _LAST else place
         then += place - expected
         state = following.motion.state(place)
         return MotionStart(state, following, tracker.motion, place, then, where.measured)
@@ -561,9 +552,9 @@ def join(
             "another motion was published while this one was planned; send the goal again"
         )
     may_stamp = settings.stamp_trajectories and tracker.measured.stamps.is_usable
-    if old is None or following is None or (following.is_over and old.is_over):
-        if old is None or following is None:
-            _check_rest(start, where)
+    if old is None or following is None:
+        _check_rest(start, where)
+    if old is None or following is None or _is_held(start, following):
         return (PublishedMotion.after_wait if may_stamp else PublishedMotion.on_receipt)(rest, now)
     if following.how is not old.how or following.motion is not old.motion:
         raise TooLateError(
@@ -572,6 +563,13 @@ def join(
         )
     check_joinable(where)
     return continued(rest, start.place, following, now, stamp=may_stamp)
+
+
+def _is_held(start: MotionStart, following: Following) -> bool:
+    """Whether a start is the end of a motion that the robot holds."""
+    motion = following.motion
+    is_same = start.following is not None and start.following.motion is motion
+    return is_same and following.is_over and start.place >= motion.duration
 
 
 def continued(

@@ -12,10 +12,10 @@ from scipy.integrate import simpson
 from support.arm import JOINTS, arm_robot
 from support.dense import assert_keeps, minimum_jerk_motion, spline
 
-from mp_pca_planner.execution.link import RunningMotion
+from mp_pca_planner.execution.link import Planned, RunningMotion
 from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.planning import displaced
-from mp_pca_planner.motion.goal import JointState
+from mp_pca_planner.motion.goal import JointGoal, JointState
 
 ROBOT = arm_robot()
 LIMITS = ROBOT.limits(
@@ -35,7 +35,12 @@ def adapt(change, place=PLACE, limits=LIMITS):
 
 def running(trajectory, place):
     """A motion that was planned for the same duration."""
-    return RunningMotion(trajectory, place, False, DURATION)
+    return RunningMotion(planned(trajectory), place, False)
+
+
+def planned(trajectory, duration=DURATION):
+    goal = JointGoal(JointState(JOINTS, trajectory.positions[-1]))
+    return Planned(1, goal, trajectory, None, "", (), {}, (), {}, duration, 0.0)
 
 
 def test_displacement_is_the_minimum_jerk_polynomial_to_the_change_of_the_goal():
@@ -93,7 +98,9 @@ def test_a_stream_of_goals_does_not_make_a_motion_slower_and_slower():
 
 
 def test_motion_that_was_displaced_often_is_bounded_by_the_planned_one():
-    slow = RunningMotion(minimum_jerk_motion(JOINTS, START, START + SHIFT, 6.0), 0.5, False, 1.0)
+    slow = RunningMotion(
+        planned(minimum_jerk_motion(JOINTS, START, START + SHIFT, 6.0), 1.0), 0.5, False
+    )
     goal = JointState(JOINTS, START + SHIFT + 0.01)
     assert displaced(slow, goal, ROBOT, LIMITS, PERIOD) is None
 

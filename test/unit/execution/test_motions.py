@@ -107,22 +107,6 @@ def test_joined_motion_keeps_the_limits_of_jerk_that_both_of_its_parts_keep(
     np.testing.assert_allclose(seam[:-1], np.round(seam[:-1], 9), atol=1e-15)
 
 
-@pytest.mark.parametrize("before_end", [0.0002, 0.002, 0.006, 0.3])
-def test_rest_before_the_next_motion_is_kept_where_a_message_begins_shortly_before_it(before_end):
-    s = np.linspace(0.0, 1.0, 101)
-    shape = Polynomial([0, 0, 0, 10, -15, 6])
-    states = [(0.5 * p(s))[:, None] for p in (shape, shape.deriv(), shape.deriv(2))]
-    for x in states[1:]:
-        x[-1] = 0.0
-    old = PublishedMotion(Trajectory(("a",), s, *states), 0.0)
-    rest = Trajectory(("a",), [0.0, 1.0], [[0.5]] * 2, [[0.0]] * 2, [[0.0]] * 2)
-    sent = PublishedMotion(old.followed_by(rest, 2.7, 1.0 - before_end), 0.0)
-    model = PublishedMotion(old.followed_by(rest, 2.7, 0.6), 0.0)
-    since = np.linspace(0.0, sent.duration, 1000)
-    found, expected = sent.sample(since)[0], model.sample(since + 0.4 - before_end)[0]
-    np.testing.assert_allclose(found, expected, atol=5e-6)
-
-
 def test_rest_is_left_as_it_is_where_the_switch_is_here():
     rest = Trajectory(JOINTS, [0.0, 1.0], *(columns([0.5, 1.5], d) for d in range(3)))
     assert motion().followed_by(rest, 0.5, 0.5 - 5e-5) is rest

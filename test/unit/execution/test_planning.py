@@ -333,15 +333,13 @@ def test_goal_that_is_cancelled_during_the_solve_ends_it(library: str, is_sequen
     assert set(asked) == {7} and len(asked) < 10
 
 
-def under_way(planned: Planned, **others: Any) -> RunningMotion:
+def under_way(planned: Planned) -> RunningMotion:
     """A planned motion whose middle is reached when the next one begins."""
-    motion, values = planned.trajectory, {"is_of_goal": True, **others}
-    place = 0.5 * motion.duration
-    return RunningMotion(motion, place, False, motion.duration, planned.primitives, **values)
+    return RunningMotion(planned, 0.5 * planned.trajectory.duration, False)
 
 
 def on(running: RunningMotion) -> JointState:
-    return PublishedMotion(running.trajectory, 0.0).state(running.place)
+    return PublishedMotion(running.planned.trajectory, 0.0).state(running.place)
 
 
 def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPlanner) -> None:
@@ -360,7 +358,7 @@ def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPl
 def test_motion_of_primitives_that_went_is_not_displaced(planner: GoalPlanner) -> None:
     first = planner.plan(request(measured={"grip": 0.02}))
     assert isinstance(first, Planned)
-    running = replace(under_way(first), primitives=("reloaded since",))
+    running = under_way(replace(first, primitives=("reloaded since",)))
     goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
     found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
     assert isinstance(found, Planned)
@@ -385,19 +383,14 @@ def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
     assert not isinstance(found, Planned) or "continued" not in found.message
 
 
-@pytest.mark.parametrize("is_of_goal", [True, False])
-def test_end_of_a_motion_is_displaced_to_a_near_goal_and_that_of_a_stop_is_not(
-    planner: GoalPlanner, is_of_goal: bool
-) -> None:
+def test_end_of_a_motion_is_displaced_to_a_near_goal(planner: GoalPlanner) -> None:
     first = planner.plan(request(measured={"grip": 0.02}))
     assert isinstance(first, Planned)
-    motion, known = first.trajectory, {"is_of_goal": True} if is_of_goal else {}
-    running = RunningMotion(
-        motion, motion.duration, True, motion.duration, first.primitives, **known
-    )
-    goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.02))
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
-    assert ("continued" in getattr(found, "message", "")) == is_of_goal
+    running = RunningMotion(first, first.trajectory.duration, True)
+    for change, is_continued in ((0.02, True), (0.04, False)):
+        goal = JointGoal(JointState(JOINTS, GOAL.state.positions + change))
+        found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
+        assert isinstance(found, Planned) and ("continued" in found.message) == is_continued
 
 
 @pytest.mark.parametrize(

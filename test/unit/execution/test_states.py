@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mp_pca_planner.exceptions import GoalError
-from mp_pca_planner.execution.states import LateStateError, MeasuredState, MeasuredStates
+from mp_pca_planner.execution.states import MeasuredState, MeasuredStates, UnconfirmedError
 from mp_pca_planner.input_limits import INPUT_LIMITS
 
 JOINTS = ("a", "b")
@@ -73,7 +73,7 @@ def test_state_is_too_old_after_the_timeout_and_never_if_that_is_zero(world: Wor
     assert world.states.age == pytest.approx(0.5)
     world.states.newest(0.6)
     world.states.newest(0.0)
-    with pytest.raises(LateStateError, match=r"0.5 s old, at most 0.4 s"):
+    with pytest.raises(UnconfirmedError, match=r"0.5 s old, at most 0.4 s"):
         world.states.newest(0.4)
 
 
@@ -275,7 +275,7 @@ def test_each_joint_has_its_own_age(world: World) -> None:
     for _ in range(100):
         world.pass_time(0.006)
         world.receive(a=0.0)
-    with pytest.raises(LateStateError, match=r"message with 'b' is 0\.6 s old"):
+    with pytest.raises(UnconfirmedError, match=r"message with 'b' is 0\.6 s old"):
         _ = world.newest
     assert world.states.age == pytest.approx(0.6)
     world.receive(b=0.0)
