@@ -193,15 +193,9 @@ class Execution:
             since = f"{now - self.motion.time:.2f} s after the stop"
             text = f"stopped: the robot was seen at rest {since}"
             return self._end(MotionOutcome.STOPPED, "; ".join(filter(None, [text, self.reason])))
-        if following.motion is not self.motion:
-            if now <= self.motion.time + START_DELAY or not self._would_have_left(now):
-                return None  # on a busy machine, the message comes late
-            return self._end(
-                MotionOutcome.NEVER_STARTED,
-                f"never started: {now - self.motion.time:.1f} s after it was sent, the robot is "
-                "not seen on the motion; the controller may be inactive, have rejected it, or be "
-                "late",
-            )
+        if following.motion is not self.motion:  # on a busy machine, the message comes late
+            is_due = now > self.motion.time + START_DELAY and self._would_have_left(now)
+            return self._never_started(now) if is_due else None
         self._last = following
         if following.distance > self._largest_deviation:
             self._largest_deviation = following.distance
@@ -234,17 +228,9 @@ class Execution:
                 return None  # the result of the controller comes a little later
             return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
         is_at_start = not self._has_left(following.place) and self._has_left(math.inf)
-        if (
-            self._how is How.HELD
-            and duration > START_DELAY
-            and is_at_start
-            and self._would_have_left(now)
-        ):
-            return self._end(
-                MotionOutcome.NEVER_STARTED,
-                "never started: the robot rests at the start of the motion; check that the "
-                "controller is active and accepts the trajectory",
-            )
+        is_waiting = self._how is How.HELD and is_at_start and duration > START_DELAY
+        if is_waiting and self._would_have_left(now):
+            return self._never_started(now)
         if self._how is How.OFF and duration > _AWAY:
             return self._end(
                 MotionOutcome.NOT_FOLLOWED,
@@ -258,6 +244,13 @@ class Execution:
                 f"than {_MAX_HOLD:g} s",
             )
         return None
+
+    def _never_started(self, now: float) -> ExecutionReport | None:
+        return self._end(
+            MotionOutcome.NEVER_STARTED,
+            f"never started: {now - self.motion.time:.1f} s after it was sent, the robot is not "
+            "seen on the motion; the controller may be inactive, have rejected it, or be late",
+        )
 
     def _would_have_left(self, now: float) -> bool:
         """Whether even a slow robot would have left the start of the motion by now."""

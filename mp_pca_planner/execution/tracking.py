@@ -614,12 +614,8 @@ def check_joinable(where: Where) -> None:
             f"the newest joint_states message is {where.measured.age:.3g} s old, at most "
             f"{_MAX_AGE:g} s is accepted while the robot moves; send the goal again"
         )
-    if following.how is How.SCALED and following.rate < _MIN_RATE:
-        raise UnconfirmedError(
-            "the robot comes to rest short of the end of its motion; send the goal again when it "
-            "is at rest"
-        )
-    if abs(following.change) > _MAX_CHANGE:
+    is_stopping = following.how is How.SCALED and following.rate < _MIN_RATE
+    if is_stopping or abs(following.change) > _MAX_CHANGE:
         raise UnconfirmedError(
             "the speed of the robot changes (speed scaling); send the goal again when it is steady"
         )
@@ -639,25 +635,18 @@ def _check_rest(start: MotionStart, where: Where) -> None:
 
 def _motion_refusal(where: Where, settings: Settings) -> str:
     """The reason why no motion can start while the robot moves."""
-    following = where.following
     if settings.start_from == MEASURED:
         return (
             "the robot moves, but start_from is 'measured', which accepts goals only at rest: send "
             f"the goal again when the robot is at rest, or set start_from to '{AUTO}'"
         )
-    if following is None or where.command is not None:
-        return (
-            "the robot moves, and not along a motion of this node: send the goal again when it is "
-            "at rest, or call ~/stop"
-        )
-    if following.how is How.BEHIND:
-        why = "moves along the published motion, but not at its time (a slowed controller?)"
-    else:
-        why = (
-            f"moves, and not along a motion of this node (joint '{following.joint}' is "
-            f"{following.distance:.3g} rad, or m, away)"
-        )
+    following, why = where.following, ""
+    if following is not None and following.how is How.BEHIND:
+        why = ": it is on its path, but not at its time (a slowed controller?)"
+    elif following is not None:
+        why = f": joint '{following.joint}' is {following.distance:.3g} rad (or m) away"
     return (
-        f"the robot {why}: send the goal again when it is at rest. With control_msgs and the topic "
-        "'controller_state' of the controller, goals are served then, too"
+        f"the robot moves, and not along a motion of this node{why}; send the goal again when it "
+        "is at rest, or call ~/stop. With control_msgs and the topic 'controller_state' of the "
+        "controller, goals for slowed and held robots are served, too"
     )

@@ -31,7 +31,7 @@ class Watcher:
         self._watch: Watch | None = None
         self._place = 0.0
         self._checked: tuple[object, ...] = ()
-        self._collision: tuple[Model, CollisionModel] | None = None
+        self._collision: tuple[Model, World, CollisionModel] | None = None
 
     def receive(self, message: Watch | Place) -> None:
         """Watch another motion, or note how far the robot is."""
@@ -50,11 +50,13 @@ class Watcher:
         if not len(world) or self._place >= trajectory.duration or trajectory.n_steps < 2:
             return Verdict(watch.number)
         try:
-            collision = self._in(world, model)
+            known = self._collision
+            if known is None or known[0] is not model or known[1] is not world:
+                known = self._collision = model, world, in_world(model, world)
         except PlannerError as error:
             self.problem = str(error)
             return Verdict(watch.number)
-        found = [one for one in collision.collisions(trajectory) if one.links[1] in world.names]
+        found = [one for one in known[2].collisions(trajectory) if one.links[1] in world.names]
         # The robot has passed what ends before its place.
         ahead = [one for one in found if one.last_time >= self._place]
         if not ahead:
@@ -63,14 +65,3 @@ class Watcher:
         link, obstacle = first.links
         reason = f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
         return Verdict(watch.number, max(first.first_time, self._place), reason)
-
-    def _in(self, world: World, model: Model) -> CollisionModel:
-        known = self._collision
-        if known is not None and known[0] is model:
-            collision = known[1]
-            if collision.world is not world:
-                collision = collision.with_world(world)
-        else:
-            collision = in_world(model, world)
-        self._collision = model, collision
-        return collision

@@ -578,7 +578,7 @@ def test_goal_of_a_slowed_robot_is_refused_where_its_command_is_not_stated(node)
     node.run(2.0)
     node.ask(START)
     assert node.statuses == ["served", "refused"]
-    assert "at its time (a slowed controller?)" in reasons(node)[1]
+    assert "not at its time (a slowed controller?)" in reasons(node)[1]
     assert "With control_msgs and the topic 'controller_state'" in reasons(node)[1]
     node.run(8.0)
     assert node.outcomes == ["arrived"]

@@ -254,7 +254,7 @@ def test_robot_that_moves_away_from_the_running_motion_is_refused(world):
     world.begin()
     world.follow(0.5)
     world.run(0.5, lambda time: [0.3 - 0.5 * (time - world.motion.began), 0.6])
-    with pytest.raises(GoalError, match=r"not along a motion of this node \(joint '.' is 0\.\d+"):
+    with pytest.raises(GoalError, match=r"not along a motion of this node: joint '.' is 0\.\d+"):
         world.choose()
 
 
