@@ -141,7 +141,7 @@ class Budget:
     ) -> None:
         check_number(seconds, "the time for planning [s]", GoalError, 1e-9)
         self.seconds, self.is_cancelled, self.evaluations = seconds, is_cancelled, _ENDLESS
-        self._deadline = time.perf_counter() + seconds
+        self.deadline = time.perf_counter() + seconds
         # Not empty if the clock, or a cancellation, ended a search. All parts share it.
         self.cuts: list[bool] = []
 
@@ -150,7 +150,7 @@ class Budget:
 
         True is remembered: the caller ends what it does.
         """
-        late = time.perf_counter() + ahead > self._deadline or self.is_cancelled()
+        late = time.perf_counter() + ahead > self.deadline or self.is_cancelled()
         if late:
             self.cuts.append(True)
         return late
@@ -165,11 +165,5 @@ class Budget:
         part.evaluations = evaluations
         if time_share < 1.0:
             now = time.perf_counter()
-            part._deadline = now + time_share * max(self._deadline - now, 0.0)
-        return part
-
-    def without(self, seconds: float) -> Budget:
-        """The budget without its last seconds."""
-        part = copy(self)
-        part._deadline -= seconds
+            part.deadline = now + time_share * max(self.deadline - now, 0.0)
         return part

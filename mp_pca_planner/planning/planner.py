@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
@@ -246,8 +247,9 @@ class Planner:
         if isinstance(goal, SequenceGoal):
             states += [one for one in goal.targets if isinstance(one, JointState)]
             times += goal.times
-        limits, is_asked = self.limits, bool(set(times) - {None})
-        moves = any(np.any([one.velocities, one.accelerations]) for one in states)
+        limits, is_asked, moves = self.limits, bool(set(times) - {None}), False
+        for one in states:
+            moves |= bool(one.velocities.any() or one.accelerations.any())
         # Limits of the demonstrations are for motions from rest to rest in times of our own.
         if self.options.demonstrated_margin and not (is_asked or moves):
             careful, usual = self._demonstrated
@@ -255,7 +257,8 @@ class Planner:
         context = replace(self._context, limits=limits)
         budget = Budget(self.options.max_solve_time) if budget is None else budget
         n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
-        budget = budget.without(min(n_segments * _TIME_FOR_CHECKS, 0.4 * budget.seconds))
+        budget = copy(budget)
+        budget.deadline -= min(n_segments * _TIME_FOR_CHECKS, 0.4 * budget.seconds)
         requests = resolve(context, self._selector, goal, start, mode, budget)
         if isinstance(requests, tuple) and not requests:
             return already_there(context, start, began)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -59,7 +60,8 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
         parts = [_headline(context, best, score, nearest), reason]
         parts += _concessions(context, best, correction)
         message = "; ".join(filter(None, parts))
-    is_joined = request.mode and best.how != OPTIMISED
+    remarks = motion_remarks(score, best.check, outside)
+    collision = _collision_words(context.collision, best)
     limits = best.refusal if best.check.violations else "kept, on a grid of 1 ms"
     if unlimited := context.limits.unlimited:
         limits += f"; some joints have no limit of {', '.join(unlimited)}"
@@ -72,7 +74,7 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
         "via_error": max(best.target_errors[:-1], default=0.0),
         "effort_parts": context.robot.effort_parts,
         "limits": limits,
-        "collision": _collision_words(context.collision, best),
+        "collision": collision,
     }
     if nearest is not None:
         facts |= {"clearance": nearest[0], "nearest_obstacle": nearest[1]}
@@ -81,14 +83,14 @@ def report(context: Context, best: Candidate, budget: Budget, began: float) -> P
         message,
         trajectory,
         best.motions,
-        tuple(segment.primitive.name for segment in request.segments),
+        tuple(map(attrgetter("primitive.name"), request.segments)),
         best.solution,
         replace(best.check, efforts=None),
-        tuple(motion_remarks(score, best.check, outside)),
+        tuple(remarks),
         score,
         best.target_errors[-1],
         solve_time,
-        REAL_TIME if is_joined else request.mode,
+        REAL_TIME if request.mode and best.how != OPTIMISED else request.mode,
         facts,
     )
 

@@ -66,7 +66,7 @@ class Request:
         The segments.
     groups : tuple
         The segments between fixed times, and whether the sum of their durations is fixed, see
-        :func:`duration_groups`.
+        :func:`durations_and_groups`.
     mode : {'', 'optimal', 'real_time'}
         How the segments of a sequence are joined, with or without optimisation; empty for a single
         goal.
@@ -128,34 +128,31 @@ class Request:
         return durations
 
 
-def fit_durations(
-    usual: Sequence[float] | FloatArray, times: Sequence[float | None]
-) -> tuple[float, ...]:
-    """Predicted durations; those between two fixed times are scaled to the interval."""
-    durations = np.array(usual)
-    began, first = 0.0, 0
-    for i, fixed in enumerate(times):
-        if fixed is not None:
-            part = slice(first, i + 1)
-            durations[part] *= (fixed - began) / durations[part].sum()
-            began, first = fixed, i + 1
-    return tuple(map(float, durations))
+def durations_and_groups(
+    usual: Sequence[float], times: Sequence[float | None]
+) -> tuple[tuple[float, ...], tuple[tuple[tuple[int, ...], bool], ...]]:
+    """Durations of segments, and the segments between fixed times with whether their sum is fixed.
 
+    Predicted durations between two fixed times are scaled to the interval. The sum is fixed for all
+    groups except the segments after the last fixed time.
 
-def duration_groups(times: Sequence[float | None]) -> tuple[tuple[tuple[int, ...], bool], ...]:
-    """The segments between fixed times, and whether the sum of their durations is fixed.
-
-    The sum is fixed for all groups except the segments after the last fixed time.
+    Parameters
+    ----------
+    usual : sequence of float
+        The predicted durations [s].
+    times : sequence of (float or None)
+        The time at the end of each segment, if it is fixed [s].
     """
-    groups, current = [], []
-    for i, fixed in enumerate(times):
-        current.append(i)
+    durations, groups = np.array(usual), list[tuple[tuple[int, ...], bool]]()
+    began, first, n = 0.0, 0, len(times)
+    for i, fixed in enumerate(times, start=1):
         if fixed is not None:
-            groups.append((tuple(current), True))
-            current = []
-    if current:
-        groups.append((tuple(current), False))
-    return tuple(groups)
+            durations[first:i] *= (fixed - began) / durations[first:i].sum()
+            groups.append((tuple(range(first, i)), True))
+            began, first = fixed, i
+    if first < n:
+        groups.append((tuple(range(first, n)), False))
+    return tuple(durations.tolist()), tuple(groups)
 
 
 def naturalness_for(options: PlannerOptions, score: float) -> float:

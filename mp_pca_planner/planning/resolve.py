@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, islice, pairwise
 from operator import attrgetter, itemgetter
@@ -31,8 +30,7 @@ from .program.compile import expected_cost
 from .request import (
     Request,
     RequestSegment,
-    duration_groups,
-    fit_durations,
+    durations_and_groups,
     naturalness_for,
     timing_for,
 )
@@ -219,12 +217,6 @@ def check_goal(robot: Robot, limits: JointLimits, goal: JointGoal) -> None:
 def target(context: Context, goal: JointGoal, here: JointState) -> JointState:
     """The configuration of all joints that a goal specifies; see :func:`resolve`."""
     there = completed(goal.state, here, context.robot, "goal")
-    _check_end(context, there)
-    _check_path(context, "goal", there)
-    return there
-
-
-def _check_end(context: Context, there: JointState) -> None:
     _check_within_limits(context.robot, context.limits, "goal", there, there.positions)
     if not context.options.allow_nonzero_end_velocity and np.any(there.velocities != 0.0):
         moving = there.joint_names[int(np.abs(there.velocities).argmax())]
@@ -232,6 +224,8 @@ def _check_end(context: Context, there: JointState) -> None:
             f"the goal velocity of joint '{moving}' is not 0, which the controller rejects "
             "unless it and this planner are set to allow a nonzero velocity at the end"
         )
+    _check_path(context, "goal", there)
+    return there
 
 
 def _check_path(context: Context, what: str, state: JointState) -> None:
@@ -278,28 +272,24 @@ def _sequence(
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
     states = _route(context, selector, targets, here, n_passed + 1)
-    ranked = [selector.choose(a.positions, b.positions) for a, b in pairwise(states)]
-    usual = [first.expected.duration for (first, *_), _ in ranked]
-    durations = fit_durations(usual, times)
+    firsts = []
+    for before, after in pairwise(states):
+        (first, *_), _ = selector.choose(before.positions, after.positions)
+        firsts.append(first)
+    usual = [first.expected.duration for first in firsts]
+    durations, groups = durations_and_groups(usual, times)
     check_duration(context, "the sequence would take", sum(durations))
     check_duration(context, "a segment of the sequence would take", min(durations))
     segments = []
-    for i, (_, (first, *_)) in enumerate(ranked):
-        pose = targets[i]
+    for i, (first, aim) in enumerate(zip(firsts, targets, strict=True)):
+        before, after, pose = states[i], states[i + 1], aim if isinstance(aim, Pose) else None
+        primitive, expected = first.primitive, first.expected
         segments.append(
-            RequestSegment(
-                states[i],
-                states[i + 1],
-                pose if isinstance(pose, Pose) else None,
-                stops[i],
-                first.primitive,
-                first.expected,
-                durations[i],
-            )
+            RequestSegment(before, after, pose, stops[i], primitive, expected, durations[i])
         )
     # Sequences are planned like the demonstrations unless the options say otherwise.
     naturalness = naturalness_for(context.options, 0.0)
-    return Request(tuple(segments), duration_groups(times), mode, naturalness, n_passed=n_passed)
+    return Request(tuple(segments), groups, mode, naturalness, n_passed=n_passed)
 
 
 def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
@@ -317,19 +307,6 @@ def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:
     return len(goal.targets) - 1
 
 
-@dataclass(frozen=True, eq=False)
-class _Route:
-    """States up to a target, and the sum of squared in-span scores between them."""
-
-    cost: float
-    states: tuple[JointState, ...]
-
-    def to(self, there: JointState, selector: Selector) -> _Route:
-        """The route continued to a state."""
-        score = selector.least_score(self.states[-1].positions, there.positions)
-        return _Route(self.cost + score**2, (*self.states, there))
-
-
 def _route(
     context: Context,
     selector: Selector,
@@ -342,23 +319,36 @@ def _route(
     For poses, the configurations with the least sum of squared in-span scores are chosen, by
     dynamic programming.
     """
-    robot = context.robot
-    routes = [_Route(0.0, (here,))]
+    robot, known = context.robot, selector.primitives.ends.reshape(-1, here.positions.size)
+    routes: list[tuple[float, tuple[JointState, ...]]] = [(0.0, (here,))]
     for number, aim in enumerate(targets, first_number):
+        what, befores = f"target {number}", [states[-1] for _, states in routes]
         if isinstance(aim, Pose):
-            routes = _through(context, selector, aim, number, routes)
-            continue
+            starts = [one.positions for one in befores]
+            starts += starts_near(robot, aim, known, _N_KNOWN)
+            try:
+                found = configurations_at(robot, context.limits, aim, starts)
+            except GoalError as error:
+                raise GoalError(f"{what}: {error}") from None
+            found = found[:_N_ROUTE_CONFIGURATIONS]
+            ends = [[unwrapped(q, one, robot) for one in befores] for q in found]
+        else:
+            ends = [[completed(aim, one, robot, what).positions for one in befores]]
         longer = []
-        for route in routes:
-            what = f"target {number}"
-            positions = completed(aim, route.states[-1], robot, what).positions
-            there = JointState(here.joint_names, positions)
-            _check_within_limits(context.robot, context.limits, what, there, there.positions)
-            _check_path(context, what, there)
-            longer.append(route.to(there, selector))
-        named_all = len(aim.joint_names) == robot.n_joints
-        routes = [min(longer, key=lambda route: route.cost)] if named_all else longer
-    states = min(routes, key=lambda route: route.cost).states
+        for positions in ends:
+            longer.append(list[tuple[float, tuple[JointState, ...]]]())
+            for (cost, states), q in zip(routes, positions, strict=True):
+                there = JointState(here.joint_names, q)
+                if isinstance(aim, JointState):
+                    _check_within_limits(robot, context.limits, what, there, q)
+                    _check_path(context, what, there)
+                score = selector.least_score(states[-1].positions, q)
+                longer[-1].append((cost + score**2, (*states, there)))
+        if isinstance(aim, JointState) and len(aim.joint_names) < robot.n_joints:
+            (routes,) = longer
+        else:
+            routes = [min(part, key=itemgetter(0)) for part in longer]
+    _, states = min(routes, key=itemgetter(0))
     for number, (a, b) in enumerate(pairwise(states[1:]), first_number):
         if np.abs(a.positions - b.positions).max() <= _SAME:
             # A segment without displacement would get an arbitrary swing from the optimiser.
@@ -366,29 +356,6 @@ def _route(
                 f"targets {number} and {number + 1} of the sequence are the same: give it once"
             )
     return states
-
-
-def _through(
-    context: Context, selector: Selector, pose: Pose, number: int, routes: Sequence[_Route]
-) -> list[_Route]:
-    """The best route to each of the configurations that reach a pose."""
-    robot = context.robot
-    known = selector.primitives.ends.reshape(-1, robot.n_joints)
-    starts = [route.states[-1].positions for route in routes]
-    starts += starts_near(robot, pose, known, _N_KNOWN)
-    try:
-        found = configurations_at(robot, context.limits, pose, starts)
-    except GoalError as error:
-        raise GoalError(f"target {number}: {error}") from None
-    longer = []
-    for q in found[:_N_ROUTE_CONFIGURATIONS]:
-        longer_routes = []
-        for route in routes:
-            before = route.states[-1]
-            there = JointState(before.joint_names, unwrapped(q, before, robot))
-            longer_routes.append(route.to(there, selector))
-        longer.append(min(longer_routes, key=lambda route: route.cost))
-    return longer
 
 
 def in_order(state: JointState, names: Sequence[str]) -> JointState:

@@ -367,7 +367,7 @@ class SegmentProgram:
 
     def _evaluated(self, x: FloatArray) -> tuple[Course, Quadratic]:
         unknowns, tables, by_row = self.unknowns, self.tables, self._states.values(x)
-        n_nodes, n_joints = tables.n_nodes, unknowns.n_joints
+        n_nodes, n_joints, duration = tables.n_nodes, unknowns.n_joints, unknowns.duration_at(x)
         if self._slopes is None or unknowns.duration_is_free:
             rows = self._states.slopes(x, by_row).rows()
             by_rate = rows.reshape(N_RATES, n_joints, n_nodes, x.size).transpose(0, 2, 1, 3)
@@ -381,7 +381,7 @@ class SegmentProgram:
         slopes = dict(zip(QUANTITIES, (*by_rate, dtau @ stacked), strict=True))
         # The running costs are sums of squares over the nodes.
         residuals, jacobians = [], []
-        root = np.sqrt(tables.quadrature * unknowns.duration_at(x))[:, None]
+        root = np.sqrt(tables.quadrature * duration)[:, None]
         for weight, objective in self._objectives:
             values, partials = objective(nodes)
             jacobian = np.zeros((*values.shape, x.size))

@@ -315,7 +315,7 @@ def _motions_at(
         if request.pose is not None:
             goal = JointState(goal.joint_names, unknowns.boundary_at(x)[GOAL_POSITION])
         states = [(request.start, 0.0), (goal, unknowns.duration_at(x))]
-        weights = [unknowns.weights(x)]
+        weights = [(x * unknowns.scales)[: unknowns.n_weights]]
     else:
         states, weights = program.links.states(x), program.links.weights(x)
     for i, segment in enumerate(request.segments, start=1):
@@ -323,12 +323,10 @@ def _motions_at(
             state, time = states[i]
             q, _ = nearest_configuration(context.robot, context.limits, pose, state.positions)
             states[i] = JointState(state.joint_names, q, *state.values[1:]), time
-    return tuple(
-        Motion(here, there, ended - began, basis.tables.basis, own)
-        for ((here, began), (there, ended)), basis, own in zip(
-            pairwise(states), setting.bases, weights, strict=True
-        )
-    )
+    motions, parts = [], zip(pairwise(states), setting.bases, weights, strict=True)
+    for ((here, began), (there, ended)), basis, own in parts:
+        motions.append(Motion(here, there, ended - began, basis.tables.basis, own))
+    return tuple(motions)
 
 
 def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
