@@ -5,7 +5,7 @@
 import math
 import sys
 from dataclasses import replace
-from itertools import count, islice
+from itertools import count
 
 import numpy as np
 import pytest
@@ -15,18 +15,15 @@ from support.arm_plans import request
 from support.dense import assert_keeps, spline
 from support.motion_referee import RigidArm, SceneReferee
 from support.obstacle_scenes import WALL, write_scene
-from support.worlds import TRAY
 
 import mp_pca_planner as mp
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.motion.trajectory import Trajectory
-from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.search.detours import paths, sampled_path
+from mp_pca_planner.planning.search.detours import sampled_path
 from mp_pca_planner.robot.world import World
 
 BOUNDS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
@@ -92,17 +89,6 @@ def test_detour_avoids_what_descent_does_not(post):
     np.testing.assert_allclose(plan.trajectory.positions[[0, -1]], [start, goal], atol=1e-12)
 
 
-def test_without_the_library_descent_goes_on_where_a_path_would_be_searched(post, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ompl", None)
-    scene, planner, start, goal = post
-    plan = planner.plan(goal, start)
-    urdf = config_file("human_arm.urdf")
-    referee = SceneReferee(RigidArm(urdf, JOINTS), urdf, scene)
-    collision, _ = referee.contacts(plan.trajectory)
-    assert plan.is_executable == (collision == "")
-    assert plan.is_executable or "needs the Python module 'ompl'" in plan.message
-
-
 def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ompl", None)
     primitive = arm_primitive()
@@ -123,40 +109,6 @@ def test_refusal_names_bodies_place_and_the_missing_extra(tmp_path, monkeypatch)
         assert plan.status == "infeasible"
         assert "'lower_arm' and 'wall' collide from" in plan.message
         assert "needs the Python module 'ompl'" in plan.message
-
-
-@pytest.mark.parametrize("end", [0, 3])
-def test_end_inside_a_mesh_has_no_path_and_is_named(end):
-    robot, primitive = arm_robot(), arm_primitive()
-    ends = primitive.boundary_states[0][[0, 3]]
-    hand = robot.frame_positions(ends, [robot.frame_names[-1]])[int(end > 0), 0]
-    tray = mp.Mesh(0.08 * TRAY.vertices, TRAY.triangles, hand)
-    collision = CollisionModel(robot, world=mp.World([mp.Obstacle("tray", tray)]))
-    planner = Planner(robot, [primitive], None, PlannerOptions(naturalness=0.01), collision)
-    assert not list(paths(planner._context, tuple(ends), Budget(math.inf)))
-    hold = Trajectory(JOINTS, [0.0], ends[[int(end > 0)]], *np.zeros((2, 1, 4)))
-    assert collision.collisions(hold)
-    message = planner.plan(ends[1], ends[0]).message
-    assert "'tray' collide" in message
-    assert f"the {'goal' if end else 'start'} is in collision" in message
-
-
-def test_search_for_paths_lasts_until_its_time_is_over(post):
-    pytest.importorskip("ompl", reason="OMPL is not installed")
-    _, planner, start, goal = post
-    found = list(islice(paths(planner._context, (start, goal), Budget(math.inf)), 20))
-    assert len(found) == 20
-    over: list[bool] = []
-    budget = Budget(math.inf, lambda: len(over) > 1)
-    for _ in paths(planner._context, (start, goal), budget):
-        over.append(True)
-    assert len(over) == 2
-
-
-def test_same_problem_gives_the_same_detour(post):
-    _, planner, start, goal = post
-    first, second = planner.plan(goal, start), planner.plan(goal, start)
-    np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
 
 
 def test_speed_of_the_clock_changes_no_plan_that_is_not_cut_off(post, monkeypatch):
@@ -187,13 +139,6 @@ def test_speed_of_the_clock_changes_no_plan_that_is_not_cut_off(post, monkeypatc
 def _parts(planner):
     options = replace(planner.options, max_solve_time=1.0)
     return planner.robot, planner.primitives, planner.limits, options
-
-
-def test_detour_keeps_a_requested_duration(post):
-    _, planner, start, goal = post
-    plan = planner.plan(JointGoal(JointState(JOINTS, goal), 3.0), start)
-    assert plan.is_executable
-    assert plan.duration == pytest.approx(3.0)
 
 
 def test_legs_between_targets_lead_around_the_wall(tmp_path):

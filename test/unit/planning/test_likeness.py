@@ -55,14 +55,6 @@ def test_other_requests_get_less_effort_in_no_more_time(i):
     assert plan.trajectory.duration <= shown.trajectory.duration * (1.0 + 1e-9)
 
 
-def test_what_is_given_counts():
-    plan = planned(unlike(), naturalness=1.0, timing="demonstrated")
-    assert plan.facts["naturalness"] == 1.0
-    plan = planned(unlike(), duration=2.5)
-    assert plan.trajectory.duration == pytest.approx(2.5)
-    assert plan.facts["naturalness"] < 1.0
-
-
 def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():
     smooth = {"objectives": ((1.0, jerk),), "demonstrated_margin": 0.0}
     shown = planned(unlike(), timing="demonstrated", **smooth)

@@ -90,19 +90,6 @@ def test_gradient_and_rows_are_the_derivatives(name):
         assert at.gradient[k] == pytest.approx(slope, rel=1e-5, abs=1e-6 * at.cost)
 
 
-@pytest.mark.parametrize("name", BASES)
-@pytest.mark.parametrize("seed", range(3))
-def test_no_peak_between_the_points_exceeds_the_values(name, seed):
-    program, motion, limits = constrained(name, {}, seed)
-    values = program.evaluate(weights_of(program, motion)).inequalities
-    times = np.linspace(0.0, motion.duration, 20 * N_LIMIT_POINTS)
-    speeds = motion.evaluate(times)[1] / limits.velocity
-    for joint in range(4):
-        found = values[groups_of(program) == 4 + joint]
-        assert found.min() <= speeds[:, joint].min() + 1e-5
-        assert found.max() >= speeds[:, joint].max() - 1e-5
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_a_step_from_rest_within_the_rows_keeps_bounds_at_a_free_duration(seed):
     _, motion, limits = constrained("arm", {})
@@ -132,15 +119,6 @@ def test_a_step_from_rest_within_the_rows_keeps_bounds_at_a_free_duration(seed):
     assert max(beyond["values"]) > 1e-3
 
 
-def test_the_prediction_is_the_linear_one():
-    program, motion, _ = constrained("arm", {})
-    at, step = program.evaluate(weights_of(program, motion)), np.array([0.1, -0.2, 0.05, 0.3])
-    rows = at.inequality_rows(np.arange(len(program.upper)))
-    np.testing.assert_allclose(
-        at.inequalities_after(step), at.inequalities + rows @ step, atol=1e-12
-    )
-
-
 def test_an_end_near_a_limit_leaves_room_for_itself():
     _, _, limits = constrained("arm", {})
     segment, _ = compile_motion(BASES["arm"])
@@ -156,22 +134,6 @@ def test_an_end_near_a_limit_leaves_room_for_itself():
         tighter = limits.upper[0] / half - bounds.refined(found).upper[0]
         assert room <= tighter <= max(slack, 1e-12)
         assert (tighter > room) == (slack > 0.0)
-
-
-def test_bounds_are_tightened_by_the_same_multiple_of_each_violation():
-    program, _, limits = constrained("arm", {})
-    (bounds,) = program.constraints[0]
-
-    def tightening(quantity, excess):
-        broken = Violation(quantity, limits.joint_names[0], 0.5, 0.0, 1.0, excess)
-        found = Findings(1.0, np.zeros((0, 4)), np.zeros(0), [broken], [broken])
-        first = np.flatnonzero(bounds.groups == 4 * QUANTITIES.index(quantity))[0]
-        return bounds.upper[first] - bounds.refined(found).upper[first]
-
-    # Excesses of positions are shares of the whole range, and bounds of half of it.
-    of_positions = tightening("position", 1e-3)
-    assert of_positions == pytest.approx(tightening("velocity", 2e-3))
-    assert of_positions > 2e-3
 
 
 @pytest.mark.parametrize("name", ["arm", "joint"])

@@ -71,13 +71,6 @@ def test_derivatives_of_states_and_efforts_by_every_unknown_equal_central_differ
     np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
 
 
-def test_states_of_a_free_duration_and_goal_are_those_of_the_motion():
-    program, x = compile_free()
-    motion = motion_of(program, x, BASES["arm"])
-    times = Tables(BASES["arm"]).phases * motion.duration
-    np.testing.assert_allclose(program.at(x)[0].states[:3], motion.evaluate(times), atol=1e-10)
-
-
 @pytest.mark.parametrize("name", OBJECTIVES)
 def test_each_objective_is_its_integral_along_the_motion(name):
     robot = arm_robot()
@@ -98,19 +91,6 @@ def test_each_objective_is_its_integral_along_the_motion(name):
         "straightness": 0.5 * np.sum((way - np.outer(way @ line, line)) ** 2, axis=1),
     }[name]
     assert program.at(x)[1].cost == pytest.approx(trapezoid(density, times), rel=2e-3)
-
-
-def test_a_sum_of_objectives_is_the_weighted_sum():
-    robot = arm_robot()
-    names = {"effort": 1.0, "jerk": 0.01, "time": 3.0}
-
-    def cost(objectives):
-        program, x = compile_free(objectives=objectives)
-        return program.at(x)[1].cost
-
-    parts = [(w, objective_by_name(name, robot)) for name, w in names.items()]
-    alone = [w * cost([(1.0, objective)]) for w, objective in parts]
-    assert cost(parts) == pytest.approx(sum(alone), rel=1e-12)
 
 
 def test_equations_of_a_pose_have_the_derivatives_of_central_differences():

@@ -134,10 +134,3 @@ def test_texts_are_read_and_wrong_ones_rejected():
         path_constraints("upright=glass,10", "--constraint", robot)
     with pytest.raises(GoalError, match="constraints must be path constraints"):
         planner(constraints=("upright",))
-
-
-def test_both_forms_of_a_constraint_are_the_same() -> None:
-    texts = ("upright=wrist,15,1,0,0", "upright:wrist:15:1:0:0", " upright : wrist : 15 : 1, 0, 0")
-    (first,), *others = (path_constraints(text, "--constraint", arm_robot()) for text in texts)
-    assert isinstance(first, Upright) and (first.frame, tuple(first.axis)) == ("wrist", (1, 0, 0))
-    assert all(str(other) == str(first) for (other,) in others)

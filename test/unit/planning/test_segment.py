@@ -8,7 +8,7 @@ from scipy.integrate import quad_vec
 from support.arm import arm_robot
 from support.motion_programs import BASES, compile_motion
 
-from mp_pca_planner.planning.motion import Tables, cost_of
+from mp_pca_planner.planning.motion import cost_of
 from mp_pca_planner.planning.objectives import effort
 from mp_pca_planner.planning.program.motion_program import Naturalness
 
@@ -58,10 +58,3 @@ def test_running_costs_are_those_of_the_motion_and_naturalness_is_zero_at_the_ex
     natural = Naturalness(program.expected, np.eye(z.size))
     assert natural.at(program.at(program.expected)[0]).cost == 0.0
     assert natural.at(program.at(program.expected + 2.0)[0]).cost == pytest.approx(2.0 * z.size)
-
-
-@pytest.mark.parametrize("name", BASES)
-def test_quadrature_weights_add_up_to_the_whole_motion(name):
-    tables = Tables(BASES[name])
-    assert tables.quadrature.sum() == pytest.approx(1.0, rel=1e-13)
-    assert 16 <= tables.n_nodes <= 42

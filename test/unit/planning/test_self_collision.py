@@ -68,15 +68,6 @@ def test_a_robot_without_shapes_is_said_to_be_unchecked():
         Planner(bare, fold(), world=BALL)
 
 
-def test_links_of_a_single_joint_are_checked():
-    robot = arm_robot().with_joints(("elbow",))
-    model = CollisionModel(robot)
-    q = np.linspace(-2.0, 0.0, 5)[:, None]
-    near = model.near(q, 1.0)
-    assert near.rows.shape == (near.pairs.size, 1) and near.pairs.size
-    assert Planner(arm_robot(), arm_primitive()).remarks == ()
-
-
 def test_a_motion_without_collision_is_the_one_without_the_check():
     # Five starts take over a hundred evaluations.
     options = PlannerOptions(naturalness=0.0, n_starts=5, max_solve_time=EVER)

@@ -3,21 +3,18 @@
 """Sequences: joints, derivatives by finite differences, limits, and the command."""
 
 from dataclasses import replace
-from itertools import chain, pairwise
-from pathlib import Path
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
-from support.commands import URDF, result
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.context import Budget
-from mp_pca_planner.planning.motion import samples_of
 from mp_pca_planner.planning.options import MODES, OPTIMAL, REAL_TIME, SolverOptions
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
@@ -25,7 +22,6 @@ from mp_pca_planner.planning.program.compile import Setting, compile_program, jo
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.resolve import resolve
 from mp_pca_planner.planning.solver import solve
-from mp_pca_planner.primitives.file import save_primitive
 
 
 def planner(max_solve_time: float = np.inf, **overrides: float) -> Planner:
@@ -168,15 +164,6 @@ def test_nothing_near_the_optimum_of_a_chain_is_better(posed: bool) -> None:
         assert program.evaluate(found.unknowns + step).cost > found.cost * (1.0 - 1e-6)
 
 
-def test_fixed_times_are_kept() -> None:
-    goal, start = request(3, (None, 2.5, 4.0))
-    for mode in MODES:
-        plan = planner().plan(goal, start, mode)
-        durations = [motion.duration for motion in plan.motions]
-        assert sum(durations[:2]) == pytest.approx(2.5, abs=1e-9)
-        assert sum(durations) == pytest.approx(4.0, abs=1e-9)
-
-
 def test_tight_limits_are_kept_by_taking_more_time() -> None:
     goal, start = request(3)
     plan = planner(max_velocity=0.6, max_acceleration=3.0).plan(goal, start)
@@ -192,33 +179,6 @@ def test_jerk_limits_are_kept_by_optimal_sequences() -> None:
         plan = planner(**limits).plan(SequenceGoal(tuple(targets)), start)
         assert (plan.status, plan.mode) == ("solved", OPTIMAL)
         assert not check_limits(plan.trajectory, arm_robot(), planner(**limits).limits).violations
-
-
-def test_best_motion_so_far_is_returned_when_time_runs_out() -> None:
-    goal, start = request(4)
-    quick = planner().plan(goal, start, REAL_TIME)
-    stopped = planner(1e-9).plan(goal, start)
-    assert stopped.is_executable
-    assert stopped.status == "stopped_early"
-    assert stopped.iterations == 1
-    assert "time ran out" in stopped.message
-    assert stopped.effort_cost == pytest.approx(quick.effort_cost)
-    assert not stopped.limit_check.violations
-
-
-def test_optimal_motion_does_not_swing_further_than_the_joined_one_by_much() -> None:
-    furthest = {}
-    for mode in MODES:
-        found = []
-        for seed in range(4):
-            start, *targets = (JointState(JOINTS, q) for q in configurations(5, seed))
-            for motion in planner().plan(SequenceGoal(tuple(targets)), start, mode).motions:
-                q = samples_of(motion, 0.01)[1][0]
-                low, high = np.minimum(q[0], q[-1]), np.maximum(q[0], q[-1])
-                found.append(np.maximum(low - q, q - high).max())
-        furthest[mode] = np.mean(found)
-    # Without naturalness of passing velocities it is 1.3 rad.
-    assert furthest[OPTIMAL] < furthest[REAL_TIME] + 0.2
 
 
 def test_targets_where_the_robot_is_already_are_passed() -> None:
@@ -239,14 +199,6 @@ def test_targets_where_the_robot_is_already_are_passed() -> None:
         planner().plan(SequenceGoal((near, JointState(["elbow"], [9.0]))), start)
     # A single one is a goal like any other.
     assert len(planner().plan(SequenceGoal((near,)), start).motions) == 1
-
-
-def test_moving_start_is_taken_up() -> None:
-    goal, start = request(2)
-    moving = JointState(JOINTS, start.positions, np.full(4, 0.1), np.full(4, -0.2))
-    plan = planner().plan(goal, moving)
-    assert np.array_equal(plan.trajectory.velocities[0], moving.velocities)
-    assert np.array_equal(plan.trajectory.accelerations[0], moving.accelerations)
 
 
 def wrist_pose(q: np.ndarray, *, turned: bool = False) -> Pose:
@@ -310,28 +262,3 @@ def test_most_demonstrated_of_several_configurations_is_chosen() -> None:
         known = SequenceGoal((JointState(JOINTS, middle), goal.targets[1]))
         usual = planner().plan(known, JointState(JOINTS, start), REAL_TIME)
         assert plan.in_span_score < 1.5 * usual.in_span_score + 0.5
-
-
-def test_command_plans_through_vias_and_stops(tmp_path: Path) -> None:
-    save_primitive(arm_primitive(), tmp_path / "reach.npz")
-    start, via, end = (",".join(map(str, q)) for q in configurations(3))
-    given = ("sequence", tmp_path / "reach.npz", "--robot", URDF, f"--start={start}")
-    facts = result(*given, f"--via={via}@1.5", f"--goal={end}")
-    assert facts["n_segments"] == 2 and facts["durations"][0] == pytest.approx(1.5)
-    place = x, y, z = wrist_pose(configurations(4)[3]).position
-    poses = [f"wrist: {x} {y} {z + dz}" for dz in (0.05, 0.1, 0.15, 0.0)]
-    options = zip(("--stop", "--via", "--stop", "--goal"), poses, strict=True)
-    facts = result(*given, *chain.from_iterable(options))
-    assert facts["via_error"] < 1e-6
-    reached = wrist_pose(np.array(facts["positions"][-1])).position
-    np.testing.assert_allclose(reached, place, atol=1e-6)
-    speeds = np.abs(facts["velocities"]).max(axis=1)
-    ends = np.cumsum(facts["durations"])
-    rows = [int(np.abs(np.array(facts["times"]) - end).argmin()) for end in ends]
-    assert [bool(speeds[row] == 0.0) for row in rows] == [True, False, True, True]
-    files = tmp_path / "none.csv", tmp_path / "none.png"
-    stay = (f"--goal={start}", "--output", files[0], "--plot", files[1])
-    for passed in ((), (f"--via={start}",)):
-        facts = result(*given, *passed, *stay)
-        assert (facts["status"], facts["written"]) == ("already_there", [])
-        assert facts["goal"] == facts["start"] and not any(file.exists() for file in files)

@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import trapezoid
 from support.arm import JOINTS, arm_primitive, arm_robot, sequence_planner
 from support.arm_plans import planner, request
 from support.chain import ACROSS_BASE, chain, chain_planner
 
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from mp_pca_planner.motion.goal import JointGoal, JointState, SequenceGoal
 from mp_pca_planner.motion.validation import check_executable, check_limits
 from mp_pca_planner.planning.options import MODES
 from mp_pca_planner.planning.plan import INFEASIBLE, STOPPED_EARLY
-from mp_pca_planner.planning.program import compile as setting
 
 NO_TIME = 1e-9
 # Hardly any jerk: no motion that is optimised without time keeps these limits.
@@ -83,28 +81,6 @@ def test_every_goal_is_served_from_rest_and_in_motion_without_any_time(
     np.testing.assert_array_equal(plan.trajectory.positions[-1], goal.state.positions)
 
 
-def test_from_rest_it_is_the_minimum_jerk_motion_as_fast_as_the_limits_allow(monkeypatch):
-    goal, start = request(1)
-    monkeypatch.setattr(setting, "MAX_STRETCH", 1.0)
-    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, timing="shortest")
-    plan = subject.plan(goal, start)
-    way = goal.state.positions - start.positions
-    s = plan.trajectory.times[:, None] / plan.motion.duration
-    straight = start.positions + way * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    np.testing.assert_allclose(plan.trajectory.positions, straight, atol=1e-12)
-    assert fastest(way) <= plan.motion.duration <= 1.01 * fastest(way)
-
-
-def test_effort_of_the_motion_is_that_of_its_trajectory():
-    goal, start = request(1)
-    moving = replace_rates(start, 0.1)
-    for one in (start, moving):
-        plan = planner(overrides=OVERRIDES, max_solve_time=NO_TIME).plan(goal, one)
-        tau = np.sum(plan.trajectory.efforts**2, axis=1)
-        integral = 0.5 * trapezoid(tau, plan.trajectory.times)
-        assert plan.solution.effort_cost == pytest.approx(integral, rel=1e-2)
-
-
 def replace_rates(state: JointState, rate: float) -> JointState:
     return JointState(JOINTS, state.positions, np.full(4, rate), np.full(4, -rate))
 
@@ -120,18 +96,6 @@ def test_fixed_duration_is_kept_or_refused(duration, moving):
         assert plan.trajectory.duration == duration
         return
     assert "timing 'shortest' finds the shortest one" in plan.message
-
-
-def test_pose_is_reached():
-    for i in range(5):
-        goal, start = request(i)
-        frame = arm_robot().frame_names[-1]
-        place = arm_robot().frame_positions(goal.state.positions[None], [frame])[0, 0]
-        subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME)
-        plan = subject.plan(PoseGoal(Pose(frame, place)), start)
-        assert_serves(plan, start)
-        hand = arm_robot().frame_positions(plan.trajectory.positions[-1:], [frame])[0, 0]
-        np.testing.assert_allclose(hand, place, atol=1e-6)
 
 
 def test_goal_velocity_is_reached_from_rest_before_it():

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
-from support.arm import arm_primitive
 from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.planning.options import SolverOptions
@@ -185,17 +184,6 @@ def test_an_early_end_is_at_a_point_within_the_constraints_if_one_was_passed():
         constraints={"type": "ineq", "fun": lambda x: 1.0 - x @ x},
     )
     assert evaluated[-1] == pytest.approx(best.fun, rel=1e-4)
-
-
-def test_a_family_without_weights_is_solved_as_it_is():
-    primitive = arm_primitive()
-    basis = type(primitive.basis)(
-        primitive.mean_coefficients, primitive.component_coefficients[:0], np.zeros(0)
-    )
-    program, motion = unlimited(basis)
-    solution = solve(program, motion.weights)
-    assert solution.converged and solution.unknowns.size == 0
-    assert solution.cost > 0.0
 
 
 @settings(max_examples=200, deadline=None)

@@ -61,29 +61,6 @@ def test_least_duration_takes_the_whole_of_a_kinematic_limit_and_no_more(first, 
     assert hasty.worst_excess == pytest.approx(0.99**-order - 1.0, abs=1e-3)
 
 
-@given(shares, shares, st.floats(1.02, 3.0))
-def test_least_duration_takes_the_whole_of_a_limit_of_effort_and_no_more(first, second, room):
-    robot, start, goal = arm_robot(), configuration(first), configuration(second)
-    slow = minimum_jerk(start, goal, 1e4)
-    gravity = np.abs(robot.inverse_dynamics(slow.positions, slow.velocities, slow.accelerations))
-    bounds = dict(zip(JOINTS, (room * gravity.max(axis=0)).tolist(), strict=True))
-    limits = robot.limits(
-        {name: {"max_velocity": np.inf, "max_effort": bound} for name, bound in bounds.items()}
-    )
-    duration = least_duration(robot, limits, start, goal)
-    if duration < 1e-3:
-        return
-
-    def share_taken(t: float) -> float:
-        motion = minimum_jerk(start, goal, t)
-        tau = robot.inverse_dynamics(motion.positions, motion.velocities, motion.accelerations)
-        return float(np.max(np.abs(tau) / limits.effort))
-
-    # Between the phases that are compared efforts may be a little larger.
-    assert share_taken(duration) == pytest.approx(1.0, abs=2e-2)
-    assert share_taken(0.9 * duration) > share_taken(duration) > share_taken(2.0 * duration)
-
-
 @given(shares, shares, st.floats(0.2, 5.0), st.floats(1.0, 3.0))
 def test_stretch_holds_for_efforts_with_damping_and_friction(first, second, duration, longer):
     drive = {"armature": 0.05, "damping": 2.0, "friction": 0.5}
@@ -113,20 +90,6 @@ def test_stretch_of_a_minimum_jerk_motion_gives_its_least_duration(first, second
             assert stretch == np.inf
         else:
             assert stretch * duration == pytest.approx(least, rel=5e-3, abs=1e-6)
-
-
-def test_gravity_beyond_a_limit_of_effort_is_said_with_joint_and_value():
-    robot = arm_robot()
-    start, goal = np.zeros(4), np.array([1.0, 0.0, 0.0, 0.0])
-    start, goal = (np.clip(q, INSIDE.lower, INSIDE.upper) for q in (start, goal))
-    rest = np.zeros((1, 4))
-    most = max(
-        abs(robot.inverse_dynamics(q[None], rest, rest)).max()
-        for q in minimum_jerk(start, goal, 1.0).positions
-    )
-    limits = limits_of(max_effort=0.5 * float(most))
-    with pytest.raises(TrajectoryError, match="gravity and friction alone"):
-        least_duration(robot, limits, start, goal)
 
 
 @given(shares, signed, signed)
@@ -180,13 +143,6 @@ def test_brake_is_as_fast_as_the_closed_form_says_but_for_whole_steps():
         assert end / STEP - 1e-9 <= steps <= end / STEP + 3.0
 
 
-def test_start_that_no_brake_stops_within_the_limits_is_refused():
-    limits = limits_of(max_acceleration=1.0)
-    start = JointState(JOINTS, INSIDE.upper - 1e-3, [0.0, 0.0, 0.0, 1.0])
-    with pytest.raises(TrajectoryError, match="no brake within the limits was found"):
-        stop_and_go(arm_robot(), limits, [start, start], STEP)
-
-
 def through(*, moving: bool) -> StopAndGo:
     limits = limits_of(max_velocity=2.0, max_acceleration=4.0, max_jerk=80.0)
     places = [configuration(np.full(4, share)) for share in (0.3, 0.5, 0.4, 0.7)]
@@ -228,16 +184,6 @@ def test_motion_in_its_least_durations_keeps_the_limits(moving):
     times, states = samples_of(motion, STEP)
     limits = limits_of(max_velocity=2.0, max_acceleration=4.0)  # jerks are sampled between knots
     assert not check_limits(Trajectory(JOINTS, times, *states), arm_robot(), limits).violations
-
-
-def test_launch_is_a_brake_backwards_in_time():
-    route = through(moving=True)
-    state = route.goal
-    mirrored = JointState(JOINTS, state.positions, -state.velocities, state.accelerations)
-    limits = limits_of(max_velocity=2.0, max_acceleration=4.0, max_jerk=80.0)
-    other = stop_and_go(arm_robot(), limits, [mirrored, route.start], STEP)
-    np.testing.assert_array_equal(other.brake[0], route.launch[0, ::-1])
-    np.testing.assert_array_equal(other.brake[1], -route.launch[1, ::-1])
 
 
 def test_shape_is_that_of_the_quintics_through_the_knots():
