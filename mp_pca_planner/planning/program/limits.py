@@ -9,7 +9,6 @@ they are smooth, so the polynomial through the nodes of each piece interpolates 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from copy import copy
 
 import numpy as np
@@ -57,9 +56,8 @@ class Limits:
     ----------
     lower, upper : array, shape (n_inequalities,)
         The bounds, as shares of the limit (or of half the range of positions).
-    groups : array of int, shape (n_inequalities,)
-        Constraints of one quantity of one joint, in the order of the phases, are of one group,
-        which is n_joints · (index in `QUANTITIES`) + joint.
+    groups : array of int, shape (n_inequalities / n_points,)
+        n_joints · (index in `QUANTITIES`) + joint of each course of constraints along the motion.
     states : StateMap or None
         Bounded positions and their derivatives as functions of the unknowns.
     """
@@ -78,14 +76,14 @@ class Limits:
         self.states: StateMap | None = None
         if chosen is not None and not chosen.any():
             self.lower = self.upper = self._effort_units = np.zeros(0)
-            self._group_of_row = self._effort_joints = np.zeros(0, dtype=np.intp)
+            self.groups = self._effort_joints = np.zeros(0, dtype=np.intp)
             return
         end_states = _end_states(robot, ends)
         lower, upper, scale, room = _bounds(limits, end_states)
         self._end_room = room.ravel()
         limited = np.isfinite(lower) | np.isfinite(upper)
         quantities, joints = np.nonzero(limited if chosen is None else limited & chosen)
-        self._group_of_row = quantities * len(limits.joint_names) + joints
+        self.groups = quantities * len(limits.joint_names) + joints
         self.lower, self.upper = (
             np.repeat(x[quantities, joints], N_LIMIT_POINTS) for x in (lower, upper)
         )
@@ -117,11 +115,6 @@ class Limits:
             added = np.outer(most[joints], course).ravel()
             bound[: added.size] += added
 
-    @property
-    def groups(self) -> NDArray[np.intp]:
-        """See the class."""
-        return np.repeat(self._group_of_row, N_LIMIT_POINTS)
-
     def _group(self, violation: Violation) -> int:
         quantity = QUANTITIES.index(violation.quantity)
         return quantity * len(self._joint_names) + self._joint_names.index(violation.joint)
@@ -131,34 +124,26 @@ class Limits:
         return Limits(*self._for)
 
     def refined(self, found: Findings) -> Limits:
-        """All limits if one is violated that is no constraint; or else tighter bounds."""
+        """All limits if one is violated that is no constraint; or else tighter bounds.
+
+        Bounds are tightened for what a motion within them violates or touches between the points of
+        the grid, by at most half of the distance between the fixed ends and the limit.
+        """
         violated, touched = (
             [self._group(one) for one in part] for part in (found.violations, found.touched)
         )
-        if not np.isin(violated, self._group_of_row).all():
+        if not np.isin(violated, self.groups).all():
             return self.everywhere()
-        if violated or (touched and np.isin(touched, self._group_of_row).all()):
-            return self.tightened(found.touched)
-        return self
-
-    def tightened(self, violations: Iterable[Violation]) -> Limits:
-        """The same with bounds tightened for violations between points of the grid.
-
-        Parameters
-        ----------
-        violations : iterable of Violation
-            Limits that a motion within the present bounds violates or touches. A bound moves by at
-            most half of the distance between the fixed ends and the limit.
-        """
+        if not violated and not (touched and np.isin(touched, self.groups).all()):
+            return self
         amount = np.zeros(self._end_room.size)
-        for violation in violations:
-            group = self._group(violation)
+        for group, violation in zip(touched, found.touched, strict=True):
             # Bounds of positions are shares of half the range, violations are shares of the whole
             # range.
             excess = violation.excess * (2.0 if violation.quantity == "position" else 1.0)
             amount[group] = min(_TIMES * max(excess, 0.0) + _EXTRA, 0.5 * self._end_room[group])
         tighter = copy(self)
-        by_constraint = amount[self.groups]
+        by_constraint = np.repeat(amount[self.groups], N_LIMIT_POINTS)
         tighter.lower, tighter.upper = self.lower + by_constraint, self.upper - by_constraint
         tighter._end_room = self._end_room - amount
         return tighter

@@ -62,7 +62,7 @@ class FixedShape:
     """
 
     def __init__(self, times: FloatArray, states: FloatArray) -> None:
-        duration = float(times[-1])
+        self.duration = duration = float(times[-1])
         self._phases = times / duration
         q, v, a = states
         self._ends = segment_ends(self._phases, q, duration * v, duration**2 * a)
@@ -130,16 +130,9 @@ class StopAndGo:
     def durations(self) -> FloatArray:
         """The least durations of the legs, with braking and launching, shape (n_legs,) [s]."""
         durations = self.legs.copy()
-        durations[0] += self._time(self.brake)
-        durations[-1] += self._time(self.launch)
+        durations[0] += self.step * (self.brake.shape[1] - 1)
+        durations[-1] += self.step * (self.launch.shape[1] - 1)
         return durations
-
-    def _time(self, knots: FloatArray) -> float:
-        return float(self.step * (knots.shape[1] - 1))
-
-    def slowed(self, factor: float) -> StopAndGo:
-        """The same with longer legs."""
-        return replace(self, legs=factor * self.legs)
 
     def motions(self, durations: FloatArray, counts: Sequence[int]) -> tuple[Motion, ...]:
         """The motion in segments of several legs, each ending at rest.
@@ -151,39 +144,28 @@ class StopAndGo:
         counts : sequence of int
             Number of legs of each segment.
         """
-        rest = [JointState(self.start.joint_names, q) for q in self.places[1:-1]]
-        states = [self.start, *rest, self.goal]
-        lasts = np.cumsum(counts).tolist()
-        return tuple(
-            _through(*self._joined(durations, first, last), states[first], states[last])
-            for first, last in pairwise([0, *lasts])
-        )
-
-    def _joined(
-        self, durations: FloatArray, first: int, last: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Times [s] and states at the knots of several legs."""
-        times, states = self._knots(first, durations[first])
-        for i in range(first + 1, last):
-            later, more = self._knots(i, durations[i])
-            times = np.concatenate([times, times[-1] + later[1:]])
-            states = np.concatenate([states, more[:, 1:]], axis=1)
-        return times, states
-
-    def _knots(self, i: int, duration: float) -> tuple[FloatArray, FloatArray]:
-        """Times [s] and states at the knots of a leg."""
-        rest = np.zeros((3, len(self.places), self.places.shape[1]))
+        rest = np.zeros((3, *self.places.shape))
         rest[0] = self.places
-        before = self.brake if i == 0 else rest[:, i : i + 1]
-        after = self.launch if i == len(self.legs) - 1 else rest[:, i + 1 : i + 2]
-        braking = self.step * np.arange(before.shape[1])
-        launching = duration - self.step * np.arange(after.shape[1])[::-1]
-        return np.concatenate([braking, launching]), np.concatenate([before, after], axis=1)
-
-
-def _through(times: FloatArray, states: FloatArray, start: JointState, goal: JointState) -> Motion:
-    basis = FixedShape(times, states)
-    return Motion(start, goal, float(times[-1]), basis, basis.scales)
+        found, state, first, n_legs = list[Motion](), self.start, 0, len(self.legs)
+        for count in counts:
+            times, knots, began = [np.zeros(1)], list[FloatArray](), 0.0
+            for leg in range(first, first + count):
+                before = self.brake if leg == 0 else rest[:, leg : leg + 1]
+                after = self.launch if leg == n_legs - 1 else rest[:, leg + 1 : leg + 2]
+                braking = self.step * np.arange(1, before.shape[1])
+                ended = began + float(durations[leg])
+                launching = ended - self.step * np.arange(after.shape[1])[::-1]
+                times += [began + braking, launching]
+                # A leg begins where the one before it ends.
+                knots += [before if leg == first else before[:, 1:], after]
+                began = ended
+            first += count
+            basis = FixedShape(np.concatenate(times), np.concatenate(knots, axis=1))
+            is_last = first == n_legs
+            goal = self.goal if is_last else JointState(state.joint_names, self.places[first])
+            found.append(Motion(state, goal, basis.duration, basis, basis.scales))
+            state = goal
+        return tuple(found)
 
 
 def stop_and_go(
@@ -351,54 +333,45 @@ def slow_motion(
         The motion, within the limits and without collisions; None if there is none with the
         requested duration.
     """
-    for usual in _usual_durations(context, request):
-        try:
-            found = _around(context, request, usual, path, budget)
-        except (GoalError, TrajectoryError):
-            continue
-        if found.collisions or found.strayed:
-            continue
-        if request.duration_is_free or found.duration <= float(usual.sum()) * (1.0 + 1e-9):
-            return found
+    # Durations of the segments to try, not below the least ones.
+    tried = [np.array([segment.duration for segment in request.segments])]
+    if not request.mode and not request.duration_is_free:
+        tried.append(0.0 * tried[0])
+    elif not request.mode and request.timing == SHORTEST:
+        tried = [0.0 * tried[0]]
+    for usual in tried:
+        for corners in _rests(context, request, path, budget):
+            try:
+                found = _slow(context, request, usual, corners)
+            except (GoalError, TrajectoryError):
+                break
+            if found.collisions:
+                continue
+            in_time = found.duration <= float(usual.sum()) * (1.0 + 1e-9)
+            if not found.strayed and (request.duration_is_free or in_time):
+                return found
+            break
     return None
 
 
-def _usual_durations(context: Context, request: Request) -> list[FloatArray]:
-    """Durations of the segments to try, not below the least ones [s]."""
-    usual = np.array([segment.duration for segment in request.segments])
-    if request.mode:
-        return [usual]
-    if request.duration_is_free:
-        return [0.0 * usual if request.timing == SHORTEST else usual]
-    return [usual, 0.0 * usual]
-
-
-def _around(
-    context: Context,
-    request: Request,
-    usual: FloatArray,
-    path: FloatArray | None,
-    budget: Budget,
-) -> Candidate:
-    """The slow motion of a request, around obstacles if paths are known or found."""
-    none = np.zeros((0, context.robot.n_joints))
+def _rests(
+    context: Context, request: Request, path: FloatArray | None, budget: Budget
+) -> Iterator[Corners]:
+    """Where to rest between the targets: nowhere, then at the corners of collision-free paths."""
     if path is not None:
-        return _slow(context, request, usual, (path[1:-1],))
-    found = _slow(context, request, usual, (none,) * len(request.segments))
-    if not (request.mode and found.collisions):  # paths of one segment were searched before
-        return found
+        yield (path[1:-1],)
+        return
+    yield (np.zeros((0, context.robot.n_joints)),) * len(request.segments)
+    if not request.mode:  # paths of one segment were searched before
+        return
     corners = []
     for segment in request.segments:
         ends = segment.start.positions, segment.goal.positions
         around = next(paths(context, ends, budget), None)
         if around is None:
-            return found
+            return
         corners.append(corners_of(context, around, budget)[1:-1])
-    try:
-        other = _slow(context, request, usual, tuple(corners))
-    except (GoalError, TrajectoryError):
-        return found
-    return other if other.is_valid else found
+    yield tuple(corners)
 
 
 def _slow(context: Context, request: Request, usual: FloatArray, corners: Corners) -> Candidate:
@@ -421,7 +394,7 @@ def _slow(context: Context, request: Request, usual: FloatArray, corners: Corner
         _, check = sampled(context, motions)
         if not check.violations:
             break
-        route = route.slowed(slowdown(check.violations))
+        route = replace(route, legs=slowdown(check.violations) * route.legs)
     else:
         raise TrajectoryError(str(check.violations[0]))
     bases = tuple(MotionBasis.fixed(Tables(motion.basis)) for motion in motions)

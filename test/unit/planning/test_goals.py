@@ -4,7 +4,7 @@
 
 import runpy
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,6 @@ from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.configurations import configurations_at, starts_near
-from mp_pca_planner.planning.objectives import jerk, straightness
 from mp_pca_planner.planning.plan import SOLVED
 
 HAND = "wrist"
@@ -114,31 +113,6 @@ def test_a_free_duration_is_where_the_cost_is_least():
     for factor in (0.97, 1.03):
         nearby = planner().plan(request(3, duration=factor * free.motion.duration)[0], start)
         assert free.solution.effort_cost <= nearby.solution.effort_cost * (1.0 + 1e-3)
-
-
-def test_each_objective_is_lowered_by_asking_for_it():
-    goal, start = request(5)
-
-    def hand_off_line(plan):
-        points = np.array([placement(q)[0] for q in plan.trajectory.positions])
-        line = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
-        way = points - points[0]
-        return float(np.sqrt(np.mean((way - np.outer(way @ line, line)) ** 2)))
-
-    def mean_jerk(plan):
-        a = plan.trajectory.accelerations
-        return float(np.mean(np.gradient(a, plan.trajectory.times, axis=0) ** 2))
-
-    bold = partial(planner, naturalness=1e-3, demonstrated_margin=0.0)
-    least_effort = bold().plan(goal, start)
-    smooth = bold(objectives=((1.0, jerk),)).plan(goal, start)
-    near_line = partial(straightness, frame=HAND)
-    straight = bold(objectives=((1.0, near_line),)).plan(goal, start)
-    assert mean_jerk(smooth) < mean_jerk(least_effort)
-    assert hand_off_line(straight) < 0.5 * hand_off_line(least_effort)
-    assert least_effort.solution.effort_cost < min(
-        smooth.solution.effort_cost, straight.solution.effort_cost
-    )
 
 
 def test_the_example_of_an_own_objective_does_what_it_says(capsys):

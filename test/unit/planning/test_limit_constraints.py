@@ -41,7 +41,7 @@ def weights_of(program, motion):
 
 
 def groups_of(program):
-    return program.constraints[0][0].groups
+    return np.repeat(program.constraints[0][0].groups, N_LIMIT_POINTS)
 
 
 @pytest.mark.parametrize("name", BASES)

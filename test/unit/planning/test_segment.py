@@ -28,26 +28,6 @@ def test_the_chosen_nodes_integrate_the_effort_as_adaptive_quadrature_does(name)
         assert found == pytest.approx(exact, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", BASES)
-def test_the_gradient_equals_central_differences_to_1e_6(name):
-    program, motion = compile_motion(BASES[name])
-    rng = np.random.default_rng(9)
-    root = rng.normal(size=(program.expected.size, program.expected.size))
-    natural = Naturalness(program.expected, root @ root.T)
-    z = motion.weights / program.unknowns.scales
-
-    def cost(z):
-        return program.at(z)[1].cost + natural.at(program.at(z)[0]).cost
-
-    course, here = program.at(z)
-    gradient = here.gradient + natural.at(course).gradient
-    step = 1e-4
-    difference = np.array(
-        [(cost(z + step * e) - cost(z - step * e)) / (2.0 * step) for e in np.eye(z.size)]
-    )
-    assert np.linalg.norm(gradient - difference) <= 1e-6 * np.linalg.norm(gradient)
-
-
 def test_running_costs_are_those_of_the_motion_and_naturalness_is_zero_at_the_expected_weights():
     program, motion = compile_motion(BASES["joint"])
     z = motion.weights / program.unknowns.scales

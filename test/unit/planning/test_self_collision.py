@@ -2,16 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Self-collision is checked where the robot has collision shapes, unless it is turned off."""
 
-import numpy as np
 import pytest
-from support.arm import arm_primitive, arm_robot
-from support.arm_plans import REQUESTS
 from support.chain import ACROSS_BASE, CHAIN, NAMES, chain, fold
-from support.patience import EVER
 
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -66,17 +61,3 @@ def test_a_robot_without_shapes_is_said_to_be_unchecked():
     assert "no collision geometry" in remark
     with pytest.raises(RobotError, match="no collision geometry"):
         Planner(bare, fold(), world=BALL)
-
-
-def test_a_motion_without_collision_is_the_one_without_the_check():
-    # Five starts take over a hundred evaluations.
-    options = PlannerOptions(naturalness=0.0, n_starts=5, max_solve_time=EVER)
-    careful, careless = (
-        Planner(arm_robot(), arm_primitive("joint"), options=options, collision=collision)
-        for collision in (True, False)
-    )
-    start, goal = REQUESTS[13]
-    plan = careless.plan(goal, start, duration=2.0)
-    assert plan.iterations > 60 and not CollisionModel(arm_robot()).collisions(plan.trajectory)
-    positions = careful.plan(goal, start, duration=2.0).trajectory.positions
-    np.testing.assert_allclose(positions, plan.trajectory.positions, atol=1e-9)

@@ -57,24 +57,6 @@ def joints(plan: Plan) -> float:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_motion_is_smooth_passes_the_vias_and_keeps_limits(mode: str) -> None:
-    goal, start = request(5)
-    plan = planner().plan(goal, start, mode)
-    assert plan.is_executable
-    assert plan.mode == mode
-    assert joints(plan) < 1e-9
-    assert not plan.limit_check.violations
-    times = np.cumsum([motion.duration for motion in plan.motions])
-    for target, moment in zip(goal.targets, times, strict=True):
-        assert isinstance(target, JointState)
-        row = int(np.abs(plan.trajectory.times - moment).argmin())
-        assert np.array_equal(plan.trajectory.positions[row], target.positions)
-    passing = plan.motions[1].start
-    assert np.abs(passing.velocities).max() > 0.01
-    assert np.all(plan.trajectory.velocities[-1] == 0.0)
-
-
-@pytest.mark.parametrize("mode", MODES)
 def test_motion_stops_where_asked_and_nowhere_else(mode: str) -> None:
     goal, start = request(4)
     goal = replace(goal, stops=(False, True, False, False))

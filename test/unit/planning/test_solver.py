@@ -76,13 +76,6 @@ class Rosenbrock:
         )
 
 
-def test_the_bottom_of_a_curved_valley_is_found():
-    solution = solve(Rosenbrock(), np.array([-1.2, 1.0]), SolverOptions(tolerance=1e-14))
-    assert solution.converged
-    np.testing.assert_allclose(solution.unknowns, [1.0, 1.0], atol=1e-5)
-    assert solution.cost == pytest.approx(0.5)
-
-
 def test_a_bound_in_the_valley_is_met():
     solution = solve(Rosenbrock(wall=0.5), np.array([-1.2, 1.0]), SolverOptions(tolerance=1e-12))
     assert solution.converged
