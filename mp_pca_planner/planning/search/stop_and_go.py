@@ -148,7 +148,8 @@ class StopAndGo:
         rest[0] = self.places
         found, state, first, n_legs = list[Motion](), self.start, 0, len(self.legs)
         for count in counts:
-            times, knots, began = [np.zeros(1)], list[FloatArray](), 0.0
+            times: list[FloatArray] = [np.zeros(1)]
+            knots, began = list[FloatArray](), 0.0
             for leg in range(first, first + count):
                 before = self.brake if leg == 0 else rest[:, leg : leg + 1]
                 after = self.launch if leg == n_legs - 1 else rest[:, leg + 1 : leg + 2]
