@@ -148,14 +148,13 @@ class StopAndGo:
         rest[0] = self.places
         found, state, first, n_legs = list[Motion](), self.start, 0, len(self.legs)
         for count in counts:
-            times: list[FloatArray] = [np.zeros(1)]
-            knots, began = list[FloatArray](), 0.0
+            times, knots, began = [np.zeros(1)], list[FloatArray](), 0.0
             for leg in range(first, first + count):
                 before = self.brake if leg == 0 else rest[:, leg : leg + 1]
                 after = self.launch if leg == n_legs - 1 else rest[:, leg + 1 : leg + 2]
-                braking = self.step * np.arange(1, before.shape[1])
+                braking = self.step * np.arange(1.0, before.shape[1])
                 ended = began + float(durations[leg])
-                launching = ended - self.step * np.arange(after.shape[1])[::-1]
+                launching = ended - self.step * np.arange(float(after.shape[1]))[::-1]
                 times += [began + braking, launching]
                 # A leg begins where the one before it ends.
                 knots += [before if leg == first else before[:, 1:], after]
