@@ -167,8 +167,8 @@ class AlongPath:
 
     def at(self, course: Course) -> Linear:
         """The values of a motion, and their linear prediction."""
-        q = self._states.values(course.x)
-        by_unknown = self._states.slopes(course.x, q).rows().reshape(*q.shape, -1)
+        q, by_x = self._states.at(course.x)
+        by_unknown = by_x.rows().reshape(*q.shape, -1)
         values, slopes = self._constraint.values(self._robot, q.T)
         by_value = values.T.ravel()
         jacobian = np.einsum("svj,jsx->vsx", slopes, by_unknown).reshape(values.size, -1)
@@ -216,18 +216,14 @@ class PoseTarget:
 
     def errors(self, x: FloatArray) -> FloatArray:
         """Distance [m] and, with an orientation, rotation vector [rad]."""
-        error, _ = self._error(self._goal.values(x)[:, 0])
-        return error
+        return self.equations(x)[0]
 
     def equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same with the derivatives by the unknowns, shape (n_errors, n_unknowns)."""
-        q = self._goal.values(x)
-        error, by_position = self._error(q[:, 0])
-        return error, np.asarray(by_position @ self._goal.slopes(x, q).rows())
-
-    def _error(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        pose = self._pose
-        return self._robot.pose_error(pose.frame, q, pose.position, pose.orientation)
+        (q, by_x), pose = self._goal.at(x), self._pose
+        place = pose.position, pose.orientation
+        error, by_position = self._robot.pose_error(pose.frame, q[:, 0], *place)
+        return error, np.asarray(by_position @ by_x.rows())
 
 
 def with_phases_of(
@@ -316,8 +312,8 @@ class Clearance:
 
     def at(self, course: Course) -> Linear:
         """The distances of a motion [m]; lower bounds beyond the reach of predictions."""
-        q = self._states.values(course.x)
-        jacobian = self._states.slopes(course.x, q).rows().reshape(*q.shape, course.x.size)
+        q, by_x = self._states.at(course.x)
+        jacobian = by_x.rows().reshape(*q.shape, course.x.size)
         near = self._before = self._for[0].near(q.T, CLEARANCE_REACH, self._before)
         values = near.bounds.T.ravel()
         places = near.pairs * q.shape[1] + near.configurations

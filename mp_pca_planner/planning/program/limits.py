@@ -152,8 +152,7 @@ class Limits:
         """The bounded quantities of a motion, as shares of their limits."""
         states, slopes = np.zeros((0, 0)), None
         if self.states is not None:
-            states = self.states.values(course.x)
-            slopes = self.states.slopes(course.x, states)
+            states, slopes = self.states.at(course.x)
         n_states = states.size
         values = np.concatenate([states.ravel(), self._efforts(course.nodes.efforts)])
 

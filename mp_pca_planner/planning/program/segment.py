@@ -248,29 +248,22 @@ class StateMap:
     def _boundary_part(self, boundary: FloatArray) -> FloatArray:
         return np.asarray((self._hermite @ boundary.T[self._joints][:, :, None])[:, :, 0])
 
-    def values(self, x: FloatArray) -> FloatArray:
-        """The states, shape (n_rows, n_phases)."""
-        if not self._unknowns.duration_is_free:
-            return np.asarray(self._fixed + (self._constant.columns @ x).reshape(self._fixed.shape))
-        boundary = self._unknowns.boundary_at(x)
-        weights = x[: self._unknowns.n_weights]
-        shape = self._mean + (self._columns[:, : weights.size] @ weights).reshape(self._mean.shape)
-        rates = self._rates(self._unknowns.duration_at(x))
-        return np.asarray((self._boundary_part(boundary) + shape) * rates)
-
-    def slopes(self, x: FloatArray, values: FloatArray) -> Slopes:
-        """Their derivatives at x, where they have the given values."""
-        unknowns = self._unknowns
+    def at(self, x: FloatArray) -> tuple[FloatArray, Slopes]:
+        """The states, shape (n_rows, n_phases), and their derivatives."""
+        unknowns, mean = self._unknowns, self._mean
         if not unknowns.duration_is_free:
-            return self._constant
+            values = self._fixed + (self._constant.columns @ x).reshape(mean.shape)
+            return np.asarray(values), self._constant
+        boundary, weights = unknowns.boundary_at(x), x[: unknowns.n_weights]
         rates, slope = self._rates(unknowns.duration_at(x)), unknowns.log_duration_slope(x)
-        grown = self._boundary_part(_POWERS[:, None] * unknowns.boundary_at(x))
+        shape = mean + (self._columns[:, : weights.size] @ weights).reshape(mean.shape)
+        values = np.asarray((self._boundary_part(boundary) + shape) * rates)
+        grown = self._boundary_part(_POWERS[:, None] * boundary)
         by_duration = slope * (grown * rates - self._orders * values).ravel()
-        n_phases = self._mean.shape[1]
-        decay = np.asarray(slope * np.repeat(self._orders, n_phases))
-        of_states = np.repeat(rates[:, 0], n_phases)
+        decay = np.asarray(slope * np.repeat(self._orders, mean.shape[1]))
+        of_states = np.repeat(rates[:, 0], mean.shape[1])
         timing = unknowns.growth(x), of_states, by_duration, decay
-        return Slopes(self._columns, unknowns.scales.size, timing)
+        return values, Slopes(self._columns, unknowns.scales.size, timing)
 
 
 def state_map(unknowns: Unknowns, basis: Basis, phases: FloatArray, highest: int) -> StateMap:
@@ -366,10 +359,10 @@ class SegmentProgram:
         return self._known[key]
 
     def _evaluated(self, x: FloatArray) -> tuple[Course, Quadratic]:
-        unknowns, tables, by_row = self.unknowns, self.tables, self._states.values(x)
+        unknowns, tables, (by_row, by_unknown) = self.unknowns, self.tables, self._states.at(x)
         n_nodes, n_joints, duration = tables.n_nodes, unknowns.n_joints, unknowns.duration_at(x)
         if self._slopes is None or unknowns.duration_is_free:
-            rows = self._states.slopes(x, by_row).rows()
+            rows = by_unknown.rows()
             by_rate = rows.reshape(N_RATES, n_joints, n_nodes, x.size).transpose(0, 2, 1, 3)
             stacked = by_rate[:3].transpose(1, 0, 2, 3).reshape(n_nodes, 3 * n_joints, x.size)
             self._slopes = by_rate, stacked
