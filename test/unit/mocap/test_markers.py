@@ -72,37 +72,40 @@ def test_a_marker_that_is_absent_nan_or_absurdly_far_is_missing(tmp_path: Path) 
     assert np.isnan(found.positions[9, 1]).all()
 
 
+def stream_bag(path: Path, messages: Messages, *streams: tuple[str, str, list, list]) -> Path:
+    """Streams are topics, types, stamps and places, with quaternions where they are poses."""
+    entries = []
+    for topic, kind, stamps, places in streams:
+        for stamp, place in zip(map(int, stamps), places, strict=True):
+            make = messages.point if kind == POINT else messages.pose_stamped
+            entries.append((topic, kind, stamp, make(*place, stamp)))
+    return write_messages(path, messages, sorted(entries, key=lambda entry: entry[2]))
+
+
 @pytest.mark.parametrize(("pattern", "suffix"), [("/mocap", ""), ("/mocap/*/point", "/point")])
 def test_points_on_a_topic_for_each_marker_are_frames(
     tmp_path: Path, pattern: str, suffix: str
 ) -> None:
-    messages = Messages()
-    entries = []
-    for k in range(N):
-        stamp = EPOCH + k * STEP
-        for name, places in (("elbow", PATHS[0]), ("wrist", PATHS[1])):
-            topic = f"/mocap/{name}{suffix}"
-            entries.append((topic, POINT, stamp + 1000, messages.point(places[k], stamp)))
-    path = write_messages(tmp_path / "bag", messages, entries)
+    stamps = EPOCH + STEP * np.arange(N)
+    named = (("elbow", PATHS[0]), ("wrist", PATHS[1]))
+    streams = [(f"/mocap/{n}{suffix}", POINT, stamps, [(p,) for p in path]) for n, path in named]
+    path = stream_bag(tmp_path / "bag", Messages(), *streams)
     found = read_markers(path, pattern, placed("elbow", "wrist"))
     np.testing.assert_array_equal(found.positions, PATHS[:2].transpose(1, 0, 2))
-    np.testing.assert_array_equal(found.header_stamps, EPOCH + STEP * np.arange(N))
+    np.testing.assert_array_equal(found.header_stamps, stamps)
 
 
 def test_markers_with_stamps_of_their_own_are_interpolated_over_small_steps(
     tmp_path: Path,
 ) -> None:
-    messages = Messages()
-    entries = []
-    for k in range(40):
-        stamp = EPOCH + k * STEP
-        entries.append(("/m/fast", POINT, stamp, messages.point((k, 0, 0), stamp)))
-    for k in range(20):
-        stamp = EPOCH + 2 * k * STEP + STEP // 2
-        if not 8 <= k < 12:
-            place = (0.0, 2 * k + 0.5, 0.0)
-            entries.append(("/m/slow", POINT, stamp, messages.point(place, stamp)))
-    path = write_messages(tmp_path / "bag", messages, sorted(entries, key=lambda e: e[2]))
+    slow = np.array([k for k in range(20) if not 8 <= k < 12])
+    late, places = EPOCH + 2 * slow * STEP + STEP // 2, [((0, 2 * k + 0.5, 0),) for k in slow]
+    path = stream_bag(
+        tmp_path / "bag",
+        Messages(),
+        ("/m/fast", POINT, EPOCH + STEP * np.arange(40), [((k, 0, 0),) for k in range(40)]),
+        ("/m/slow", POINT, late, places),
+    )
     found = read_markers(path, "/m", placed("fast", "slow"))
     frames = np.arange(40.0)
     known = ((frames > 0.5) & (frames < 14.5)) | ((frames > 24.5) & (frames < 38.5))
@@ -110,39 +113,26 @@ def test_markers_with_stamps_of_their_own_are_interpolated_over_small_steps(
     assert np.isnan(found.positions[~known, 1]).all()
 
 
-def test_a_body_with_an_orientation_gives_points_on_it(tmp_path: Path) -> None:
-    turns = Rotation.random(N, random_state=2)
-    messages = Messages()
-    entries = []
-    for k in range(N):
-        stamp = EPOCH + k * STEP
-        message = messages.pose_stamped(PATHS[0, k], turns[k].as_quat(), stamp)
-        entries.append(("/vicon/hand", POSE, stamp, message))
-    path = write_messages(tmp_path / "bag", messages, entries)
-    tip = MarkerPlacement("tip", "link", (0, 0, 0), body="hand", offset=(0.1, 0.0, -0.2))
-    found = read_markers(path, "/vicon", [tip, *placed("hand")])
-    expected = PATHS[0] + turns.apply([0.1, 0.0, -0.2])
-    np.testing.assert_allclose(found.positions[:, 0], expected, atol=1e-12)
-    np.testing.assert_array_equal(found.positions[:, 1], PATHS[0])
-
-
-def test_quaternions_between_samples_turn_the_short_way_whatever_their_signs(
+def test_bodies_with_orientations_give_points_on_them_and_turn_the_short_way(
     tmp_path: Path,
 ) -> None:
-    messages, entries = Messages(), []
-    for k in range(2 * N):
-        stamp = EPOCH + k * STEP
-        entries.append(("/m/clock", POSE, stamp, messages.pose_stamped((0, 0, 0), UPRIGHT, stamp)))
-    for k in range(N):
-        stamp = EPOCH + 2 * k * STEP + STEP // 2
-        turn = (-1.0) ** k * Rotation.from_euler("z", 0.1 * (2 * k + 0.5)).as_quat()
-        entries.append(("/m/hand", POSE, stamp, messages.pose_stamped((0, 0, 0), turn, stamp)))
-    path = write_messages(tmp_path / "bag", messages, sorted(entries, key=lambda e: e[2]))
-    tip = MarkerPlacement("tip", "link", (0, 0, 0), body="hand", offset=(1.0, 0.0, 0.0))
-    found = read_markers(path, "/m", [tip, *placed("clock")]).positions[1 : 2 * N - 2, 0]
-    angles = 0.1 * np.arange(1, 2 * N - 2)
-    expected = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
-    np.testing.assert_allclose(found, expected, atol=1e-4)
+    """Also between samples, whatever the signs of their quaternions."""
+    fast, slow = np.arange(2 * N), 2 * np.arange(N)
+    turns = [
+        (-1.0) ** k * Rotation.from_euler("z", 0.1 * (2 * k + 0.5)).as_quat() for k in range(N)
+    ]
+    path = stream_bag(
+        tmp_path / "bag",
+        Messages(),
+        ("/m/clock", POSE, EPOCH + fast * STEP, [((0, 0, 0), UPRIGHT)] * 2 * N),
+        ("/m/hand", POSE, EPOCH + slow * STEP + STEP // 2, [((0, 0, 3), turn) for turn in turns]),
+    )
+    tip = MarkerPlacement("tip", "link", (0, 0, 0), body="hand", offset=(1.0, 0.0, -0.5))
+    found = read_markers(path, "/m", [tip, *placed("clock", "hand")]).positions[1 : 2 * N - 2]
+    angles = 0.1 * fast[1:-2]
+    expected = np.column_stack([np.cos(angles), np.sin(angles), np.full(2 * N - 3, 2.5)])
+    np.testing.assert_allclose(found[:, 0], expected, atol=1e-4)
+    np.testing.assert_allclose(found[:, 2], np.tile([0.0, 0.0, 3.0], (2 * N - 3, 1)))
 
 
 def tf_bag(path: Path, hand_parent: str = "room", bag_format: str = "mcap", kind: str = TF) -> Path:

@@ -48,6 +48,10 @@ def test_predicted_motion_goes_from_rest_to_rest_along_the_expected_path(duratio
     np.testing.assert_allclose(slope, motion.velocities, atol=2e-2)
 
 
+def test_a_primitive_says_how_well_it_predicts():
+    assert "% nearer than minimum-jerk motions (" in str(arm_primitive())
+
+
 def test_draws_scatter_about_the_expected_motion_as_the_covariance_states():
     start, goal = request()
     draws = np.array([m.positions for m in arm_primitive().sample(400, start, goal, seed=1)])

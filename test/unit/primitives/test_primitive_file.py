@@ -125,19 +125,6 @@ def test_what_a_file_holds_is_no_larger_than_the_file(path):
         load_primitive(path)
 
 
-def test_files_with_statistics_of_their_demonstrations_are_read(path):
-    """Earlier files hold more arrays, which predictions don't need."""
-
-    def change(arrays, metadata):
-        arrays["extents"] = np.ones(3)
-        del metadata["left_out_error"], metadata["minimum_jerk_error"]
-
-    forge(path, change)
-    loaded = load_primitive(path)
-    assert_same(loaded, arm_primitive())
-    assert np.isnan(loaded.summary()["left_out_error"])
-
-
 def test_pickled_content_is_not_executed(tmp_path):
     path = tmp_path / "pickle.npz"
     np.savez(path, metadata=np.array("{}"), weights=np.array([{}, None], dtype=object))

@@ -65,17 +65,6 @@ def timings():
     return [curved(even), curved(late), curved(early), curved(even[::2], 2.0), with_rest(0.2)]
 
 
-def test_linear_alignment_is_the_share_of_the_duration():
-    demonstrations = arm_demonstrations()
-    warps = align(demonstrations, "linear")
-    for demonstration, warp in zip(demonstrations, warps, strict=True):
-        np.testing.assert_allclose(
-            aligned_positions(demonstration, warp, PHASES),
-            demonstration.time_normalised(101),
-            atol=1e-12,
-        )
-
-
 def test_one_path_at_different_paces_becomes_one_motion():
     demonstrations = timings()
     for before, after in zip(
