@@ -255,8 +255,9 @@ class CollisionModel:
         q : array, shape (n_configurations, n_joints)
             Positions of the robot's joints in its order.
         """
-        entries = np.nonzero(~(self.body_pairs.bounds(q, CONTACT) > CONTACT))
-        return bool(np.any(~(self.body_pairs.distances(q, *entries) >= CONTACT)))
+        poses = self.body_pairs.poses(q)
+        entries = np.nonzero(~(self.body_pairs.bounds(poses, CONTACT) > CONTACT))
+        return bool(np.any(~(self.body_pairs.distances(poses, *entries) >= CONTACT)))
 
     def check(self, distances: FloatArray, *, hulls: bool = False) -> Callable[[FloatArray], bool]:
         """A function like `collides`: whether any pair is nearer than its margin and a distance.
@@ -357,7 +358,8 @@ def _are_apart(tree: JointTree, links: Bodies, pairs: Indices, q: FloatArray) ->
 
     def touching(bodies: Bodies, some: Indices) -> Indices:
         measured = BodyPairs(tree, bodies, pairs[some], np.zeros(len(some)))
-        distances = measured.distances(q[None], np.zeros_like(some), np.arange(len(some)))
+        at = measured.poses(q[None]), np.zeros_like(some), np.arange(len(some))
+        distances = measured.distances(*at)
         return some[~(distances >= CONTACT)]
 
     near = touching(links, np.arange(len(pairs)))
@@ -453,7 +455,7 @@ def _moments_in_collision(
         middle = (first + last) // 2
         middle -= np.where(last - first > _PARTS, middle % _PARTS, 0)
         every, places = np.unique(middle, return_inverse=True)
-        between = bodies.distances(_between(q, every), places, pairs)
+        between = bodies.distances(bodies.poses(_between(q, every)), places, pairs)
         note(middle, pairs, between)
         pairs = np.tile(pairs, 2)
         first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
@@ -488,10 +490,13 @@ def _doubtful(bodies: BodyPairs, trajectory: Trajectory) -> _Doubtful:
         closed = np.diff(travelled, axis=0) @ bodies.levers.T
     pad = np.zeros((1, n_pairs))
     enough = np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed]))
-    bounds = bodies.bounds(q, enough)
+    poses = bodies.poses(q)
+    bounds = bodies.bounds(poses, enough)
     interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
+    if not interval.size:
+        return pairs, pairs, pairs, np.zeros((2, 0))
     every, places = np.unique(_at_ends(interval, interval + 1, pairs, n_pairs), return_inverse=True)
-    distances = bodies.distances(q, *np.divmod(every, n_pairs))[places].reshape(2, -1)
+    distances = bodies.distances(poses, *np.divmod(every, n_pairs))[places].reshape(2, -1)
     kept = ~(distances.sum(axis=0) - closed[interval, pairs] > 2.0 * CONTACT)
     interval, pairs = interval[kept], pairs[kept]
     return pairs, _PARTS * grid[interval], _PARTS * grid[interval + 1], distances[:, kept]

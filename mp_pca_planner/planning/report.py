@@ -140,9 +140,11 @@ def _nearest_obstacle(
     pairs = np.array([i for i, (_, name) in enumerate(model.pairs) if name in obstacles])
     if not pairs.size:
         return None
-    distance, pair = model.body_pairs.least(trajectory.positions[every.astype(np.intp)], pairs)
-    found = distance + float(model.margins[pair]), model.pairs[pair][1]
-    return found if distance <= _CLEARANCE_REACH else None
+    q = trajectory.positions[every.astype(np.intp)]
+    if (least := model.body_pairs.least(q, pairs, _CLEARANCE_REACH)) is None:
+        return None
+    distance, pair = least
+    return distance + float(model.margins[pair]), model.pairs[pair][1]
 
 
 def _status(best: Candidate, budget: Budget) -> tuple[str, str]:

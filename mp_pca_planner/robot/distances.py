@@ -135,8 +135,9 @@ _NEAR = 3e-3
 # all pairs take longer to make than a search for a path takes.
 _FEW, _MANY = 50, 300
 
-# Distances that are measured at once where the least one is wanted.
-_AT_ONCE = 16
+# Where the least distance is wanted, distances that are measured at once, and the share of the
+# configurations that is measured first.
+_AT_ONCE, _FEW_OF = 16, 8
 
 Indices = NDArray[np.intp]
 
@@ -224,27 +225,29 @@ class BodyPairs:
         parts = self._tree, self._bodies, self._indices, self.margins + distances
         return _collision_check(*parts, hulls=hulls)
 
-    def bounds(self, q: FloatArray, enough: FloatArray | float) -> FloatArray:
+    def poses(self, q: FloatArray) -> JointPoses:
+        """Poses of the joints in some configurations, shape (n_configurations, n_joints)."""
+        return self._tree.poses(q)
+
+    def bounds(
+        self, poses: JointPoses, enough: FloatArray | float, known: FloatArray | None = None
+    ) -> FloatArray:
         """Lower bounds of all distances in some configurations.
 
         Parameters
         ----------
-        q : array, shape (n_configurations, n_joints)
-            The configurations.
+        poses : JointPoses
+            Those of the configurations.
         enough : float, or array that broadcasts to (n_configurations, n_pairs)
             A bound above this one is not improved [m].
+        known : array, shape (n_configurations, n_pairs), optional
+            Bounds that are known already [m]; they are improved in place.
 
         Returns
         -------
         bounds : array, shape (n_configurations, n_pairs)
             The bounds [m]; those of bodies in collision are at most 0.
         """
-        return self._bounds(self._tree.poses(q), enough)
-
-    def _bounds(
-        self, poses: JointPoses, enough: FloatArray | float, known: FloatArray | None = None
-    ) -> FloatArray:
-        """See `bounds`; those that are known already are improved in place."""
         bodies = self._bodies
         turned, centres = (values[:, bodies.joints] for values in poses)
         centres = centres + (turned @ bodies.centres[:, :, None])[..., 0]
@@ -263,13 +266,13 @@ class BodyPairs:
             every[places] = np.maximum(every[places], gaps)
         return known
 
-    def distances(self, q: FloatArray, configurations: Indices, pairs: Indices) -> FloatArray:
+    def distances(self, poses: JointPoses, configurations: Indices, pairs: Indices) -> FloatArray:
         """Distances of pairs in configurations; of hulls, as long as these are not in contact.
 
         Parameters
         ----------
-        q : array, shape (n_configurations, n_joints)
-            The configurations.
+        poses : JointPoses
+            Those of the configurations.
         configurations, pairs : array of int, shape (n,)
             Configuration and pair of each entry.
 
@@ -278,7 +281,7 @@ class BodyPairs:
         distances : array, shape (n,)
             The distances [m].
         """
-        places = self._places(self._tree.poses(q), configurations, pairs)
+        places = self._places(poses, configurations, pairs)
         numbers, margins = pairs.tolist(), self.margins[pairs]
         results = map(self._of_hulls, numbers, *places)
         found = np.array([one.min_distance for one in results])
@@ -303,7 +306,7 @@ class BodyPairs:
         poses, known = self._tree.poses(q), None
         if before is not None:
             known = before.bounds - np.abs(q - before.q) @ self.levers.T
-        bounds = self._bounds(poses, reach, known)
+        bounds = self.bounds(poses, reach, known)
         configurations, pairs = np.nonzero(~(bounds > reach))
         most = self.margins[pairs] + reach
         distances, points = self._nearest_points(poses, configurations, pairs, most)
@@ -313,7 +316,7 @@ class BodyPairs:
         rows = self._rows(poses, configurations, pairs, distances[is_near], points[is_near])
         return NearPairs(bounds, configurations, pairs, bounds[configurations, pairs], rows, q)
 
-    def least(self, q: FloatArray, pairs: Indices) -> tuple[float, int]:
+    def least(self, q: FloatArray, pairs: Indices, reach: float) -> tuple[float, int] | None:
         """The least distance of some pairs in some configurations [m], and its pair.
 
         Parameters
@@ -322,19 +325,26 @@ class BodyPairs:
             The configurations, at least one.
         pairs : array of int, shape (n_pairs,)
             The pairs, at least one.
+        reach : float
+            Largest distance of interest [m]; without any up to this, the result is None.
         """
-        bounds = self.bounds(q, np.inf)[:, pairs].ravel()
-        order, best, nearest = np.argsort(bounds), np.inf, -1
-        for some in np.split(order, range(_AT_ONCE, order.size, _AT_ONCE)):
-            if bounds[some[0]] >= best:
-                break
-            k, chosen = np.divmod(some, len(pairs))
-            entries = np.arange(some.size), pairs[chosen], np.full(some.size, -np.inf)
-            distances, _ = self._nearest_points(self._tree.poses(q[k]), *entries)
-            distances -= self.margins[pairs[chosen]]
-            if distances.min() < best:
-                best, nearest = float(distances.min()), int(pairs[chosen[distances.argmin()]])
-        return best, nearest
+        least, found = reach, None
+        # The least distance in a few of them tells which bounds of the others matter.
+        for some in (q[::_FEW_OF], q):
+            poses = self.poses(some)
+            bounds = self.bounds(poses, least)[:, pairs].ravel()
+            order = np.flatnonzero(bounds <= least)
+            order = order[np.argsort(bounds[order])]
+            for chosen in np.split(order, range(_AT_ONCE, order.size, _AT_ONCE)):
+                if not chosen.size or bounds[chosen[0]] > least:
+                    break
+                k, which = np.divmod(chosen, len(pairs))
+                entries = k, pairs[which], np.full(k.size, -np.inf)
+                distances = self._nearest_points(poses, *entries)[0] - self.margins[entries[1]]
+                if (nearest := distances.min()) <= least:
+                    least = float(nearest)
+                    found = least, int(entries[1][distances.argmin()])
+        return found
 
     def nearest_point(self, q: FloatArray, pair: int) -> FloatArray:
         """Point of the second body of a pair that is nearest to the first one, shape (3,) [m]."""

@@ -50,6 +50,8 @@ Each further one reaches as much further. Most paths are near the ends.
 _N_PATHS, _N_COMPARED, _N_CHECKS = 60, 4, 5_000
 # Share of the remaining time at which the search for a path is cut off.
 _SHARE_OF_SEARCH = 0.75
+# Configurations that are checked before the clock is read again: it takes a tenth of a check.
+_CHECKS_PER_STOP = 8
 # Length of a path, relative to the straight line, up to which it is not compared.
 _MAX_DETOUR = 1.5
 # Distance between the configurations of a line that are checked [rad or m], and the same where the
@@ -311,13 +313,15 @@ def sampled_path(
         require(f"ompl.{name}", "", "the search for detours")
         for name in ("base", "geometric", "util")
     )
-    n_joints, n_checks = ends[0].size, 0
+    n_joints, n_checks, is_over = ends[0].size, 0, False
 
     def is_free(state: Any) -> bool:
-        nonlocal n_checks
+        nonlocal n_checks, is_over
         n_checks += 1
+        if n_checks % _CHECKS_PER_STOP == 0:
+            is_over = is_over or should_stop()
         # Once time has run out, the simplifier finds no shortcut and ends.
-        return not (should_stop() or collides(np.array(state[0:n_joints])))
+        return not (is_over or collides(np.array(state[0:n_joints])))
 
     def ends_now() -> bool:
         return n_checks > max_checks or should_stop()

@@ -120,7 +120,9 @@ def test_distances_are_those_of_plain_calls_and_bounds_lie_below():
         assert np.all(own[clear] <= plain[clear] + 1e-5)
         assert np.all(own[plain <= -1e-3] < 1e-3)
         for enough in (0.0, 0.1, np.inf):
-            below = found.body_pairs.bounds(q, enough)[near.configurations, near.pairs]
+            below = found.body_pairs.bounds(found.body_pairs.poses(q), enough)[
+                near.configurations, near.pairs
+            ]
             assert np.all(below <= np.maximum(near.distances, 0.0) + 1e-9)
         met = np.array([found.collides(one) for one in q])
         clearly = np.abs(plain[:, is_exact]).min(axis=1) > 1e-4
@@ -155,7 +157,8 @@ def test_least_distance_and_other_orders_and_replaced_worlds_agree():
     replaced = CollisionModel(arm_robot())
     for found, q, rng in random_models(5, 4, margin=0.01):
         near, pairs = found.near(q, np.inf), np.flatnonzero(found.margins > 0.0)
-        distance, pair = found.body_pairs.least(q, pairs)
+        distance, pair = found.body_pairs.least(q, pairs, 10.0)
+        assert found.body_pairs.least(q, pairs, distance - 1e-6) is None
         assert distance == near.bounds[:, pairs].min() == near.bounds[:, pair].min()
         replaced.set_world(found.world, 0.01)
         order = rng.permutation(4)
