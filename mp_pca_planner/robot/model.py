@@ -278,12 +278,13 @@ class Robot:
 
     def position_ranges(self) -> dict[str, tuple[float, float]]:
         """Least and largest position of each joint that the URDF states [rad or m], by name."""
-        stated = {name: self._description.limits[name] for name in self.joint_names}
-        ranges = {
-            name: (limits.get("min_position", -np.inf), limits.get("max_position", np.inf))
-            for name, limits in stated.items()
-        }
-        return {name: (low, high) for name, (low, high) in ranges.items() if low < high}
+        ranges, stated = {}, self._description.limits
+        for name in self.joint_names:
+            ends = ("min_position", -np.inf), ("max_position", np.inf)
+            low, high = (stated[name].get(key, usual) for key, usual in ends)
+            if low < high:
+                ranges[name] = low, high
+        return ranges
 
     def with_joints(self, joint_names: Sequence[str]) -> Robot:
         """The robot with these joints moving; itself, if they are its own in this order.
@@ -602,16 +603,7 @@ class Robot:
         RobotError
             If there is no such frame.
         """
-        return self._positions(q, self._frame_ids(frames))
-
-    def _positions(self, q: FloatArray, ids: Sequence[int]) -> FloatArray:
-        (q,) = self._order.checked(q, n_dims=2)
-        points = np.empty((len(q), len(ids), 3))
-        for k, configuration in enumerate(q):
-            pin.framesForwardKinematics(self._model, self._data, configuration)
-            for i, frame in enumerate(ids):
-                points[k, i] = self._data.oMf[frame].translation
-        return points
+        return self.attached_poses(q, frames, np.zeros((len(frames), 6)))[..., :3]
 
     def attached_poses(
         self, q: FloatArray, frames: Sequence[str], origins: FloatArray
