@@ -420,9 +420,11 @@ def _moments_in_collision(
     deepest = np.full(n_pairs, np.inf)
     found: dict[int, list[tuple[float, int]]] = {}
 
-    def largest_approach(pairs: Indices, first: Indices, last: Indices) -> FloatArray:
+    def largest_approach(
+        pairs: Indices, first: Indices, last: Indices, ends: FloatArray
+    ) -> FloatArray:
         moved = _between(travelled, last) - _between(travelled, first)
-        return np.asarray(np.einsum("ej,ej->e", moved, bodies.levers[pairs]))
+        return bodies.approaches(pairs, moved, ends.max(axis=0))
 
     def note(moments: Indices, pairs: Indices, distances: FloatArray) -> None:
         for e in np.flatnonzero(~(distances >= CONTACT)):  # a NaN is a collision
@@ -431,7 +433,7 @@ def _moments_in_collision(
         np.fmin.at(deepest, pairs, distances)
 
     pairs, first, last, ends = doubtful
-    closed = largest_approach(pairs, first, last)
+    closed = largest_approach(pairs, first, last, ends)
     every, places = np.unique(_at_ends(first, last, pairs, n_pairs), return_index=True)
     note(*np.divmod(every, n_pairs), ends.ravel()[places])
     if found and not precisely:
@@ -460,7 +462,7 @@ def _moments_in_collision(
         pairs = np.tile(pairs, 2)
         first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
         ends = np.block([[ends[0], between], [between, ends[1]]])
-        closed = largest_approach(pairs, first, last)
+        closed = largest_approach(pairs, first, last, ends)
 
 
 def _at_ends(first: Indices, last: Indices, pairs: Indices, n_pairs: int) -> Indices:
@@ -473,7 +475,7 @@ def _doubtful(bodies: BodyPairs, trajectory: Trajectory) -> _Doubtful:
     times, n_pairs = trajectory.times, len(bodies.margins)
     steps = np.diff(times)
     # A single point is an interval of its own.
-    grid, closed = np.zeros(2, dtype=np.intp), np.zeros((1, n_pairs))
+    grid, moved = np.zeros(2, dtype=np.intp), np.zeros((1, trajectory.n_joints))
     q = trajectory.positions[[0, 0]]
     if steps.size:
         ends = segment_ends(times, *trajectory.states)
@@ -487,16 +489,23 @@ def _doubtful(bodies: BodyPairs, trajectory: Trajectory) -> _Doubtful:
         share = part / n_parts
         q, _, _ = interpolate_at(times[segment] + share * steps[segment], times, ends)
         travelled = before[segment] + share[:, None] * displacements[segment]
-        closed = np.diff(travelled, axis=0) @ bodies.levers.T
-    pad = np.zeros((1, n_pairs))
+        moved = np.diff(travelled, axis=0)
+    closed, pad = moved @ bodies.levers.T, np.zeros((1, n_pairs))
     enough = np.maximum(np.vstack([closed, pad]), np.vstack([pad, closed]))
     poses = bodies.poses(q)
     bounds = bodies.bounds(poses, enough)
     interval, pairs = np.nonzero(~(bounds[:-1] + bounds[1:] - closed > 2.0 * CONTACT))
+
+    def in_doubt(ends: FloatArray) -> NDArray[np.bool_]:
+        closed = bodies.approaches(pairs, moved[interval], ends.max(axis=0))
+        return np.asarray(~(ends.sum(axis=0) - closed > 2.0 * CONTACT))
+
+    kept = in_doubt(np.array([bounds[interval, pairs], bounds[interval + 1, pairs]]))
+    interval, pairs = interval[kept], pairs[kept]
     if not interval.size:
         return pairs, pairs, pairs, np.zeros((2, 0))
     every, places = np.unique(_at_ends(interval, interval + 1, pairs, n_pairs), return_inverse=True)
     distances = bodies.distances(poses, *np.divmod(every, n_pairs))[places].reshape(2, -1)
-    kept = ~(distances.sum(axis=0) - closed[interval, pairs] > 2.0 * CONTACT)
+    kept = in_doubt(distances)
     interval, pairs = interval[kept], pairs[kept]
     return pairs, _PARTS * grid[interval], _PARTS * grid[interval + 1], distances[:, kept]

@@ -52,6 +52,14 @@ class JointTree:
         For each coordinate of a configuration, the joint's number, from 0 without the base.
     moves : array, shape (n_joints + 1, n_joints)
         1 for each coordinate that moves a joint, else 0.
+    offsets : array, shape (n_joints + 1, 3)
+        Origin of each joint at position 0, in the frame of the one before it [m].
+    slides : array, shape (n_joints + 1,)
+        How far each joint may slide [m]; 0 for those that turn.
+    depths : array, shape (n_joints + 1,)
+        Largest distance of each joint from the base along the links [m].
+    first_after : array of int, shape (n_joints + 1, n_joints + 1)
+        The first joint on the path from one joint to another one that it moves, else 0.
     """
 
     def __init__(self, model: Any, order: NDArray[np.intp]) -> None:
@@ -64,12 +72,19 @@ class JointTree:
         for j in range(1, n):
             self.moves[j] = self.moves[self._parents[j]]
             self.moves[j, self._columns[j]] = 1.0
-        self._offsets = np.array([placements[j].translation for j in range(n)])
+        self.offsets = np.array([placements[j].translation for j in range(n)])
         fixed = np.array([placements[j].rotation for j in range(n)])
         self.axes, self.turns = _axes(model, columns)
         ends = np.abs([model.lowerPositionLimit, model.upperPositionLimit])
         slides = np.append(0.0, ends.max(axis=0)[columns])
-        self._lengths = np.linalg.norm(self._offsets, axis=1) + np.where(self.turns, 0.0, slides)
+        self.slides = np.where(self.turns, 0.0, slides)
+        self._lengths = np.linalg.norm(self.offsets, axis=1) + self.slides
+        self.depths, self.first_after = np.zeros(n), np.zeros((n, n), dtype=np.intp)
+        for j in range(1, n):
+            parent = self._parents[j]
+            self.depths[j] = self.depths[parent] + self._lengths[j]
+            self.first_after[:, j] = self.first_after[:, parent]
+            self.first_after[parent, j] = j
         cross = np.cross(self.axes[:, None], np.eye(3)).transpose(0, 2, 1)
         # Rodrigues: R(q) = I + sin q · K + (1 − cos q) · K², after the fixed placement.
         self._by_sine, square = fixed @ cross, fixed @ cross @ cross
@@ -102,7 +117,7 @@ class JointTree:
         angles = q[:, self._columns, None]
         local = self._constant + self._by_sine * np.sin(angles)[..., None]
         local += self._by_cosine * np.cos(angles)[..., None]
-        shifts = self._offsets + self._slide * angles
+        shifts = self.offsets + self._slide * angles
         rotations, positions = np.empty_like(local), np.empty_like(shifts)
         rotations[:, 0], positions[:, 0] = np.eye(3), 0.0
         for j, parent in list(enumerate(self._parents))[1:]:
@@ -208,6 +223,7 @@ class BodyPairs:
         levers = _levers(tree, bodies)
         # A joint that moves both does not count.
         self.levers = np.abs(self._moved) * np.where(self._moved > 0.0, *levers[[second, first]])
+        self._levers_in_contact = self._of_contacts(first, second)
 
     @cached_property
     def collide(self) -> Callable[[FloatArray], bool]:
@@ -290,6 +306,39 @@ class BodyPairs:
             exact = self._of_shapes(numbers[e], places[0][e], places[1][e])
             found[e] = exact.min_distance - margins[e]
         return found
+
+    def _of_contacts(self, first: Indices, second: Indices) -> FloatArray:
+        """Levers of the points at which pairs meet, like `levers`.
+
+        These points are on both bodies: no farther from a joint than the body that it does not
+        move reaches. Known where that one is nearer to the base along the links.
+        """
+        bodies, tree = self._bodies, self._tree
+        levers = np.full(self.levers.shape, np.inf)
+        for still, moving in ((first, second), (second, first)):
+            base, tip = bodies.joints[still], bodies.joints[moving]
+            joints = tree.first_after[base, tip]
+            (p,) = np.nonzero(joints)
+            to_joint = np.linalg.norm(tree.offsets[joints[p]] - bodies.centres[still[p]], axis=1)
+            to_joint += bodies.radii[still[p]] + self.margins[p] + tree.slides[joints[p]]
+            lengths = tree.depths[1 + tree.joints] - tree.depths[joints[p], None]
+            levers[p] = np.where(tree.turns[1 + tree.joints], to_joint[:, None] + lengths, np.inf)
+        return np.where(self.levers > 0.0, levers, np.inf)
+
+    def approaches(self, pairs: Indices, moved: FloatArray, distances: FloatArray) -> FloatArray:
+        """Largest lengths by which pairs come nearer, until they meet or again that near [m].
+
+        Parameters
+        ----------
+        pairs : array of int, shape (n,)
+            The pairs.
+        moved : array, shape (n, n_joints)
+            Displacements of the joints [rad or m].
+        distances : array, shape (n,)
+            Their distances before, or lower bounds of these [m].
+        """
+        near = self._levers_in_contact[pairs] + np.maximum(distances, 0.0)[:, None]
+        return np.asarray(np.einsum("ej,ej->e", moved, np.minimum(self.levers[pairs], near)))
 
     def near(self, q: FloatArray, reach: float, before: NearPairs | None = None) -> NearPairs:
         """The pairs that are nearer than some distance in some configurations.
