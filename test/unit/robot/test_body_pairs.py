@@ -199,14 +199,14 @@ def test_no_distance_changes_by_more_than_its_bound(step):
     tightest = np.inf
     sliding = mp.Robot(CHAIN.replace('"two" type="revolute"', '"two" type="prismatic"'), NAMES)
     for found, _, rng in random_models(7, 4, margin=0.01):
-        for model in (found, CollisionModel(sliding, world=found.world, margin=0.05)):
-            n = model.body_pairs.levers.shape[1]
+        for bodies in (found, CollisionModel(sliding, world=found.world, margin=0.05)):
+            n = bodies.body_pairs.levers.shape[1]
             one = rng.uniform(-1.5, 1.5, (40, n))
             other = one + step * rng.uniform(-1.0, 1.0, one.shape)
-            ends = np.array([model.near(q, np.inf).bounds for q in (one, other)])
-            pairs = np.tile(np.arange(len(model.pairs)), len(one))
-            moved = np.repeat(np.abs(other - one), len(model.pairs), axis=0)
-            most = model.body_pairs.approaches(pairs, moved, ends.max(axis=0).ravel())
+            ends = np.array([bodies.near(q, np.inf).bounds for q in (one, other)])
+            pairs = np.tile(np.arange(len(bodies.pairs)), len(one))
+            moved = np.repeat(np.abs(other - one), len(bodies.pairs), axis=0)
+            most = bodies.body_pairs.approaches(pairs, moved, ends.max(axis=0).ravel())
             # Penetrations of hulls are not those of meshes.
             clear = (ends > 0.0).all(axis=0).ravel() & (moved.max(axis=1) > 0.0)
             change = np.abs(ends[1] - ends[0]).ravel()
