@@ -277,8 +277,7 @@ def _add_collisions(parser: argparse.ArgumentParser) -> None:
     world.add_argument(
         "--collision",
         action=argparse.BooleanOptionalAction,
-        default=True,
-        help="avoid self-collisions, where the URDF has collision shapes (default: yes)",
+        help="avoid self-collisions (default: where the URDF has shapes)",
     )
     world.add_argument(
         "--obstacles",

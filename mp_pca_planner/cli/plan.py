@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..arrays import by_name
-from ..exceptions import GoalError, PlannerError, quote_names
+from ..exceptions import GoalError, PlannerError, RobotError, quote_names
 from ..motion.collision import CollisionModel
 from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
@@ -225,14 +225,18 @@ def _collision(
     """The collision model, and what it does not check."""
     if arguments.obstacles is None and arguments.margin is not None:
         raise PlannerError("--margin is the clearance from --obstacles: also pass --obstacles")
-    if not arguments.collision and arguments.srdf is not None:
+    is_checked = arguments.collision is not False
+    if not is_checked and arguments.srdf is not None:
         raise PlannerError("--srdf is for self-collision: remove --no-collision")
-    return robot_collision(
+    model, remarks = robot_collision(
         robot,
         primitives,
-        self_collision=arguments.collision,
+        self_collision=is_checked,
         srdf=arguments.srdf,
         package_dirs=package_folders(arguments.package_dirs, arguments.robot),
         world=None if arguments.obstacles is None else World.from_file(arguments.obstacles),
         margin=arguments.margin or 0.0,
     )
+    if arguments.collision and model is None:
+        raise RobotError(f"--collision: {remarks[0]}")
+    return model, remarks

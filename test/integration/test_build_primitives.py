@@ -3,8 +3,6 @@
 """`build_primitives` with people in the loop: the cuts, the page, several processes."""
 
 import base64
-import csv
-import json
 from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
@@ -24,10 +22,8 @@ GOALS = ([0.0, 1.0, 0.2, 0.9], [0.1, 0.8, 0.0], [0.0, 0.7, 0.1, 1.1])
 NAMES = ("one", "two & <b>bold", "three")
 
 
-WORDS = ("build_primitives",)
-run = partial(commands.run, *WORDS)
-build = partial(commands.result, *WORDS)
-refusal = partial(commands.refusal, *WORDS)
+build = partial(commands.result, "build_primitives")
+refusal = partial(commands.refusal, "build_primitives")
 
 
 @pytest.fixture(scope="module")
@@ -40,127 +36,84 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def arrays(path: Path) -> dict[str, np.ndarray]:
     """Arrays of a primitive file, read by NumPy alone."""
     with np.load(path) as file:
         return {name: file[name] for name in file.files if name != "metadata"}
 
 
-def spans(path: Path) -> list[tuple]:
-    return [
-        (d["recording"], d["start_time_s"], d["end_time_s"])
-        for d in load_primitive(path).metadata["demonstrations"]
-    ]
+def used(path: Path) -> list[dict]:
+    """The demonstrations that a primitive file lists."""
+    return load_primitive(path).metadata["demonstrations"]
 
 
-def test_written_segments_fed_back_give_the_same_motions(bags: Path, tmp_path: Path) -> None:
+def test_written_segments_fed_back_give_the_same_motions_and_labels_select_them(
+    bags: Path, tmp_path: Path
+) -> None:
     first, second, table = tmp_path / "1.npz", tmp_path / "2.npz", tmp_path / "cuts.csv"
     build(bags, "--output", first, "--write-segments", table)
-    assert len(rows(table)) == 8 and list(rows(table)[0]) == [
-        "recording",
-        "start_time_s",
-        "end_time_s",
-        "label",
-    ]
+    header, *rows = table.read_text().splitlines()
+    assert len(rows) == 8 and header == "recording,start_time_s,end_time_s,label"
     build(bags, "--output", second, "--segments", table)
-    assert spans(first) == spans(second)
     for name, array in arrays(first).items():
         np.testing.assert_array_equal(array, arrays(second)[name])
+    labelled = [row + x for row, x in zip(rows, "uvvwuuvw", strict=True)]
+    table.write_text("\n".join([header, *labelled]))
+    some = ("--segments", table, "--output", second, "--force")
+    facts = build(bags, *some, "--label", "u,w")
+    assert facts["n_motions"] == 5 and sorted(d["label"] for d in used(second)) == list("uuuww")
+    assert "valid names: 'u', 'v', 'w'" in refusal(bags, *some, "--label", "x")
 
 
-def test_joint_states_in_a_field_give_the_same_primitive_as_on_a_topic(
-    tmp_path: Path, bag_format: str
+def test_the_file_is_that_of_python_from_processes_and_from_states_in_a_field(
+    bags: Path, tmp_path: Path
 ) -> None:
-    plain, embedded = tmp_path / "plain.npz", tmp_path / "embedded.npz"
+    files = [tmp_path / name for name in ("one.npz", "three.npz", "python.npz", "field.npz")]
+    for file, jobs in zip(files, (1, 3), strict=False):
+        build(bags, "--output", file, "--name", "p", "--jobs", jobs)
+    assert files[0].read_bytes() == files[1].read_bytes()
+    build_primitive(load_recordings([bags]).demonstrations, "p").save(files[2])
+    for name, array in arrays(files[2]).items():
+        np.testing.assert_array_equal(arrays(files[0])[name], array, err_msg=name)
     states = stamped(reaching(GOALS[0]))
-    (tmp_path / "a").mkdir()
-    bag = write_bag(tmp_path / "a" / "x", bag_format, states)
-    build(bag, "--name", "p", "--output", plain)
-    bag = write_embedded_bag(tmp_path / "x", bag_format, states)
-    built = build(bag, "--name", "p", "--output", embedded, "--topic", TOPIC, "--field", FIELD)
-    assert built["n_motions"] == 3
-    expected = arrays(plain)
-    for name, array in arrays(embedded).items():
-        np.testing.assert_array_equal(array, expected[name])
-
-
-def test_recordings_of_a_standing_arm_are_refused_by_name(bags: Path, tmp_path: Path) -> None:
-    noise = np.deg2rad(0.05) * np.random.default_rng(0).normal(size=(6000, 2))
-    for name in ("standing", "still"):
-        write_bag(tmp_path / name, "mcap", stamped(reaching([0.3], rest=60.0) + noise))
-    built = build(bags, tmp_path / "standing", "--output", tmp_path / "p.npz")
-    assert built["n_motions"] == 8
-    assert "standing" in [refused["recording"] for refused in built["refused"]]
-    standing = [tmp_path / "standing", tmp_path / "still", "--output", tmp_path / "q.npz"]
-    for segment in ("auto", "none"):
-        assert "it holds no motion" in refusal(*standing, "--segment", segment)
+    bag = write_embedded_bag(tmp_path / "one", "mcap", states)
+    build(bag, "--output", files[3], "--topic", TOPIC, "--field", FIELD)
+    build(bags / "one", "--output", files[0], "--force")
+    for name, array in arrays(files[3]).items():
+        np.testing.assert_array_equal(arrays(files[0])[name], array, err_msg=name)
 
 
 def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
     for name, goals in (("near", GOALS[0]), ("far", GOALS[2])):
         (tmp_path / name).mkdir()
         write_bag(tmp_path / name / f"{name}_bag", "mcap", stamped(reaching(goals)))
-    table = tmp_path / "segments" / "segments.csv"
-    table.parent.mkdir()
+    table = tmp_path / "segments.csv"
     rows = [f"{name}_bag,0.1,6.9,{name}" for name in ("near", "far")]
     table.write_text("\n".join(["recording,start_time_s,end_time_s,label", *rows]))
-    output = tmp_path / "by_folder"
     bags = [tmp_path / name for name in ("near", "far")]
-    status, out, err = run(*bags, "--by", "folder", "--output", output, "--json")
-    assert status == 0, err
-    assert {one["name"] for one in json.loads(out)["primitives"]} == {"near", "far"}
-    assert {file.name for file in output.iterdir()} == {"near.npz", "far.npz"}
+    output = tmp_path / "by_folder"
+    facts = build(*bags, "--by", "folder", "--output", output)
+    assert {one["name"] for one in facts["primitives"]} == {"near", "far"}
     assert load_primitives([output]).names == {"far", "near"}
-    status, _, err = run(*bags, "--by", "folder", "--output", output)
-    assert status == 2 and "exists already" in err
-    labelled = (*bags, "--segments", table, "--output", tmp_path / "by_label")
-    status, _, err = run(*labelled, "--by", "label")
-    assert status == 0, err
-    assert {file.name for file in (tmp_path / "by_label").iterdir()} == {"near.npz", "far.npz"}
-
-
-def labelled(bags: Path, tmp_path: Path, labels: str = "uvvwuuvw") -> Path:
-    """A table of all motions in which each has a letter for a label."""
-    table = tmp_path / "labels.csv"
-    build(bags, "--output", tmp_path / "all.npz", "--write-segments", table)
-    found = rows(table)
-    with table.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(found[0]))
-        writer.writeheader()
-        writer.writerows({**row, "label": x} for row, x in zip(found, labels, strict=True))
-    return table
-
-
-def test_label_selects_motions(bags: Path, tmp_path: Path) -> None:
-    table = labelled(bags, tmp_path)
-    output = tmp_path / "p.npz"
-    facts = build(bags, "--segments", table, "--label", "u,w", "--output", output)
-    found = [d["label"] for d in load_primitive(output).metadata["demonstrations"]]
-    assert facts["n_motions"] == len(found) and sorted(found) == list("uuuww")
+    assert "exists already" in refusal(*bags, "--by", "folder", "--output", output)
+    build(*bags, "--segments", table, "--output", tmp_path / "labels", "--by", "label")
+    assert {file.name for file in (tmp_path / "labels").iterdir()} == {"near.npz", "far.npz"}
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--label", "u"], "labels select motions of a table"),
-        (["--segments", "TABLE", "--label", "x"], "valid names: 'u', 'v', 'w'"),
         (["--min-rest", "-1"], "is not a number from"),
-        (["--min-motion", "soon"], "is not a number from"),
         (["--min-rest", "1", "--segment", "none"], "are for --segment auto"),
         (["--jobs", "0"], "'0' is not a whole number from 1 to 1024"),
         (["--report", "page.txt"], "must end in .html"),
-        (["--write-segments", "cuts.txt"], "must end in .csv"),
+        (["--field", "a.b"], "'a.b' needs a topic"),
     ],
 )
 def test_what_makes_no_sense_is_refused(
     bags: Path, tmp_path: Path, options: list[str], message: str
 ) -> None:
-    options = [str(labelled(bags, tmp_path)) if x == "TABLE" else x for x in options]
     assert message in refusal(bags, "--output", tmp_path / "p.npz", *options)
     assert not (tmp_path / "p.npz").exists()
 
@@ -174,23 +127,16 @@ def test_shortest_rest_and_motion_decide_on_the_cuts(tmp_path: Path) -> None:
     assert merged["n_motions"] == 1
 
 
-def test_processes_give_the_same_bytes_in_the_same_order(bags: Path, tmp_path: Path) -> None:
-    files = [tmp_path / f"{jobs}.npz" for jobs in (1, 3)]
-    facts = [
-        build(bags, "--output", file, "--name", "p", "--jobs", jobs)
-        for file, jobs in zip(files, (1, 3), strict=True)
-    ]
-    assert files[0].read_bytes() == files[1].read_bytes()
-    assert facts[0]["refused"] == facts[1]["refused"]
-    assert list(facts[0]["repairs"]) == list(facts[1]["repairs"])
-
-
-def test_the_file_is_that_of_the_primitive_in_python(bags: Path, tmp_path: Path) -> None:
-    build(bags, "--output", tmp_path / "p.npz")
-    build_primitive(load_recordings([bags]).demonstrations, "p").save(tmp_path / "python.npz")
-    ours = arrays(tmp_path / "p.npz")
-    for name, array in arrays(tmp_path / "python.npz").items():
-        np.testing.assert_array_equal(ours[name], array, err_msg=name)
+def test_a_standing_arm_is_refused_alone_and_left_out_beside_others(
+    bags: Path, tmp_path: Path
+) -> None:
+    noise = np.deg2rad(0.05) * np.random.default_rng(0).normal(size=(6000, 2))
+    still = write_bag(tmp_path / "still", "mcap", stamped(reaching([0.3], rest=60.0) + noise))
+    built = build(bags, still, "--output", tmp_path / "p.npz")
+    assert built["n_motions"] == 8 and "still" in [x["recording"] for x in built["refused"]]
+    for segment in ("auto", "none"):
+        line = refusal(still, "--output", tmp_path / "q.npz", "--segment", segment)
+        assert "it holds no motion" in line
 
 
 def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -> None:
@@ -200,13 +146,12 @@ def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -
     content = file.read_bytes()
     file.write_bytes(content[: int(0.7 * len(content))])
     options = (file, "--output", tmp_path / "p.npz")
-    assert "damaged" in run(*options)[2]
+    assert "damaged" in refusal(*options)
     found = build(*options, "--salvage")
     assert found["repairs"] == {file.stem: {"gaps": 1, "cut_off": 1}}
     assert "before the damage" in found["notes"][file.stem][0]
-    found = build(*options, "--salvage", "--max-gap", "1", "--force")
+    found = build(*options, "--recover", "--max-gap", "1", "--force")
     assert found["repairs"] == {file.stem: {"cut_off": 1}}
-    assert "'a.b' needs a topic" in refusal(*options, "--field", "a.b", "--force")
 
 
 class Page(HTMLParser):
