@@ -32,175 +32,88 @@ from ..recordings.segmentation import CUTS, SegmentationOptions
 from ..renaming import read_rename
 from ..robot.model import Robot
 from .common import check_output, make_folder, primitive_lines, print_json, progress_bar
-from .options import add_bag_topic, add_report, name_list, seconds, whole
+from .options import (
+    add_bag_topic,
+    add_file,
+    add_rename,
+    add_report,
+    name_list,
+    seconds,
+    whole,
+)
 from .terminal import DONE, complain, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.usage = "%(prog)s PATH… --output FILE.npz [OPTION …]"
-    parser.description = "Learn a movement primitive from recorded bags and write it to a file."
-    parser.add_argument(
-        "bags",
-        metavar="PATH",
-        nargs="+",
-        help="ROS 1 .bag, rosbag2 folder, .db3, .mcap; .csv; LeRobot dataset; globs and folders "
-        "of these",
-    )
-    _add_input(parser)
-    _add_markers(parser)
-    _add_cutting(parser)
-    _add_primitive(parser)
-    parser.add_argument(
-        "--output",
-        metavar="FILE|FOLDER",
-        type=Path,
-        required=True,
-        help="file to write; with --by the folder",
-    )
-    parser.add_argument(
-        "--by",
-        choices=["label", "folder"],
-        help="write one primitive for each label of --segments, or for each folder of recordings",
-    )
-    parser.add_argument(
-        "--report",
-        metavar="FILE.html",
-        type=Path,
-        help="page to write that shows recordings, cuts and components",
-    )
-    parser.add_argument(
-        "--write-segments",
-        metavar="FILE.csv",
-        type=Path,
-        help="table of the motions to write; edit it for --segments",
-    )
+    parser.description = "Learn a movement primitive from recordings and write it to a file."
+    help_text = ".bag, .db3, .mcap, .csv, LeRobot dataset; globs and folders of these"
+    parser.add_argument("bags", metavar="PATH", nargs="+", help=help_text)
+    help_text = "file to write; with --by the folder"
+    output: dict[str, Any] = {"metavar": "FILE|FOLDER", "type": Path, "required": True}
+    parser.add_argument("--output", **output, help=help_text)
+    help_text = "a primitive for each label of --segments, or folder of recordings"
+    parser.add_argument("--by", choices=["label", "folder"], help=help_text)
+    add_file(parser, "--report", "FILE.html", "page of recordings, cuts and components to write")
     add_report(parser)
+    _add_recordings(parser.add_argument_group("recordings"))
+    _add_joints(parser.add_argument_group("joints"))
+    _add_cutting(parser.add_argument_group("cutting recordings into motions"))
+    _add_primitive(parser.add_argument_group("primitive"))
 
 
-def _add_input(parser: argparse.ArgumentParser) -> None:
-    add_bag_topic(parser)
-    parser.add_argument(
-        "--joints", metavar="a,b,c", type=name_list, help="joints to use, in this order"
-    )
-    parser.add_argument(
-        "--robot",
-        metavar="URDF",
-        type=Path,
-        help="robot of the recordings; without --joints, its joints that move in them are used",
-    )
-    parser.add_argument(
-        "--degrees",
-        action="store_true",
-        help="recorded positions are in degrees, not in radians",
-    )
-    parser.add_argument(
-        "--rename",
-        metavar="OLD=NEW",
-        action="append",
-        default=[],
-        help="new name of recorded joints, * for any text (left_*=* strips a prefix)",
-    )
-    parser.add_argument(
-        "--scale",
-        metavar="JOINT=FACTOR",
-        action="append",
-        default=[],
-        help="factor from recorded values to rad or m; or LeRobot's calibration FILE.json",
-    )
-    parser.add_argument(
-        "--max-gap",
-        metavar="S",
-        type=seconds,
-        help="longest gap that doesn't cut a recording [s] (default: 0.5, or 5 usual periods)",
-    )
-    workers = parser.add_mutually_exclusive_group()
-    workers.add_argument(
-        "--jobs",
-        metavar="N",
-        type=whole(1, 1024),
-        default=1,
-        help="number of recordings to read at the same time",
-    )
-    workers.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="scheduler (tcp://HOST:PORT) of a Dask cluster that reads the recordings",
-    )
+def _add_recordings(group: argparse._ArgumentGroup) -> None:
+    add_bag_topic(group)
+    help_text = "topic of markers to compute joint angles of --robot from"
+    group.add_argument("--markers", metavar="TOPIC", help=help_text)
+    add_file(group, "--marker-map", "FILE.yaml", "positions of the markers on the links")
+    help_text = "longest gap that doesn't cut [s] (default: 0.5, or 5 usual periods)"
+    group.add_argument("--max-gap", metavar="S", type=seconds, help=help_text)
+    workers = group.add_mutually_exclusive_group()
+    help_text = "number of recordings to read at the same time"
+    workers.add_argument("--jobs", metavar="N", type=whole(1, 1024), default=1, help=help_text)
+    help_text = "scheduler tcp://HOST:PORT of a Dask cluster that reads them"
+    workers.add_argument("--dask", metavar="ADDRESS", help=help_text)
 
 
-def _add_markers(parser: argparse.ArgumentParser) -> None:
-    markers = parser.add_argument_group("recordings of markers, with --robot")
-    markers.add_argument(
-        "--markers", metavar="TOPIC", help="topic of markers to compute joint angles from"
-    )
-    markers.add_argument(
-        "--marker-map",
-        metavar="FILE.yaml",
-        type=Path,
-        help="positions of the markers on the robot's links",
-    )
+def _add_joints(group: argparse._ArgumentGroup) -> None:
+    help_text = "joints to use, in this order (default: those that move)"
+    group.add_argument("--joints", metavar="a,b,c", type=name_list, help=help_text)
+    add_file(group, "--robot", "URDF", "robot of the recordings, whose joints are used")
+    help_text = "recorded positions are in degrees"
+    group.add_argument("--degrees", action="store_true", help=help_text)
+    add_rename(group, "new name of joints, * for any text (left_*=* strips a prefix)")
+    scale: dict[str, Any] = {"metavar": "JOINT=FACTOR", "action": "append", "default": []}
+    help_text = "factor to rad or m; or LeRobot's calibration FILE.json"
+    group.add_argument("--scale", **scale, help=help_text)
 
 
-def _add_cutting(parser: argparse.ArgumentParser) -> None:
-    cutting = parser.add_argument_group("cutting recordings into motions")
-    cutting.add_argument(
-        "--segment",
-        choices=["auto", "none"],
-        default="auto",
-        help="cut recordings at rests (auto), or don't cut them",
-    )
-    cutting.add_argument(
-        "--cut",
-        choices=CUTS,
-        help="cut at rests alone, or at valleys of the speed, too (default: valleys)",
-    )
-    cutting.add_argument(
-        "--min-rest",
-        metavar="S",
-        type=seconds,
-        help="shortest rest that cuts a recording [s] (default: 0.6)",
-    )
-    cutting.add_argument(
-        "--min-motion", metavar="S", type=seconds, help="shortest motion [s] (default: 0.25)"
-    )
-    cutting.add_argument(
-        "--segments",
-        metavar="FILE.csv",
-        type=Path,
-        help="table of motions: recording,start_time_s,end_time_s[,label]",
-    )
-    cutting.add_argument(
-        "--label",
-        metavar="a,b,c",
-        type=name_list,
-        help="use only motions with these labels in the table of --segments",
-    )
+def _add_cutting(group: argparse._ArgumentGroup) -> None:
+    help_text = "cut at rests (auto, the default), or don't cut"
+    group.add_argument("--segment", choices=["auto", "none"], default="auto", help=help_text)
+    help_text = "cut at rests alone, or at valleys of the speed, too (the default)"
+    group.add_argument("--cut", choices=CUTS, help=help_text)
+    help_text = "shortest rest that cuts [s] (default: 0.6)"
+    group.add_argument("--min-rest", metavar="S", type=seconds, help=help_text)
+    help_text = "shortest motion [s] (default: 0.25)"
+    group.add_argument("--min-motion", metavar="S", type=seconds, help=help_text)
+    add_file(group, "--segments", "FILE.csv", "table recording,start_time_s,end_time_s[,label]")
+    help_text = "use only motions with these labels in the table"
+    group.add_argument("--label", metavar="a,b,c", type=name_list, help=help_text)
+    add_file(group, "--write-segments", "FILE.csv", "table of the motions to write")
 
 
-def _add_primitive(parser: argparse.ArgumentParser) -> None:
-    primitive = parser.add_argument_group("primitive")
-    primitive.add_argument("--name", help="name of the primitive (default: the name of the file)")
-    primitive.add_argument(
-        "--coupling",
-        choices=COUPLINGS,
-        default="arm",
-        help="make a PCA of each joint, or of the whole arm (default: %(default)s)",
-    )
-    size = primitive.add_mutually_exclusive_group()
+def _add_primitive(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--name", help="name of the primitive (default: that of the file)")
+    help_text = "a PCA of each joint, or of the whole arm (default: %(default)s)"
+    group.add_argument("--coupling", choices=COUPLINGS, default="arm", help=help_text)
+    size = group.add_mutually_exclusive_group()
     size.add_argument("--components", metavar="K", type=int, help="number of components")
-    size.add_argument(
-        "--variance",
-        type=float,
-        default=0.99,
-        help="share of the variance that the components explain (default: %(default)g)",
-    )
-    primitive.add_argument(
-        "--align",
-        choices=ALIGNMENTS,
-        default="arc_length",
-        help="align motions by time, or by path length (default: %(default)s)",
-    )
+    help_text = "share that the components explain (default: %(default)g)"
+    size.add_argument("--variance", metavar="X", type=float, default=0.99, help=help_text)
+    help_text = "align motions by time, or by path length (default: %(default)s)"
+    group.add_argument("--align", choices=ALIGNMENTS, default="arc_length", help=help_text)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 
 from .common import print_json
-from .options import add_node
+from .options import add_json, add_node
 from .terminal import DONE, FAILED, PROGRAM, complain, say
 
 _SERVICES = {"reload": "reload_primitives", "save_motion": "save_motion", "stop": "stop"}
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
         parser.add_argument("service", choices=["reload", "save_motion"], help="what to do")
     add_node(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.reading import inspect_recording
 from .common import fact_lines, primitive_lines, print_json
-from .options import add_bag_topic
+from .options import add_bag_topic, add_json
 from .terminal import DONE, PROGRAM, REFUSED, complain, say
 
 
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = "Show the contents of bags and primitive files."
     parser.add_argument("files", metavar="FILE", nargs="+", help="bag, folder of bags, or .npz")
     add_bag_topic(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

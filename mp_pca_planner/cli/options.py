@@ -9,7 +9,7 @@ import math
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..planning.options import AUTO, BASES, MODES, OPTIMAL, TIMINGS
 from ..renaming import read_rename
@@ -18,8 +18,7 @@ from ..robot.limits import given_limits
 if TYPE_CHECKING:
     from ..robot.model import Robot
 
-VALUES = "name=value,… or values in the robot description's joint order [rad or m]"
-PLACE = "configuration (name=value,…) or pose ('FRAME: X Y Z' or with a quaternion)"
+PLACE = "configuration, or pose 'FRAME: X Y Z …',"
 
 
 class Stop(str):
@@ -85,6 +84,11 @@ def name_list(text: str) -> list[str]:
 def add_report(parser: argparse.ArgumentParser) -> None:
     """Add the options of commands that write files."""
     parser.add_argument("--force", action="store_true", help="overwrite files")
+    add_json(parser)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option of all commands that print results."""
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -92,42 +96,37 @@ def add_node(parser: argparse.ArgumentParser) -> None:
     """Add the options of clients of the node."""
     parser.add_argument("--node", metavar="NAME", default="mp_pca_planner", help="name of the node")
     parser.add_argument("--namespace", metavar="NS", default="", help="namespace of the node")
-    parser.add_argument(
-        "--timeout",
-        metavar="S",
-        type=seconds,
-        default=10.0,
-        help="longest time to wait for the node and for its answer [s] (default: %(default)g)",
-    )
+    help_text = "longest time to wait for the node and its answer [s] (default: %(default)g)"
+    parser.add_argument("--timeout", metavar="S", type=seconds, default=10.0, help=help_text)
 
 
-def add_robot_files(parser: argparse.ArgumentParser) -> None:
+def add_file(parser: argparse._ActionsContainer, name: str, metavar: str, help_text: str) -> None:
+    """Add an option whose value is a path."""
+    parser.add_argument(name, metavar=metavar, type=Path, help=help_text)
+
+
+def add_rename(parser: argparse._ActionsContainer, help_text: str) -> None:
+    """Add the option on new names of joints."""
+    options: dict[str, Any] = {"metavar": "OLD=NEW", "action": "append", "default": []}
+    parser.add_argument("--rename", **options, help=help_text)
+
+
+def add_robot_files(parser: argparse.ArgumentParser, *, is_needed: bool = True) -> None:
     """Add primitive files, and the options on the robot that they move."""
-    parser.add_argument("primitives", metavar="FILE", nargs="+", help="primitive files or folders")
-    parser.add_argument(
-        "--robot", metavar="URDF", type=Path, required=True, help="robot description"
-    )
-    parser.add_argument(
-        "--limits",
-        metavar="FILE.yaml",
-        type=Path,
-        help="limits, in the form of MoveIt's joint_limits.yaml",
-    )
-    parser.add_argument(
-        "--rename",
-        metavar="OLD=NEW",
-        action="append",
-        default=[],
-        help="new name of joints in the file of --limits, * for any text",
-    )
+    number_of_files = "+" if is_needed else "*"
+    help_text = "primitive files or folders"
+    parser.add_argument("primitives", metavar="FILE", nargs=number_of_files, help=help_text)
+    help_text = "robot description"
+    parser.add_argument("--robot", metavar="URDF", type=Path, required=is_needed, help=help_text)
+    add_file(parser, "--limits", "FILE.yaml", "limits, as in MoveIt's joint_limits.yaml")
+    add_rename(parser, "new name of joints in the file of --limits, * for any text")
     parser.add_argument(
         "--package-dirs",
         metavar="DIR",
         type=Path,
         nargs="+",
         default=[],
-        help="folders of packages with meshes; searched before ROS's folders and the folders "
-        "above the URDF",
+        help="folders of packages with meshes; searched before ROS's",
     )
 
 
@@ -141,178 +140,105 @@ def limits_given(arguments: argparse.Namespace, robot: Robot) -> dict[str, dict[
 
 def add_targets(parser: argparse._ActionsContainer, place: str) -> None:
     """Add the options on the targets before the goal; they are kept in their order."""
-    parser.add_argument(
-        "--via",
-        metavar="TARGET[@T]",
-        action="append",
-        default=[],
-        help=f"{place} to pass; @T: T s after the start; may be repeated",
-    )
-    parser.add_argument(
-        "--stop",
-        metavar="TARGET[@T]",
-        dest="via",
-        action="append",
-        type=Stop,
-        help=f"{place} to rest at; @T: T s after the start; may be repeated",
-    )
+    shared: dict[str, Any] = {"metavar": "TARGET[@T]", "action": "append"}
+    help_text = f"{place} to pass at T s; repeatable"
+    parser.add_argument("--via", **shared, default=[], help=help_text)
+    help_text = "the same to rest at; repeatable"
+    parser.add_argument("--stop", **shared, dest="via", type=Stop, help=help_text)
 
 
-def add_request(parser: argparse.ArgumentParser) -> None:
-    """Add the options that :func:`plan.plan_request` reads."""
+def add_request(parser: argparse.ArgumentParser, *, is_brief: bool = False) -> None:
+    """Add the options that :func:`plan.plan_request` reads.
+
+    Parameters
+    ----------
+    parser :
+        The parser.
+    is_brief :
+        Whether the help leaves out the options on how the motion is planned.
+    """
     parser.usage = "%(prog)s FILE… --robot URDF --start VALUES --goal VALUES [OPTION …]"
+    if is_brief:
+        parser.epilog = "The options of `plan` on the motion, such as --timing, are accepted, too."
     add_robot_files(parser)
     _add_ends(parser)
-    _add_motion(parser)
-    _add_objectives(parser)
+    _add_motion(parser, is_brief=is_brief)
     _add_collisions(parser)
 
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
-    ends = parser.add_argument_group("start and goal")
-    ends.add_argument(
-        "--start",
-        metavar="VALUES",
-        required=True,
-        help=f"start configuration: {VALUES}; may name further joints, which stay there",
-    )
+    ends = parser.add_argument_group("start and goal: name=value,… or all values in joint order")
+    help_text = "start [rad or m]; may also name joints that stay there"
+    ends.add_argument("--start", metavar="VALUES", required=True, help=help_text)
     goal = ends.add_mutually_exclusive_group(required=True)
-    goal.add_argument(
-        "--goal",
-        metavar="VALUES",
-        action=Once,
-        help=f"goal: {VALUES}, @T with --via; unnamed joints stay",
-    )
-    goal.add_argument(
-        "--goal-pose",
-        metavar="'X Y Z QX QY QZ QW'",
-        action=Once,
-        help="pose of a frame [m, unit quaternion] in the base frame; 3 numbers: position only",
-    )
-    ends.add_argument(
-        "--frame",
-        metavar="LINK",
-        help="link of --goal-pose (default: the last link that most joints move)",
-    )
-    ends.add_argument(
-        "--degrees", action="store_true", help="angles are in degrees, not in radians"
-    )
+    help_text = "goal [rad or m]; joints that are not named stay"
+    goal.add_argument("--goal", metavar="VALUES", action=Once, help=help_text)
+    help_text = "pose in the base frame [m, quaternion]; 3 numbers: position only"
+    goal.add_argument("--goal-pose", metavar="'X Y Z …'", action=Once, help=help_text)
+    help_text = "link of --goal-pose (default: the last that most joints move)"
+    ends.add_argument("--frame", metavar="LINK", help=help_text)
+    ends.add_argument("--degrees", action="store_true", help="angles are in degrees")
     add_targets(ends, PLACE)
 
 
-def _add_motion(parser: argparse.ArgumentParser) -> None:
+def _add_motion(parser: argparse.ArgumentParser, *, is_brief: bool) -> None:
     motion = parser.add_argument_group("motion")
-    motion.add_argument(
-        "--primitive", metavar="NAME", help="primitive to use (default: the nearest)"
-    )
-    motion.add_argument(
-        "--mode",
-        choices=MODES,
-        default=OPTIMAL,
-        help="join the predicted segments between targets (real_time), or optimise the motion",
-    )
-    motion.add_argument(
-        "--duration", metavar="T", type=number(1e-3, 600.0, "s"), help="duration [s]"
-    )
-    motion.add_argument(
-        "--timing",
-        choices=TIMINGS,
-        default=AUTO,
-        help="way to choose the duration (default: demonstrated, but free if the in-span score is "
-        "above 3, or for a detour)",
-    )
-    motion.add_argument("--basis", choices=BASES, default=BASES[0], help="basis functions")
-    motion.add_argument(
-        "--naturalness",
-        metavar="ρ",
-        type=number(0.0, 1.0),
-        help="1: close to the predicted motion; 0: least effort alone; values near 0.01 are "
-        "between (default: 1, or (3 / score)³ if the in-span score is above 3)",
-    )
-    motion.add_argument(
+
+    def add(name: str, help_text: str, **options: Any) -> None:
+        motion.add_argument(name, **options, help=argparse.SUPPRESS if is_brief else help_text)
+
+    help_text = "primitive to use (default: the nearest)"
+    motion.add_argument("--primitive", metavar="NAME", help=help_text)
+    duration = number(1e-3, 600.0, "s")
+    motion.add_argument("--duration", metavar="T", type=duration, help="duration [s]")
+    help_text = "optimise, or join predicted segments (real_time)"
+    add("--mode", help_text, choices=MODES, default=OPTIMAL)
+    help_text = "how to choose the duration (auto: demonstrated below score 3)"
+    add("--timing", help_text, choices=TIMINGS, default=AUTO)
+    add("--basis", "basis functions", choices=BASES, default=BASES[0])
+    help_text = "1: like the demonstrations … 0: least effort (default: 1; less for unlike goals)"
+    add("--naturalness", help_text, metavar="ρ", type=number(0.0, 1.0))
+    add(
         "--demonstrated-margin",
+        "most velocity and acceleration, in demonstrated ones; 0: only limits",
         metavar="M",
         type=number(0.0, 1e6),
         default=1.2,
-        help="largest velocities and accelerations, as multiples of the demonstrated ones; 0: only "
-        "the limits (default: %(default)g)",
     )
-    motion.add_argument(
+    add(
         "--max-in-span-score",
+        "reject requests above; 1: like the demonstrations, 3: unlike them",
         metavar="S",
         type=number(0.0, 1e6),
         default=0.0,
-        help="reject requests whose in-span score is above this (default: none); about 1 is like "
-        "the demonstrations, above 3 is unlike them",
     )
-    motion.add_argument(
-        "--max-solve-time",
-        metavar="S",
-        type=seconds,
-        help="longest time for planning [s] (default: 5, or none with --via); more may find a "
-        "better motion among obstacles",
-    )
-
-
-def _add_objectives(parser: argparse.ArgumentParser) -> None:
-    motion = parser.add_argument_group("objectives and constraints")
-    motion.add_argument(
-        "--objective",
-        metavar="NAME=WEIGHT,…",
-        default="effort=1",
-        help="weighted sum of objectives to minimise: effort, energy, jerk, time, straightness "
-        "(default: %(default)s)",
-    )
-    motion.add_argument(
-        "--constraint",
-        metavar="NAME:VALUE…;…",
-        default="",
-        help="constraints on every configuration, such as upright:FRAME:DEGREES: the z axis of a "
-        "frame stays within that angle of the vertical",
-    )
+    help_text = "longest time for planning [s] (default: 5, or none with --via)"
+    add("--max-solve-time", help_text, metavar="S", type=seconds)
+    help_text = "sum to minimise of effort, energy, jerk, time, straightness"
+    add("--objective", help_text, metavar="NAME=WEIGHT,…", default="effort=1")
+    help_text = "upright:FRAME:DEGREES keeps the z axis of a frame upright"
+    add("--constraint", help_text, metavar="NAME:VALUE…;…", default="")
 
 
 def _add_collisions(parser: argparse.ArgumentParser) -> None:
     world = parser.add_argument_group("collisions")
-    world.add_argument(
-        "--collision",
-        action=argparse.BooleanOptionalAction,
-        help="avoid self-collisions (default: where the URDF has shapes)",
-    )
-    world.add_argument(
-        "--obstacles",
-        metavar="FILE",
-        type=Path,
-        help="obstacles to avoid: a planning scene of MoveIt, .scene or YAML",
-    )
-    world.add_argument(
-        "--margin",
-        metavar="M",
-        type=number(0.0, 10.0, "m"),
-        help="least clearance from --obstacles [m] (default: 0)",
-    )
-    world.add_argument(
-        "--srdf",
-        metavar="FILE",
-        type=Path,
-        help="file of link pairs to skip (default: neighbours, and links that touch in the "
-        "neutral configuration)",
-    )
+    help_text = "avoid self-collisions (default: where the URDF has shapes)"
+    world.add_argument("--collision", action=argparse.BooleanOptionalAction, help=help_text)
+    add_file(world, "--obstacles", "FILE", SCENE)
+    help_text = "least clearance from --obstacles [m] (default: 0)"
+    world.add_argument("--margin", metavar="M", type=number(0.0, 10.0, "m"), help=help_text)
+    add_file(world, "--srdf", "FILE", "pairs of links to skip (default: those that touch at 0)")
 
 
-def add_bag_topic(parser: argparse.ArgumentParser) -> None:
+SCENE = "obstacles: a planning scene of MoveIt, .scene or YAML"
+"""What a file of obstacles is."""
+
+
+def add_bag_topic(parser: argparse._ActionsContainer) -> None:
     """Add the options on the messages of recordings."""
-    parser.add_argument(
-        "--topic",
-        help="JointState topic of the bags (default: the only one), or column of a LeRobot "
-        "dataset; several with commas between",
-    )
-    parser.add_argument(
-        "--field", metavar="a.b", help="field of the topic's messages that is a JointState"
-    )
-    parser.add_argument(
-        "--recover",
-        "--salvage",
-        action="store_true",
-        help="read the part of a damaged .mcap or .bag before the damage",
-    )
+    help_text = "of the bags (default: the only JointState one), or column of LeRobot"
+    parser.add_argument("--topic", help=help_text)
+    help_text = "field of the topic's messages that is a JointState"
+    parser.add_argument("--field", metavar="a.b", help=help_text)
+    help_text = "read a damaged .mcap or .bag up to the damage"
+    parser.add_argument("--recover", "--salvage", action="store_true", help=help_text)

@@ -11,7 +11,6 @@ import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..arrays import by_name
@@ -31,7 +30,7 @@ from ..robot.model import Robot
 from ..robot.world import World
 from .common import check_motion_file, check_output, robot_of, show, write_motion
 from .goal_arguments import planned_goal, start_positions
-from .options import add_report, add_request, limits_given
+from .options import add_file, add_report, add_request, limits_given
 from .terminal import DONE, FAILED, PROGRAM, complain
 
 if TYPE_CHECKING:
@@ -67,13 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = "Plan a motion like the demonstrations, or a sequence with --via."
     add_request(parser)
-    parser.add_argument(
-        "--output",
-        metavar="FILE",
-        type=Path,
-        help="motion to write: .csv, .json, .npz, or a bag",
-    )
-    parser.add_argument("--plot", metavar="FILE.png", type=Path, help="picture to write")
+    add_file(parser, "--output", "FILE", "motion to write: .csv, .json, .npz, or a bag")
+    add_file(parser, "--plot", "FILE.png", "picture to write")
     add_report(parser)
 
 

@@ -13,7 +13,7 @@ from ..learning.refined_motion import RefinedMotion, demonstrated_distance, prim
 from ..learning.refinement import refine
 from ..primitives.file import save_primitive
 from .common import check_motion_file, check_output, show, write_motion
-from .options import add_report, add_request, number
+from .options import add_file, add_report, add_request, number
 from .plan import PlannedRequest, plan_request
 from .terminal import DONE, FAILED, PROGRAM, complain
 
@@ -23,30 +23,15 @@ _LEAST_GAIN = 0.01  # share of the cost; a primitive of less is not worth its pl
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = (
-        "Plan a motion or, with --via, a sequence, then improve it segment by segment. The "
-        "amplitude, the duration and the timing of a segment are changed. The command prints the "
-        "saving, and the RMS distance in path from what the demonstrations predict: before, after."
+        "Plan a motion or, with --via, a sequence. Then change the amplitude, the duration and the "
+        "timing of each segment to reduce its cost."
     )
-    add_request(parser)
-    parser.add_argument(
-        "--time-price",
-        metavar="P",
-        type=number(0.0, 1e12),
-        help="cost of 1 s, in units of ½∫‖τ‖²dt (default: the duration doesn't change)",
-    )
+    add_request(parser, is_brief=True)
+    help_text = "cost of 1 s, in units of ½∫‖τ‖²dt (default: the duration doesn't change)"
+    parser.add_argument("--time-price", metavar="P", type=number(0.0, 1e12), help=help_text)
     parser.add_argument("--name", help="name of the new primitive (default: OLD_refined)")
-    parser.add_argument(
-        "--output",
-        metavar="FILE.npz",
-        type=Path,
-        help="new primitive to write; numbered for segments of a sequence",
-    )
-    parser.add_argument(
-        "--trajectory",
-        metavar="FILE",
-        type=Path,
-        help="refined motion to write: .csv, .json, .npz, or a bag",
-    )
+    add_file(parser, "--output", "FILE.npz", "new primitive to write; numbered for a sequence")
+    add_file(parser, "--trajectory", "FILE", "refined motion to write: .csv, .json, .npz, or a bag")
     add_report(parser)
 
 

@@ -15,7 +15,7 @@ from ..execution.outcomes import MotionOutcome
 from ..motion.goal import JointState
 from .common import print_json, reported, show
 from .goal_arguments import joint_values, pose, sequence_goal
-from .options import add_node, add_targets, number
+from .options import add_json, add_node, add_targets, number
 from .terminal import DONE, FAILED, REFUSED, say
 
 # Arguments are checked before ROS is imported.
@@ -39,40 +39,24 @@ means that the motion was published."""
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = _DESCRIPTION
-    place = "positions by joint name, or in the robot description's joint order"
+    place = "name=value,… or values in joint order,"
     goal = parser.add_mutually_exclusive_group(required=True)
-    goal.add_argument(
-        "goal", metavar="NAME=VALUE,…", nargs="?", default=argparse.SUPPRESS, help=f"goal: {place}"
-    )
+    absent: dict[str, Any] = {"nargs": "?", "default": argparse.SUPPRESS}
+    goal.add_argument("goal", metavar="NAME=VALUE,…", **absent, help=f"goal: {place[:-1]}")
     goal.add_argument("--goal", metavar="NAME=VALUE,…[@T]", help="the same as an option")
-    goal.add_argument(
-        "--goal-pose",
-        "--pose",
-        metavar="'X Y Z QX QY QZ QW'",
-        help="pose of the end effector [m, unit quaternion]; 3 numbers: position only",
-    )
-    parser.add_argument(
-        "--frame",
-        metavar="LINK",
-        default="",
-        help="link in whose frame --goal-pose is stated (default: the base)",
-    )
+    pose_options: dict[str, Any] = {"metavar": "'X Y Z …'", "dest": "goal_pose"}
+    help_text = "pose of the end effector [m, quaternion]; 3 numbers: position only"
+    goal.add_argument("--goal-pose", "--pose", **pose_options, help=help_text)
+    help_text = "link in whose frame --goal-pose is stated (default: the base)"
+    parser.add_argument("--frame", metavar="LINK", default="", help=help_text)
     add_targets(parser, place)
-    parser.add_argument(
-        "--degrees", action="store_true", help="all positions are in degrees, not in radians"
-    )
-    parser.add_argument(
-        "--primitive", metavar="NAME", default="", help="primitive to use (default: the nearest)"
-    )
-    parser.add_argument(
-        "--wait",
-        metavar="S",
-        type=number(0.0, 1e6, "s"),
-        help="longest time to wait until the node is ready for goals, and from the end of the "
-        "motion until the robot has arrived [s]; 0: don't wait (default: 0 and 30)",
-    )
+    parser.add_argument("--degrees", action="store_true", help="positions are in degrees")
+    help_text = "primitive to use (default: the nearest)"
+    parser.add_argument("--primitive", metavar="NAME", default="", help=help_text)
+    help_text = "longest time to wait for the node, and for arrival after the motion [s]"
+    parser.add_argument("--wait", metavar="S", type=number(0.0, 1e6, "s"), help=help_text)
     add_node(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..exceptions import GoalError
 from ..robot.world import World
 from .common import show
-from .options import add_node
+from .options import SCENE, add_json, add_node
 from .terminal import DONE, FAILED, PROGRAM, complain
 
 
@@ -20,12 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Give the running node the obstacles of a file, beside those that it has. Obstacles of the "
         "same name are replaced."
     )
-    parser.add_argument(
-        "scene", metavar="FILE", type=Path, nargs="?", help="planning scene of MoveIt: .scene, YAML"
-    )
+    parser.add_argument("scene", metavar="FILE", type=Path, nargs="?", help=SCENE)
     parser.add_argument("--clear", action="store_true", help="remove all obstacles before")
     add_node(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

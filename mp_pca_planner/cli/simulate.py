@@ -24,7 +24,7 @@ from ..ros.simulated_robot import SimulatedRobotNode
 from ..simulation.robot import Faults, SimulatedRobot
 from .common import check_output, robot_of, show, usual_ends
 from .goal_arguments import angles_in_degrees, joint_values
-from .options import add_report, name_list, number, whole
+from .options import add_file, add_report, name_list, number, whole
 from .terminal import DONE
 
 _FAULTS = {
@@ -46,57 +46,28 @@ node arguments after --ros-args. Ctrl-C ends it."""
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = _DESCRIPTION
-    parser.add_argument(
-        "--robot", metavar="URDF", type=Path, required=True, help="robot description"
-    )
-    parser.add_argument(
-        "--primitive",
-        metavar="FILE",
-        help="primitive file: its joints are those of the controller, and the robot starts where "
-        "its demonstrations usually do",
-    )
-    parser.add_argument(
-        "--joints", metavar="A,B", type=name_list, help="joints of the controller (default: all)"
-    )
-    parser.add_argument(
-        "--start",
-        metavar="VALUES",
-        help="start: name=value,… or one value per joint [rad or m] (default: that of --primitive, "
-        "else 0, or the middle of the limits)",
-    )
-    parser.add_argument(
-        "--degrees", action="store_true", help="angles are in degrees, not in radians"
-    )
-    parser.add_argument(
-        "--rate",
-        metavar="HZ",
-        type=number(0.01, 1000.0, "Hz"),
-        default=500.0,
-        help="rate of joint_states (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--controller-topic",
-        metavar="TOPIC",
-        default="mp_pca_planner/joint_trajectory",
-        help="topic of the trajectories to execute (default: %(default)s)",
-    )
+    needed: dict[str, Any] = {"metavar": "URDF", "type": Path, "required": True}
+    parser.add_argument("--robot", **needed, help="robot description")
+    help_text = "primitive file: the robot has its joints and starts as its demonstrations"
+    parser.add_argument("--primitive", metavar="FILE", help=help_text)
+    help_text = "joints of the controller (default: all)"
+    parser.add_argument("--joints", metavar="A,B", type=name_list, help=help_text)
+    help_text = "start: name=value,… or values in joint order [rad or m]"
+    parser.add_argument("--start", metavar="VALUES", help=help_text)
+    parser.add_argument("--degrees", action="store_true", help="angles are in degrees")
+    rate = number(0.01, 1000.0, "Hz")
+    help_text = "rate of joint_states (default: %(default)g)"
+    parser.add_argument("--rate", metavar="HZ", type=rate, default=500.0, help=help_text)
+    topic = "mp_pca_planner/joint_trajectory"
+    help_text = "of the trajectories to execute (default: %(default)s)"
+    parser.add_argument("--controller-topic", metavar="TOPIC", default=topic, help=help_text)
     for name, (default, meaning) in _FAULTS.items():
-        parser.add_argument(
-            f"--{name.replace('_', '-')}", metavar="X", type=float, default=default, help=meaning
-        )
-    parser.add_argument(
-        "--seed",
-        metavar="N",
-        type=whole(0, 2**63 - 1),
-        default=0,
-        help="seed of all random numbers",
-    )
-    parser.add_argument(
-        "--record",
-        metavar="FILE.npz",
-        type=Path,
-        help="file to write every command to, at 1 kHz",
-    )
+        option = f"--{name.replace('_', '-')}"
+        parser.add_argument(option, metavar="X", type=float, default=default, help=meaning)
+    seed = whole(0, 2**63 - 1)
+    help_text = "seed of all random numbers"
+    parser.add_argument("--seed", metavar="N", type=seed, default=0, help=help_text)
+    add_file(parser, "--record", "FILE.npz", "file to write every command to, at 1 kHz")
     add_report(parser)
 
 

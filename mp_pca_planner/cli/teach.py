@@ -27,7 +27,7 @@ from ..teaching.session import (
 )
 from .common import check_frame, check_output, fact_lines, reported
 from .main import run_command
-from .options import add_node, name_list
+from .options import add_file, add_node, name_list
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, say
 
 _DESCRIPTION = """\
@@ -43,41 +43,17 @@ motions are beside FILE.npz. The same command continues a session that was quit 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = _DESCRIPTION
-    parser.add_argument(
-        "--output",
-        metavar="FILE.npz",
-        type=Path,
-        required=True,
-        help="primitive to write; the recording is written beside it",
-    )
-    parser.add_argument(
-        "--joints",
-        metavar="a,b,c",
-        type=name_list,
-        help="joints to use, in this order (default: the robot's joints, or all)",
-    )
-    parser.add_argument(
-        "--robot",
-        metavar="URDF",
-        type=Path,
-        help="robot description; positions of the end effector are then shown",
-    )
-    parser.add_argument(
-        "--frame",
-        metavar="LINK",
-        default="",
-        help="end effector of the robot (default: the last link that most joints move)",
-    )
-    parser.add_argument(
-        "--topic",
-        help="topic of joint states (default: joint_states, or the only such topic of --play)",
-    )
-    parser.add_argument(
-        "--play",
-        metavar="BAG",
-        type=Path,
-        help="recording to play back in place of a robot, without ROS",
-    )
+    output: dict[str, Any] = {"metavar": "FILE.npz", "type": Path, "required": True}
+    help_text = "primitive to write; the recording is written beside it"
+    parser.add_argument("--output", **output, help=help_text)
+    help_text = "joints to use, in this order (default: the robot's joints, or all)"
+    parser.add_argument("--joints", metavar="a,b,c", type=name_list, help=help_text)
+    add_file(parser, "--robot", "URDF", "robot description, to show the end effector's positions")
+    help_text = "end effector of the robot (default: the last link that most joints move)"
+    parser.add_argument("--frame", metavar="LINK", default="", help=help_text)
+    help_text = "topic of joint states (default: joint_states, or the only one of --play)"
+    parser.add_argument("--topic", help=help_text)
+    add_file(parser, "--play", "BAG", "recording to play back in place of a robot, without ROS")
     parser.add_argument("--force", action="store_true", help="overwrite the primitive")
     add_node(parser)
 

@@ -25,11 +25,18 @@ DEBUG_HELP = "print the traceback of an error"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
+class HelpFormatter(argparse.HelpFormatter):
+    """Help with most options on one line each."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=30)
+
+
 class OneLineParser(argparse.ArgumentParser):
     """Argument parser whose errors are one line on stderr, with exit status 2."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
+        super().__init__(**{"formatter_class": HelpFormatter, **options})
         # Lists such as -0.2,0.1 are values, too, not options.
         self._negative_number_matcher = re.compile(r"-[\d.]")
         self._words: list[str] = []

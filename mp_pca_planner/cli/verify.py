@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from ..primitives.file import save_primitive
 from ..robot.model import Robot
 from .common import check_output, progress_bar, show
 from .goal_arguments import joint_values
-from .options import add_report, add_request, number, whole
+from .options import add_file, add_report, add_request, number, whole
 from .plan import plan_request
 from .terminal import DONE, FAILED
 
@@ -26,53 +25,30 @@ from .terminal import DONE, FAILED
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = (
-        "Bound the error of a control law along a planned motion, and simulate the motion under "
-        "this law with errors of the model and the start, effort limits, sampling and delay."
+        "Bound the error of a control law along a planned motion, and simulate it with errors."
     )
-    add_request(parser)
+    add_request(parser, is_brief=True)
     add_report(parser)
-    parser.add_argument(
-        "--output", metavar="FILE.npz", type=Path, help="primitive to write, with this law"
-    )
-    parser.add_argument(
-        "--trials", type=whole(1, 100_000), default=100, help="simulations (default: %(default)s)"
-    )
+    add_file(parser, "--output", "FILE.npz", "primitive to write, with this law")
     law = parser.add_argument_group("control law (default: the primitive's own, if it has one)")
     law.add_argument("--law", choices=KINDS, help=f"kind of law (default: {KINDS[0]})")
-    law.add_argument(
-        "--natural-frequency",
-        metavar="ω",
-        type=number(1e-3, 1e5),
-        default=30.0,
-        help="natural frequency of the error, from which the gains follow [rad/s] "
-        "(default: %(default)g)",
-    )
+    help_text = "of the error, for the gains [rad/s] (default: %(default)g)"
+    omega = number(1e-3, 1e5)
+    law.add_argument("--natural-frequency", metavar="ω", type=omega, default=30.0, help=help_text)
     errors = parser.add_argument_group("assumed errors")
-    errors.add_argument(
-        "--inertia-error",
-        metavar="SHARE",
-        type=number(0.0, 0.999),
-        default=0.05,
-        help="relative error of the links' masses and principal moments of inertia, up or down "
-        "(default: %(default)g)",
-    )
-    errors.add_argument(
-        "--start-error",
-        type=number(0.0, 10.0),
-        default=0.001,
-        help="error of each joint at the start [rad or m] (default: %(default)g)",
-    )
-    errors.add_argument(
-        "--friction",
-        default="0",
-        help="largest Coulomb friction: one number, or name=value,… [N·m or N]",
-    )
-    errors.add_argument(
-        "--armature",
-        default="0",
-        help="inertias of the rotors, reflected to the joints: one number, or name=value,… "
-        "[kg·m² or kg]",
-    )
+    help_text = "relative error of masses and moments of inertia (default: %(default)g)"
+    share = number(0.0, 0.999)
+    errors.add_argument("--inertia-error", metavar="X", type=share, default=0.05, help=help_text)
+    help_text = "error of each joint at the start [rad or m] (default: %(default)g)"
+    angle = number(0.0, 10.0)
+    errors.add_argument("--start-error", metavar="X", type=angle, default=0.001, help=help_text)
+    help_text = "Coulomb friction, a number or name=value,… [N·m or N] (default: 0)"
+    errors.add_argument("--friction", metavar="VALUES", default="0", help=help_text)
+    help_text = "inertias of the rotors, likewise [kg·m² or kg] (default: 0)"
+    errors.add_argument("--armature", metavar="VALUES", default="0", help=help_text)
+    trials = whole(1, 100_000)
+    help_text = "simulations (default: %(default)s)"
+    errors.add_argument("--trials", metavar="N", type=trials, default=100, help=help_text)
 
 
 def run(arguments: argparse.Namespace) -> int:

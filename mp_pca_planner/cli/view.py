@@ -8,12 +8,16 @@ import argparse
 import threading
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
-from ..primitives.library import load_primitives
+from ..exceptions import GoalError
+from ..primitives.library import PrimitiveLibrary, load_primitives
+from ..primitives.primitive import MovementPrimitive
+from ..robot.examples import HUMAN_ARM
+from ..robot.model import Robot
 from ..robot.world import World
 from .common import robot_of
-from .options import add_robot_files, limits_given, whole
+from .example_robots import demonstrations_of
+from .options import SCENE, add_file, add_robot_files, limits_given, whole
 from .terminal import DONE, say
 
 
@@ -21,28 +25,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.description = (
         "Show the robot, its primitives and plans on a page in the browser. You drag the goal, and "
-        "the plan follows. Sliders of the components bend a typical demonstration. The page needs "
-        "no ROS, and only this machine can open it. Ctrl-C ends the command."
+        "the plan follows. Without FILE, it is an example. The page needs no ROS, and only this "
+        "machine can open it. Ctrl-C ends the command."
     )
-    add_robot_files(parser)
-    parser.add_argument(
-        "--obstacles",
-        metavar="FILE",
-        type=Path,
-        help="obstacles: a planning scene of MoveIt, .scene or YAML",
-    )
-    parser.add_argument(
-        "--port",
-        type=whole(0, 65535),
-        default=8080,
-        help="port, or the first free port after it; 0: any free port (default: %(default)s)",
-    )
+    add_robot_files(parser, is_needed=False)
+    add_file(parser, "--obstacles", "FILE", SCENE)
+    help_text = "port, or the first free one after it; 0: any (default: %(default)s)"
+    parser.add_argument("--port", type=whole(0, 65535), default=8080, help=help_text)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit status."""
-    primitives = load_primitives(arguments.primitives)
-    robot = robot_of(arguments.robot, primitives)
+    if arguments.robot is None and arguments.primitives:
+        raise GoalError("a primitive moves a robot: also pass --robot URDF")
+    if arguments.robot is not None and not arguments.primitives:
+        raise GoalError("--robot needs a primitive file; without both, the page shows an example")
+    robot, primitives = _read(arguments)
     # After the files were read: it takes a second.
     from ..view.content import read_content
     from ..view.page import ViewPage
@@ -58,3 +56,14 @@ def run(arguments: argparse.Namespace) -> int:
         with suppress(KeyboardInterrupt):  # the usual end
             threading.Event().wait()
     return DONE
+
+
+def _read(arguments: argparse.Namespace) -> tuple[Robot, PrimitiveLibrary]:
+    """The robot and the primitives of the files, or an example."""
+    if arguments.primitives:
+        primitives = load_primitives(arguments.primitives)
+        return robot_of(arguments.robot, primitives), primitives
+    say("no FILE is given: the page shows the human-like arm with a primitive of generated motions")
+    robot = Robot.example(HUMAN_ARM)
+    motions = demonstrations_of(HUMAN_ARM, robot, robot.limits())
+    return robot, PrimitiveLibrary([MovementPrimitive.fit(motions, name="example")])

@@ -23,11 +23,6 @@ DRIFT = 0.1  # [rad/s]
 SEED = 0
 
 
-def n_goals(rate):
-    """For some seconds, and no more than a test has time for."""
-    return min(round(4.0 * rate), 12)
-
-
 class Panda(Node):
     """A panda at the start of a demonstration, and its node."""
 
@@ -90,70 +85,19 @@ def test_same_goal_again_and_again_arrives_as_soon_as_a_single_one(rate):
     node.assert_clean()
 
 
-def drift(rate):
-    """Follow a goal that drifts; the node, the last goal, and its distance after each goal."""
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.campaign
+def test_drifting_goal_is_followed_and_met(rate):
     node = Panda()
     node.ask(node.ends[3])
     node.run(6.0)
     displacement = node.ends[4] - node.ends[3]
     displacement *= DRIFT / np.abs(displacement).max()
-    away = []
-    for k in range(1, n_goals(rate)):
+    for k in range(1, min(round(4.0 * rate), 12)):
         goal = node.ends[3] + displacement * k / rate
         node.ask(goal)
         node.run(1.0 / rate)
-        away.append(np.abs(node.robot.record.q[-1] - goal).max())
-    return node, goal, np.array(away)
-
-
-@pytest.mark.parametrize("rate", RATES)
-@pytest.mark.campaign
-def test_drifting_goal_is_met(rate):
-    node, goal, _ = drift(rate)
-    node.run(8.0)
-    node.assert_rests_at(goal, 1e-4)
-    node.assert_clean()
-
-
-@pytest.mark.parametrize("rate", [20.0, 50.0])
-@pytest.mark.campaign
-def test_drifting_goal_is_followed(rate):
-    _, _, away = drift(rate)
-    assert away.max() < 0.1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("delay", "may_stamp"), [(0.1, True), (0.3, True), (0.1, False), (0.4, False), (0.8, False)]
-)
-def test_motion_from_rest_that_starts_late_is_not_said_to_have_never_started(delay, may_stamp):
-    node = Panda(stamp_trajectories=may_stamp)
-    for k in range(3):
-        node.robot.faults.delay = delay
-        node.ask(node.ends[3 + k])
-        node.run(1.0)
-        node.robot.faults.delay = 0.0
-        node.run(6.0)
-        node.assert_rests_at(node.ends[3 + k], 1e-4)
-    assert [report.outcome for _, report in node.execution_reports] == ["arrived"] * 3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-def test_drifting_goal_is_met_by_a_robot_whose_node_or_states_stall(seed):
-    random = np.random.default_rng(seed)
-    node = Panda(seed)
-    node.has_velocities, node.is_split = False, seed % 2 == 1
-    node.ask(node.ends[3])
-    node.run(6.0)
-    displacement = node.ends[4] - node.ends[3]
-    displacement *= DRIFT / np.abs(displacement).max()
-    for k in range(1, 12):
-        if k % 4 == 0:
-            node.stall(random.uniform(0.3, 1.0), of_states=bool(random.random() < 0.5))
-        goal = node.ends[3] + displacement * k / 5.0
-        node.ask(goal)
-        node.run(0.2)
+        assert rate < 20.0 or np.abs(node.robot.record.q[-1] - goal).max() < 0.1
     node.run(8.0)
     node.assert_rests_at(goal, 1e-4)
     node.assert_clean()

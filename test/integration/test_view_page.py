@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page in a real browser: it loads, the plan follows the handle, and people share it."""
+"""The page in a real browser: it loads, and the plan follows the handle."""
 
 import os
 import time
@@ -14,17 +14,12 @@ import pytest
 from support.arm import arm_primitive, arm_robot
 from support.patience import HANG
 
-import mp_pca_planner as mp
-from mp_pca_planner.files import config_file
-from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.view.content import PageContent, first_ends, read_content
 
 pytest.importorskip("playwright", reason="playwright is not installed")
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
-from playwright.sync_api import expect
 from support.view_browser import SIZE, arrow_of, chromium, chromium_path, on_screen
 
 from mp_pca_planner.view.page import ViewPage
@@ -138,18 +133,6 @@ def test_the_page_loads_without_errors_and_without_the_internet(browser, page):
     tab.close()
 
 
-def test_a_plan_is_shown_from_python():
-    text = config_file("human_arm.urdf").read_text()
-    planner = Planner(Robot(text, arm_robot().joint_names), [arm_primitive()])
-    goal, start = arm_primitive().boundary_states[3, [3, 0]]
-    plan = planner.plan(goal, start)
-    with mp.show(planner, plan, port=0) as page:
-        until(lambda: page.plan.is_settled)
-        request = page.plan.answer.request
-        np.testing.assert_allclose([request.start, request.goal], [start, goal], atol=1e-9)
-        assert page.url in repr(page)
-
-
 @pytest.mark.parametrize("size", [SIZE, (390, 844)])
 def test_the_panel_covers_neither_the_robot_nor_its_handle(browser, page, size):
     tab = opened(browser, page, size=size)
@@ -230,22 +213,3 @@ def test_a_motion_is_saved_as_the_browser_saves_files(browser, page, tmp_path):
     np.testing.assert_array_equal(table[:, 0], trajectory.times)
     np.testing.assert_array_equal(table[:, 1:5], trajectory.positions)
     tab.close()
-
-
-# Motions
-
-
-# Several people
-
-
-def test_two_browsers_share_the_page_and_a_reload_keeps_it(browser, page):
-    first, second = opened(browser, page), opened(browser, page)
-    boxes = [tab.get_by_role("checkbox", name="Orientation too") for tab in (first, second)]
-    boxes[0].check()
-    expect(boxes[1]).to_be_checked(timeout=1e3 * HANG)
-    until(lambda: page.plan.answer.request.pose is not None)
-    first.reload()
-    expect(boxes[0]).to_be_checked(timeout=1e3 * HANG)
-    first.wait_for_selector(FOUND)
-    second.close()
-    first.close()

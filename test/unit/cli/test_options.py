@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.arm import arm_primitive
+from support.commands import refusal
 
 from mp_pca_planner.cli.main import COMMANDS, main, parse
 from mp_pca_planner.control.closed_loop import ErrorModel
@@ -21,26 +22,25 @@ from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions
 
 OF_ROS = {"planner_node", "simulate", "send_goal", "stop", "call", "demo"}
+MAX_LINES = 55
 GOAL_OF_PLAN = ("plan", "FILE", "--robot", "URDF", "--start", "0")
 GOAL = (*GOAL_OF_PLAN[1:], "--goal", "0")
 
 
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - OF_ROS))
-def test_every_command_has_a_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"planner_node"}))
+def test_every_command_has_a_help_of_one_page(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if name in OF_ROS:
+        pytest.importorskip("rclpy", reason="ROS 2 (extra 'ros') is not installed")
+    monkeypatch.setenv("COLUMNS", "100")
     with pytest.raises(SystemExit) as ending:
-        parse(name, ["--help"])
+        main(["help", name])
     assert ending.value.code == 0
     text = capsys.readouterr().out
     assert text.startswith(f"usage: mp-pca {name} ")
     assert "(default: None)" not in text
-
-
-def test_unknown_option_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ending:
-        parse("plan", [*GOAL, "--gaol", "1"])
-    assert ending.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "--gaol" in line
+    assert len(text.splitlines()) <= MAX_LINES
 
 
 def test_sequence_is_another_name_of_plan() -> None:
@@ -50,45 +50,22 @@ def test_sequence_is_another_name_of_plan() -> None:
     assert vars(plan) | {"command": "sequence"} == vars(sequence)
 
 
-def test_a_second_goal_does_not_silently_replace_the_first(
+def test_defaults_and_choices_are_those_of_the_library(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with pytest.raises(SystemExit) as ending:
-        parse("plan", [*GOAL, "--goal=1"])
-    assert ending.value.code == 2
-    assert "--goal is given more than once" in capsys.readouterr().err
-
-
-def test_defaults_are_those_of_the_library(capsys: pytest.CaptureFixture[str]) -> None:
     planning, errors, building = PlannerOptions(), ErrorModel(), PrimitiveOptions()
-    plan = parse("plan", GOAL)
-    assert (plan.basis, plan.naturalness, plan.timing) == (
-        planning.basis,
-        planning.naturalness,
-        planning.timing,
+    longest = INPUT_LIMITS.duration
+    plan = parse("plan", [*GOAL, "--duration", f"{longest}"])
+    assert (plan.basis, plan.naturalness, plan.timing, plan.duration) == (
+        *(planning.basis, planning.naturalness, planning.timing, longest),
     )
     verify = parse("verify", GOAL)
-    assert verify.inertia_error == errors.inertia
-    assert verify.start_error == errors.position
+    assert (verify.inertia_error, verify.start_error) == (errors.inertia, errors.position)
     build = parse("build_primitives", ["BAG", "--output", "p.npz"])
     assert (build.coupling, build.variance) == (building.coupling, building.variance)
     with pytest.raises(SystemExit):
         parse("plan", ["--help"])
     assert ", ".join(OBJECTIVES) in " ".join(capsys.readouterr().out.split())
-
-
-def test_longest_duration_is_that_of_the_library() -> None:
-    longest = INPUT_LIMITS.duration
-    assert parse("plan", [*GOAL, "--duration", f"{longest}"]).duration == longest
-    with pytest.raises(SystemExit):
-        parse("plan", [*GOAL, "--duration", f"{1.01 * longest}"])
-
-
-@pytest.mark.parametrize("command", ["build_primitives", "inspect"])
-def test_salvage_is_an_old_name_of_recover(command: str) -> None:
-    words = ["BAG", *(["--output", "p.npz"] if command == "build_primitives" else [])]
-    assert parse(command, [*words, "--salvage"]) == parse(command, [*words, "--recover"])
-    assert parse(command, [*words, "--salvage"]).recover
 
 
 def test_arguments_for_ros_are_passed_on_as_they_are() -> None:
@@ -111,34 +88,21 @@ def test_goals_of_the_node_are_positional_or_options() -> None:
             parse("send_goal", words)
 
 
-def test_help_names_each_command_once(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["help"])
-    assert ended.value.code == 0
-    lines = capsys.readouterr().out.splitlines()
-    named = [line.split()[0] for line in lines if line.startswith("  ") and line.split()]
-    assert sorted(set(COMMANDS) - {"sequence"}) == sorted(x for x in named if x in COMMANDS)
-    with pytest.raises(SystemExit):
-        main(["help", "stop"])
-    assert capsys.readouterr().out.startswith("usage: mp-pca stop")
-
-
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
         ([*GOAL_OF_PLAN, "--goal-pose", "0.1", "0.5", "-4e-1"], "put quotes around the numbers"),
-        ([*GOAL_OF_PLAN, "--goal", "0", "--naturalness", "2"], "'2' is not a number from 0 to 1"),
-        (["send_obstacles", "1", "2"], "put quotes around the numbers"),
+        ([*GOAL_OF_PLAN, "--goal", "0", "--goal", "1"], "--goal is given more than once"),
+        ([*GOAL_OF_PLAN, "--goal", "0", "--gaol", "1"], "unrecognized arguments: --gaol"),
+        ([*GOAL_OF_PLAN, "--goal", "0", "--duration", "601"], "a number from 0.001 to 600 s"),
         (["--json", "plan"], "unrecognized arguments: --json"),
+        (["teach", "--output", "t.npz", "--frame", "wrist"], "--frame names a link of --robot"),
+        (["view", "--robot", "arm.urdf"], "--robot needs a primitive file"),
+        (["view", "reach.npz"], "also pass --robot"),
     ],
 )
-def test_slips_of_the_hand_are_named(
-    words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    assert ended.value.code == 2
-    assert sentence in capsys.readouterr().err
+def test_slips_of_the_hand_are_named(words: list[str], sentence: str) -> None:
+    assert sentence in refusal(*words)
 
 
 def test_a_primitive_of_another_robot_is_named(

@@ -4,7 +4,6 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -23,10 +22,7 @@ from mp_pca_planner.plotting.motion import motion_figure, outlines, plan_figure
 from mp_pca_planner.plotting.primitive import primitive_figure
 from mp_pca_planner.plotting.report import recording_figure
 from mp_pca_planner.plotting.style import MAX_BEHIND, add_header, line, picture, styled_figure
-from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.differences import PHASES
-from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.recording_set import RecordingReport, Segment
 from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.robot.limits import JointLimits
@@ -35,117 +31,56 @@ from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Obstacle, Shape, 
 image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed")
 
 
-def pixels(path: Path) -> np.ndarray:
-    """Read a PNG, shape (height, width, 4); refuses broken files."""
-    assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
-    return np.asarray(image.imread(path))
-
-
-def mask(path: Path, colour: str) -> np.ndarray:
-    """Which pixels have a colour, shape (height, width)."""
-    rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
-    return np.all(np.abs(pixels(path)[:, :, :3] - rgb) < 0.02, axis=2)
+BLUE, ORANGE = "#0072B2", "#D55E00"
 
 
 def n_pixels(path: Path, colour: str) -> int:
-    return int(mask(path, colour).sum())
+    """How many pixels of a picture have a colour."""
+    rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    pixels = np.asarray(image.imread(path))
+    return int(np.all(np.abs(pixels[:, :, :3] - rgb) < 0.02, axis=2).sum())
 
 
-BLUE, ORANGE, BLACK = "#0072B2", "#D55E00", "#000000"
-
-
-def names(n_joints: int) -> list[str]:
-    return [f"joint{i}" for i in range(n_joints)]
-
-
-def primitive(n_joints: int = 2, coupling: str = "arm", **metadata: Any) -> MovementPrimitive:
-    """Bells between random ends."""
-    rng = np.random.default_rng(0)
-    t = np.linspace(0.0, 1.0, 101)[:, None]
-    motions = []
-    for i in range(8):
-        ends, height = rng.normal(size=(2, n_joints)), rng.normal(size=n_joints)
-        s, v = 10 * t**3 - 15 * t**4 + 6 * t**5, 30 * t**2 - 60 * t**3 + 30 * t**4
-        bell = 64 * t**3 * (1 - t) ** 3
-        q = ends[0] + s * (ends[1] - ends[0]) + bell * height
-        dq = v * (ends[1] - ends[0]) + np.gradient(bell[:, 0], t[:, 0])[:, None] * height
-        motions.append(
-            Demonstration(
-                names(n_joints),
-                *(t[:, 0], q, dq, np.gradient(dq, t[:, 0], axis=0)),
-                recording=f"r{i}",
-                start_time=0.0,
-                end_time=1.0,
-            )
-        )
-    built = build_primitive(motions, "p", PrimitiveOptions(coupling, 2))
-    return replace(built, metadata={**built.metadata, **metadata})
-
-
-def draw_primitive(path: Path, shown: MovementPrimitive) -> None:
-    with picture(path) as figure:
-        primitive_figure(figure, shown, title="A primitive")
-
-
-def draw_motion(
-    path: Path,
-    motion: Trajectory,
-    others: dict[str, Trajectory] | None = None,
-    limits: JointLimits | None = None,
-    force: bool = False,
-) -> None:
-    with picture(path, force=force) as figure:
-        motion_figure(figure, {"planned": motion, **(others or {})}, "A motion", limits)
-
-
-def trajectory(n_joints: int = 2, scale: float = 1.0, with_efforts: bool = True) -> Trajectory:
+def trajectory(scale: float = 1.0) -> Trajectory:
     t = np.linspace(0.0, 0.8, 41)
-    q = scale * np.outer(np.sin(2 * t), 1 + np.arange(n_joints))
+    q = scale * np.outer(np.sin(2 * t), [1, 2])
     v = np.gradient(q, t, axis=0)
     a = np.gradient(v, t, axis=0)
-    return Trajectory(names(n_joints), t, q, v, a, 3 * a if with_efforts else None)
+    return Trajectory(["joint0", "joint1"], t, q, v, a, 3 * a)
 
 
-@pytest.mark.parametrize("n_joints", [1, 4, 7])
-def test_picture_of_a_primitive_shows_its_components(tmp_path: Path, n_joints: int) -> None:
-    draw_primitive(tmp_path / "p.png", primitive(n_joints))
-    assert n_pixels(tmp_path / "p.png", BLUE) > 200 * n_joints
-    assert n_pixels(tmp_path / "p.png", ORANGE) > 100 * n_joints
-
-
-def test_same_input_gives_the_same_picture(tmp_path: Path) -> None:
-    for name in ("a.png", "b.png"):
-        draw_primitive(tmp_path / name, primitive())
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
-def test_picture_of_a_motion_shows_the_motion_and_what_it_is_compared_with(tmp_path: Path) -> None:
-    alone, compared = tmp_path / "alone.png", tmp_path / "compared.png"
-    draw_motion(alone, trajectory())
-    draw_motion(compared, trajectory(), {"B-spline": trajectory(scale=0.7)})
-    assert n_pixels(alone, BLUE) > 1000
-    assert n_pixels(alone, ORANGE) == 0
-    assert n_pixels(compared, ORANGE) > 500
+def test_pictures_show_components_and_motions_and_repeat_themselves(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("p.png", "again.png", "motion.png", "both.png")]
+    for file in files[:2]:
+        with picture(file) as figure:
+            primitive_figure(figure, arm_primitive(), title="A primitive")
+    assert files[0].read_bytes() == files[1].read_bytes()
+    motions = {"planned": trajectory()}
+    for file in files[2:]:
+        with picture(file) as figure:
+            motion_figure(figure, motions, "A motion")
+        motions["B-spline"] = trajectory(0.7)
+    assert [n_pixels(file, BLUE) > 1000 for file in files] == [True] * 4
+    assert [n_pixels(file, ORANGE) > 400 for file in files] == [True, True, False, True]
 
 
 def test_prismatic_joints_are_drawn_in_metres() -> None:
-    motion = trajectory()
+    motion, shown = trajectory(), arm_primitive()
     with styled_figure() as figure:
         rows = motion_figure(figure, {"planned": motion}, "A motion", prismatic=["joint1"])
     assert [axes.get_ylabel() for axes in rows] == ["deg", "m"]
     np.testing.assert_allclose(rows[0].lines[0].get_ydata(), np.rad2deg(motion.positions[:, 0]))
     np.testing.assert_allclose(rows[1].lines[0].get_ydata(), motion.positions[:, 1])
-
-
-def test_shapes_of_prismatic_joints_are_drawn_in_metres() -> None:
-    shown = primitive(prismatic_joints=["joint1"])
-    demonstrations = np.random.default_rng(1).normal(size=(3, PHASES.size, 2))
+    shown = replace(shown, metadata={**shown.metadata, "prismatic_joints": shown.joint_names[:1]})
+    demonstrations = np.random.default_rng(1).normal(size=(3, PHASES.size, shown.n_joints))
     with styled_figure() as figure:
         primitive_figure(figure, shown, demonstrations)
-    panels = {axes.get_ylabel(): axes.lines[0].get_ydata() for axes in figure.axes}
-    np.testing.assert_allclose(panels["position [m]"], demonstrations[0, :, 1])
-    np.testing.assert_allclose(panels["position [deg]"], np.rad2deg(demonstrations[0, :, 0]))
-    assert "added [m]" in panels and "added [deg]" in panels
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    first = figure.axes[labels.index("position [m]")].lines[0]
+    np.testing.assert_allclose(first.get_ydata(), demonstrations[0, :, 0])
+    second = figure.axes[labels.index("position [deg]")].lines[0]
+    np.testing.assert_allclose(second.get_ydata(), np.rad2deg(demonstrations[0, :, 1]))
+    assert "added [m]" in labels and "added [deg]" in labels
 
 
 @pytest.mark.parametrize("share", [0.99, 0.5])
@@ -160,7 +95,7 @@ def test_the_limit_that_a_joint_uses_most_is_stated(share: float) -> None:
         "max_acceleration": largest["accelerations"] / share,
         "max_effort": largest["efforts"] / 0.3,
     }
-    limits = JointLimits(names(2), {"joint1": bounds})
+    limits = JointLimits(["joint0", "joint1"], {"joint1": bounds})
     with styled_figure() as figure:
         rows = motion_figure(figure, {"a": motion}, "Motion", limits)
     name, most = ("acceleration", 99) if share > 0.7 else ("velocity", 70)
@@ -171,7 +106,7 @@ def test_near_limits_of_the_position_are_lines_and_far_ones_are_stated() -> None
     motion = trajectory()
     top = float(motion.positions[:, 0].max())
     near = {"min_position": -0.3, "max_position": top + 0.2}
-    limits = JointLimits(names(2), {"joint0": near, "joint1": {"min_position": -9.0}})
+    limits = JointLimits(["joint0", "joint1"], {"joint0": near, "joint1": {"min_position": -9.0}})
     with styled_figure() as figure:
         rows = motion_figure(figure, {"a": motion}, "Motion", limits)
     drawn = [axis.get_ydata()[0] for axis in rows[0].lines[1:]]
@@ -219,7 +154,7 @@ def all_legends_inside(figure: Any) -> bool:
     )
 
 
-@pytest.mark.parametrize("length", [5, 30, 200])
+@pytest.mark.parametrize("length", [5, 200])
 def test_titles_and_legends_are_never_cut(length: int) -> None:
     lines = [line(f"{i} " + length * "m", "#000000") for i in range(5)]
     with styled_figure() as figure:
@@ -233,7 +168,7 @@ def test_titles_and_legends_are_never_cut(length: int) -> None:
     assert axes.get_window_extent().height > 1.5 * figure.dpi
 
 
-@pytest.mark.parametrize(("n_joints", "length"), [(1, 6), (7, 20), (14, 6), (14, 40), (40, 12)])
+@pytest.mark.parametrize(("n_joints", "length"), [(1, 6), (14, 40), (40, 12)])
 def test_legend_of_a_recording_names_every_joint_and_is_never_cut(
     n_joints: int, length: int
 ) -> None:
@@ -265,12 +200,8 @@ def test_names_are_shown_as_they_are() -> None:
     assert not any(text.get_parse_math() for text in texts)
 
 
-def run_python(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-
-
 def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
-    done = run_python(
+    code = (
         "import sys\n"
         "from mp_pca_planner.plotting.style import picture\n"
         "assert 'matplotlib' not in sys.modules\n"
@@ -279,7 +210,7 @@ def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "assert matplotlib.rcParams['font.size'] == before"
     )
-    assert done.returncode == 0, done.stderr
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 # Figures of plans
@@ -347,18 +278,6 @@ def test_plan_shows_the_path_of_the_hand_and_the_obstacles_beside_it() -> None:
         middle = 0.5 * (patch.get_xy().min(axis=0) + patch.get_xy().max(axis=0))
         np.testing.assert_allclose(middle, np.array([0.2, 0.3, 0.4])[plane], atol=1e-9)
         assert "the ball" in [text.get_text() for text in axes.texts]
-
-
-# Figures for notebooks
-
-
-@pytest.fixture
-def pyplot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    from matplotlib import pyplot
-
-    yield pyplot
-    pyplot.close("all")
 
 
 def test_a_prediction_without_a_robot_is_drawn_as_it_is() -> None:

@@ -50,25 +50,30 @@ def test_visual_shapes_come_before_collision_shapes_with_their_colours_and_place
     assert cylinder.colour == (1.0, 0.0, 0.0, 0.5)
 
 
-def test_collision_shapes_are_drawn_without_visual_ones():
-    ball, *_ = shapes(arm=part('<sphere radius="0.3"/>', "collision")).shapes
-    np.testing.assert_allclose(ball.mesh.extents, 0.6, atol=0.01)
-
-
-def test_a_robot_without_shapes_gets_a_skeleton_up_to_its_tip():
-    found = shapes()
-    bounds = np.array([s.mesh.bounds for s in found.shapes if s.joint == 1])
-    assert bounds[:, 1, 0].max() == pytest.approx(0.5, abs=0.05)
-
-
 def test_a_link_whose_mesh_is_missing_is_drawn_by_its_collision_shape_or_a_skeleton():
     base, missing = part('<box size="1 1 1"/>'), MESH.format("nowhere.stl")
     covered = shapes(base, missing + part('<sphere radius="0.3"/>', "collision"))
     (ball,) = [s.mesh.extents for s in covered.shapes if s.joint == 1]
     np.testing.assert_allclose(ball, 0.6, atol=0.01)
-    bare = shapes(base, missing)
+    bare = shapes(base, missing)  # up to the tip
     assert max(s.mesh.bounds[1, 0] for s in bare.shapes if s.joint == 1) > 0.45
     assert all("nowhere.stl" in found.notes[0] for found in (covered, bare))
+
+
+@pytest.mark.parametrize(
+    ("shape", "content", "word"),
+    [
+        (part('<box size="1 2"/>'), "", "'arm'"),
+        (part('<box size="1 1 nan"/>'), "", "'arm'"),
+        (part("<cone/>"), "", "'arm'"),
+        (MESH.format("box.stl"), "", "box.stl"),
+        (MESH.format("box.stl"), "solid nothing\nendsolid nothing\n", "box.stl"),
+    ],
+)
+def test_a_shape_that_cannot_be_drawn_is_left_out_with_a_note(tmp_path, shape, content, word):
+    (tmp_path / "box.stl").write_text(content)
+    found = shapes(part('<box size="1 1 1"/>'), shape, (tmp_path,))
+    assert found.shapes[0].joint == 0 and word in found.notes[0]
 
 
 def test_meshes_are_found_in_packages_and_scaled(tmp_path):
@@ -78,22 +83,6 @@ def test_meshes_are_found_in_packages_and_scaled(tmp_path):
         found = shapes(arm=MESH.format("package://pack/meshes/box.stl"), folders=(folder,))
         np.testing.assert_allclose(found.shapes[0].mesh.extents, [2, 1, 1])
         assert found.notes == ()
-
-
-@pytest.mark.parametrize("content", [None, b"", b"solid nothing\nendsolid nothing\n", b"junk"])
-def test_a_mesh_that_cannot_be_read_is_left_out_with_a_note(tmp_path, content):
-    if content is not None:
-        (tmp_path / "box.stl").write_bytes(content)
-    found = shapes(part('<box size="1 1 1"/>'), MESH.format("box.stl"), (tmp_path,))
-    assert found.shapes[0].joint == 0 and "box.stl" in found.notes[0]
-
-
-@pytest.mark.parametrize(
-    "shape", ['<box size="1 2"/>', '<sphere radius="x"/>', "<cone/>", "", '<box size="1 1 nan"/>']
-)
-def test_a_malformed_shape_is_left_out_with_a_note(shape):
-    found = shapes(part('<box size="1 1 1"/>'), part(shape))
-    assert found.shapes[0].joint == 0 and "'arm'" in found.notes[0]
 
 
 def test_places_agree_with_the_kinematics_of_the_robot():

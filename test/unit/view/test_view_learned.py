@@ -81,12 +81,6 @@ def test_a_fragment_is_never_typical_however_many_there_are():
     assert typical_demonstration(primitive) >= n
 
 
-def test_one_deviation_is_the_standard_deviation_of_the_demonstrations():
-    primitive = arm_primitive()
-    deviations = primitive.weights / np.sqrt(primitive.explained_variance)
-    np.testing.assert_allclose(deviations.std(axis=0, ddof=1), 1.0, rtol=0.05)
-
-
 def test_shares_of_all_components_sum_to_the_explained_share():
     for coupling in ("arm", "joint"):
         primitive = arm_primitive(coupling)
@@ -128,9 +122,3 @@ def test_another_motion_goes_on_at_the_same_share(player, share, duration):
     player.seek(share)
     player.show(ramp(duration))
     assert player.share == pytest.approx(share)
-
-
-def test_a_motion_of_one_point_is_shown(player):
-    player.show(ShownMotion(np.zeros(1), np.array([[1.0, 2.0]])))
-    player.advance(0.1)
-    np.testing.assert_array_equal(player._stage.shown, [1.0, 2.0])

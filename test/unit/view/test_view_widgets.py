@@ -15,7 +15,9 @@ from support.patience import HANG
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
+import mp_pca_planner as mp
 from mp_pca_planner.motion.goal import Pose
+from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.view.content import PageContent, read_content
 from mp_pca_planner.view.page import ViewPage
@@ -84,6 +86,17 @@ def test_a_new_obstacle_is_on_the_path_chosen_and_avoided(page, kind):
     assert answer.problem == "" and answer.plan.facts["clearance"] > 0.0
     assert f"clear of '{kind.lower()} 1'" in answer.plan.message
     assert answer.plan.message.split(",")[0] in page.plan._verdict.content
+
+
+def test_a_plan_is_shown_from_python():
+    robot, primitive = arm_robot(), arm_primitive()
+    planner = Planner(robot, [primitive])
+    goal, start = primitive.boundary_states[3, [3, 0]]
+    with mp.show(planner, planner.plan(goal, start), port=0) as page:
+        until(lambda: page.plan.is_settled)
+        request = page.plan.answer.request
+        np.testing.assert_allclose([request.start, request.goal], [start, goal], atol=1e-9)
+        assert page.url in repr(page)
 
 
 def test_a_goal_at_the_start_is_no_error(page):
