@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Goals: a table of their topics, and what is read of each message.
 
-A further topic is a row of `GOAL_TOPICS`: node, client and live view are made from it.
+A further topic is a row of `GOAL_TOPICS`: node and client are made from it.
 """
 
 from __future__ import annotations
@@ -53,14 +53,11 @@ class GoalTopic:
     read : callable
         Returns the goal of a message for a model, given the poses of frames that are not links;
         raises a `PlannerError` if it is malformed.
-    text : callable
-        Describes a message in one line.
     """
 
     name: str
     message_type: type[Any]
     read: Callable[[Any, NodeModel, PoseOf], Stated]
-    text: Callable[[Any], str]
 
     def request(self, content: bytes, model: NodeModel, pose_of: PoseOf) -> GoalRequest:
         """Read the goal of a serialised message.
@@ -111,25 +108,10 @@ def _read_sequence(message: JointTrajectory, model: NodeModel, _: PoseOf) -> Sta
     return goal, None, ignored
 
 
-def _configuration_text(message: JointStateMessage) -> str:
-    values = zip(message.name, message.position, strict=False)
-    return "  ".join(f"{name} {value:.3f}" for name, value in values)
-
-
-def _pose_text(message: PoseStamped) -> str:
-    p, o = message.pose.position, message.pose.orientation
-    numbers = "  ".join(f"{x:.3f}" for x in (p.x, p.y, p.z, o.x, o.y, o.z, o.w))
-    return f"pose {numbers} in '{message.header.frame_id}'"
-
-
-def _sequence_text(message: JointTrajectory) -> str:
-    return f"{len(message.points)} configurations of {len(message.joint_names)} joints"
-
-
 GOAL_TOPICS = (
-    GoalTopic("goal", JointStateMessage, _read_configuration, _configuration_text),
-    GoalTopic("goal_pose", PoseStamped, _read_pose, _pose_text),
-    GoalTopic("goal_sequence", JointTrajectory, _read_sequence, _sequence_text),
+    GoalTopic("goal", JointStateMessage, _read_configuration),
+    GoalTopic("goal_pose", PoseStamped, _read_pose),
+    GoalTopic("goal_sequence", JointTrajectory, _read_sequence),
 )
 """All topics of goals."""
 

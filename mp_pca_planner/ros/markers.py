@@ -7,7 +7,6 @@ A worker does so, because meshes take long to read, and their libraries may end 
 
 from __future__ import annotations
 
-import struct
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -16,117 +15,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from visualization_msgs.msg import Marker
+from rclpy.serialization import deserialize_message
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import PlannerError, WorldError, printable
 from ..execution.link import WorldFacts
 from ..execution.parameters import fixed_frames
 from ..execution.planning import Model, in_world
+from ..files import reading
 from ..input_limits import INPUT_LIMITS
-from ..recordings.joint_states import ENCAPSULATION
 from ..robot.meshes import MeshContent, find_mesh, package_folders, scaled
 from ..robot.world import Box, Cylinder, Mesh, Obstacle, Shape, Sphere, World
+from .messages import to_seconds
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
-_ORDERS = {b"\0\0": ">", b"\0\1": "<"}  # of bytes, by the start of a message in CDR
-_BYTES = {kind: struct.calcsize(f"={kind}") for kind in "?iI"}
 _MAX_NAME = 500  # characters
+_LEAST_BYTES = 200  # of a marker without names, points and images
 
 
-class CdrReader:
-    """Reads one value after the other from a message in CDR.
-
-    Whatever is malformed raises a `ValueError`.
-
-    Parameters
-    ----------
-    content : bytes
-        The message.
-    """
-
-    def __init__(self, content: bytes) -> None:
-        if len(content) < ENCAPSULATION:
-            raise ValueError(f"it has {len(content)} bytes, at least {ENCAPSULATION} are needed")
-        if content[:2] not in _ORDERS:
-            raise ValueError("it is not in plain CDR")
-        self._content, self._order = content, _ORDERS[content[:2]]
-        self._place = ENCAPSULATION
-
-    def count(self, least_bytes: int) -> int:
-        """The length of a sequence, whose items have this many bytes at least."""
-        (n,) = self.numbers("I")
-        if n * least_bytes > len(self._content) - self._place + least_bytes:
-            raise ValueError(f"it is too short for {n} items")
-        return int(n)
-
-    def numbers(self, kinds: str) -> tuple[Any, ...]:
-        """Numbers of the same size, by their characters in `struct`."""
-        size = _BYTES[kinds[0]]
-        self._align(size)
-        try:
-            found = struct.unpack_from(self._order + kinds, self._content, self._place)
-        except struct.error:
-            raise ValueError(f"it ends within its {len(self._content)} bytes") from None
-        self._place += size * len(kinds)
-        return found
-
-    def text(self) -> str:
-        """A string."""
-        n = self.count(1)
-        begin, self._place = self._place, self._place + n
-        return self._content[begin : self._place].rstrip(b"\0").decode()
-
-    def array(self, kind: str, n: int) -> FloatArray:
-        """Numbers of a type of NumPy."""
-        if not n:
-            return np.zeros(0)
-        size = int(kind[1])
-        self._align(size)
-        numbers = np.frombuffer(self._content, self._order + kind, n, self._place)
-        self._place += size * n
-        return numbers.astype(float) if kind == "f8" else numbers
-
-    def _align(self, size: int) -> None:
-        self._place += (ENCAPSULATION - self._place) % size
-
-
-@dataclass(frozen=True, eq=False)
-class MarkerData:
-    """The fields of a visualization_msgs/Marker that describe an obstacle.
-
-    Attributes
-    ----------
-    frame_id, ns, id, type, action, mesh_resource
-        As in the message.
-    pose : array, shape (7,)
-        Position [m] and quaternion (x, y, z, w).
-    scale : array, shape (3,)
-        Sizes [m], or factors.
-    lifetime : float
-        Time after which the marker is deleted [s]; 0: never.
-    points : array, shape (n_points, 3)
-        Points in the frame of the pose [m].
-    """
-
-    frame_id: str
-    ns: str
-    id: int
-    type: int
-    action: int
-    pose: FloatArray
-    scale: FloatArray
-    lifetime: float
-    points: FloatArray
-    mesh_resource: str
-
-    @property
-    def name(self) -> str:
-        """The name of its obstacle: its namespace and number."""
-        return f"{self.ns}/{self.id}" if self.ns else f"marker {self.id}"
-
-
-def read_markers(content: bytes) -> list[MarkerData]:
+def read_markers(content: bytes) -> list[Marker]:
     """The markers of a serialised visualization_msgs/MarkerArray.
 
     Raises
@@ -134,48 +42,25 @@ def read_markers(content: bytes) -> list[MarkerData]:
     WorldError
         If the message is malformed.
     """
-    try:
-        reader = CdrReader(content)
-        return [_marker(reader) for _ in range(reader.count(_LEAST_BYTES))]
-    except ValueError as error:
-        raise WorldError(f"the message of markers is malformed: {error}") from None
+    # ROS makes room for all markers that are announced, before it reads them.
+    n = int.from_bytes(content[4:8], "little")
+    if n * _LEAST_BYTES > len(content):
+        raise WorldError(f"the message of markers has {len(content)} bytes, too few for {n}")
+    with reading("the message of markers", WorldError):
+        return list(deserialize_message(content, MarkerArray).markers)
 
 
-# Of a marker without names, points and images.
-_LEAST_BYTES = 200
+def _name(marker: Marker) -> str:
+    """The name of the obstacle of a marker: its namespace and number."""
+    return f"{marker.ns}/{marker.id}" if marker.ns else f"marker {marker.id}"
 
 
-def _marker(reader: CdrReader) -> MarkerData:
-    reader.numbers("iI")  # stamp
-    frame, namespace = reader.text(), reader.text()
-    number, kind, action = reader.numbers("iii")
-    pose, scale = reader.array("f8", 7), reader.array("f8", 3)
-    reader.array("f4", 4)  # colour
-    seconds, nanoseconds = reader.numbers("iI")
-    reader.numbers("?")  # frame_locked
-    points = reader.array("f8", 3 * reader.count(24)).reshape(-1, 3)
-    reader.array("f4", 4 * reader.count(16))  # colours
-    reader.text()  # texture
-    reader.numbers("iI")
-    reader.text()
-    reader.text()
-    reader.array("u1", reader.count(1))
-    reader.array("f4", 2 * reader.count(8))  # its coordinates
-    reader.text()
-    mesh = reader.text()
-    reader.text()  # embedded mesh
-    reader.array("u1", reader.count(1))
-    reader.numbers("?")
-    lifetime = seconds + 1e-9 * nanoseconds
-    return MarkerData(frame, namespace, number, kind, action, pose, scale, lifetime, points, mesh)
-
-
-def to_obstacle(marker: MarkerData, folders: Sequence[Path] = ()) -> Obstacle:
+def to_obstacle(marker: Marker, folders: Sequence[Path] = ()) -> Obstacle:
     """The obstacle of a marker that is added or modified.
 
     Parameters
     ----------
-    marker : MarkerData
+    marker : Marker
         The marker.
     folders : sequence of Path
         Folders of packages, for meshes.
@@ -192,19 +77,19 @@ def to_obstacle(marker: MarkerData, folders: Sequence[Path] = ()) -> Obstacle:
         raise rejection(marker, error) from None
 
 
-def rejection(marker: MarkerData, reason: object) -> WorldError:
+def rejection(marker: Marker, reason: object) -> WorldError:
     """The error that names a marker."""
-    return WorldError(f"marker '{printable(marker.name)}': {reason}")
+    return WorldError(f"marker '{printable(_name(marker))}': {reason}")
 
 
 _Source = tuple[MeshContent, bytes]
 
 
 def _mesh_of(
-    marker: MarkerData, folders: Sequence[Path], last: tuple[_Source, Mesh] | None
+    marker: Marker, folders: Sequence[Path], last: tuple[_Source, Mesh] | None
 ) -> tuple[_Source | None, Mesh] | None:
     """The mesh of a marker and its source; the last one if that is the same, None without mesh."""
-    scale = frozen_array(marker.scale, (3,), "scale", WorldError)
+    scale = _scale(marker)
     if marker.type == Marker.MESH_RESOURCE:
         found = find_mesh(marker.mesh_resource, folders)
         source = found, scale.tobytes()
@@ -219,16 +104,17 @@ def _mesh_of(
     return None, Mesh(scaled(points, scale), np.arange(len(points)).reshape(-1, 3))
 
 
-def _obstacle(marker: MarkerData, mesh: Mesh | None) -> Obstacle:
+def _obstacle(marker: Marker, mesh: Mesh | None) -> Obstacle:
     shapes = [mesh] if mesh is not None else _shapes(marker)
-    return Obstacle(
-        marker.name, [one.moved(marker.pose) for one in shapes], marker.frame_id.lstrip("/")
-    )
+    p, o = marker.pose.position, marker.pose.orientation
+    pose = np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w])
+    frame = marker.header.frame_id.lstrip("/")
+    return Obstacle(_name(marker), [one.moved(pose) for one in shapes], frame)
 
 
-def _shapes(marker: MarkerData) -> list[Shape]:
+def _shapes(marker: Marker) -> list[Shape]:
     """The shapes in the frame of the marker's pose, without a mesh."""
-    scale, kind = frozen_array(marker.scale, (3,), "scale", WorldError), marker.type
+    scale, kind = _scale(marker), marker.type
     if kind == Marker.CUBE:
         return [Box(scale)]
     if kind == Marker.SPHERE:
@@ -244,10 +130,15 @@ def _shapes(marker: MarkerData) -> list[Shape]:
     raise WorldError(f"type {kind} is not supported; accepted are {_ACCEPTED}")
 
 
-def _points(marker: MarkerData, most: int) -> FloatArray:
+def _points(marker: Marker, most: int) -> FloatArray:
     if len(marker.points) > most:
         raise WorldError(f"it has {len(marker.points)} points, at most {most} are accepted")
-    return marker.points
+    return np.reshape([(p.x, p.y, p.z) for p in marker.points], (-1, 3))
+
+
+def _scale(marker: Marker) -> FloatArray:
+    s = marker.scale
+    return frozen_array([s.x, s.y, s.z], (3,), "scale", WorldError)
 
 
 def _diameter(scale: FloatArray, what: str) -> float:
@@ -335,14 +226,14 @@ class Obstacles:
         before = dict(self._stated)
         for marker in markers:
             # A latched message may come after a newer one.
-            last = max(self._changed.get(marker.name, 0), self._cleared)
+            last = max(self._changed.get(_name(marker), 0), self._cleared)
             if message.is_late and message.stamp < last:
                 continue
             try:
                 self._apply_marker(marker)
             except WorldError as error:
                 if len(self._rejected) < self.most:
-                    self._rejected[marker.name[:_MAX_NAME]] = str(error)
+                    self._rejected[_name(marker)[:_MAX_NAME]] = str(error)
                 continue
             for cleared in [name for name in self._rejected if _concerns(marker, name)]:
                 del self._rejected[cleared]
@@ -433,19 +324,20 @@ class Obstacles:
         self.missing = printable(missing[0][:1000]) if missing else ""
         return is_possible
 
-    def _note_change(self, marker: MarkerData, stamp: int) -> None:
+    def _note_change(self, marker: Marker, stamp: int) -> None:
         if marker.action == Marker.DELETEALL:
             if not marker.ns:
                 self._cleared = stamp
             return
-        self._changed.pop(marker.name, None)
-        self._changed[marker.name] = stamp
-        self._ends.pop(marker.name, None)
-        if marker.action == Marker.ADD and marker.lifetime > 0.0:
-            self._ends[marker.name] = time.monotonic() + marker.lifetime
+        self._changed.pop(_name(marker), None)
+        self._changed[_name(marker)] = stamp
+        self._ends.pop(_name(marker), None)
+        lifetime = to_seconds(marker.lifetime)
+        if marker.action == Marker.ADD and lifetime > 0.0:
+            self._ends[_name(marker)] = time.monotonic() + lifetime
 
-    def _apply_marker(self, marker: MarkerData) -> None:
-        name = marker.name
+    def _apply_marker(self, marker: Marker) -> None:
+        name = _name(marker)
         if len(name) > _MAX_NAME:
             raise WorldError(
                 f"a marker's name has {len(name)} characters, at most {_MAX_NAME} are used"
@@ -465,12 +357,12 @@ class Obstacles:
                 "(delete all)",
             )
 
-    def _obstacle(self, marker: MarkerData, folders: Sequence[Path]) -> Obstacle:
+    def _obstacle(self, marker: Marker, folders: Sequence[Path]) -> Obstacle:
         """The obstacle of a marker; a mesh that was read for it before is used again."""
         try:
-            found = _mesh_of(marker, folders, self._meshes.pop(marker.name, None))
+            found = _mesh_of(marker, folders, self._meshes.pop(_name(marker), None))
             if found is not None and found[0] is not None:
-                self._meshes[marker.name] = found[0], found[1]
+                self._meshes[_name(marker)] = found[0], found[1]
                 while len(self._meshes) > INPUT_LIMITS.kept_meshes:
                     del self._meshes[next(iter(self._meshes))]
             return _obstacle(marker, None if found is None else found[1])
@@ -478,8 +370,8 @@ class Obstacles:
             raise rejection(marker, error) from None
 
 
-def _concerns(marker: MarkerData, name: str) -> bool:
+def _concerns(marker: Marker, name: str) -> bool:
     """Whether a marker changes or deletes the obstacle of a name."""
     if marker.action != Marker.DELETEALL:
-        return name == marker.name
+        return name == _name(marker)
     return name.startswith(f"{marker.ns}/" if marker.ns else "")

@@ -49,7 +49,7 @@ _MEMORY = 6 << 30
 _NICE = 5
 # Time after which a cancelled request must be answered, any other one, beside the time for its
 # solution, and a set-up [s].
-_CANCEL_TIME, _ANSWER_TIME, _SET_UP_TIME = 2.0, 5.0, 60.0
+_CANCEL_TIME, _ANSWER_TIME, _SET_UP_TIME = 2.0, 3.0, 60.0
 # Longest time without a message in which a worker looks at lifetimes [s].
 _IDLE = 0.05
 

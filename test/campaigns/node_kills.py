@@ -9,7 +9,7 @@ planner: the process that plans gets a SIGKILL or a SIGSEGV, takes 20 GB, or loo
 it is set up, plans, idles, and while a simulated robot moves. ``~/stop`` is called after each fault
 or before its goal is reported, and answers in 0.1 s. Each goal gets exactly one report. The next
 one is served 5 s after the planner has ended: at once if it dies, else when the node has waited as
-long as it waits for a set-up (60 s) or a goal (5 s, 2 s after a stop).
+long as it waits for a set-up (60 s) or a goal (3 s, 2 s after a stop).
 exits: the node is started, serves a goal, and is ended by signals, the second one at a random
 moment of the shutdown. It exits with 0 and without a traceback; after a SIGKILL, the next start
 succeeds.

@@ -145,8 +145,6 @@ def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_wit
         "namespace:=left",
         "duration:=1.25",
         "publish_effort:=true",
-        "naturalness:=0.5",
-        "start_from:=measured",
         "stamp_trajectories:=false",  # with stamps, motions begin with a hold
     )
     try:
@@ -186,10 +184,8 @@ def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_wit
     ("argument", "words"),
     [
         ("rviz:=perhaps", "['true', 'false']"),
-        ("robot_description_file:=missing.urdf", "missing.urdf"),
         ("robot_description_file:=missing.xacro", "xacro"),
         ("duration:=many", "duration:=many is not accepted: it must be a number"),
-        ("collision:=1", "collision:=1 is not accepted: it must be true or false"),
     ],
 )
 def test_wrong_argument_is_named_and_nothing_is_left_running(

@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
@@ -16,10 +14,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.node import Node
 from support.arm import JOINTS, arm_primitive
-from support.bench import benched
 from support.domains import set_domain
 from support.nodes import (
-    GOAL,
     PATIENTLY,
     START,
     URDF,
@@ -29,6 +25,7 @@ from support.nodes import (
     ros_node,
     running_node,
 )
+from support.patience import HANG
 
 from mp_pca_planner.primitives.file import save_primitive
 
@@ -42,18 +39,6 @@ CONFIGURE, ACTIVATE, DEACTIVATE, CLEAN_UP = (
 )
 
 
-@pytest.fixture
-def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
-    """A node beside a managed planner, whose primitive file is missing at first."""
-    set_domain(monkeypatch, 41)
-    arguments = ("-p", f"primitives:=['{tmp_path / 'arm.npz'}']", *PATIENTLY)
-    with (
-        running_node(tmp_path / "log.txt", *arguments, options=["--managed"]),
-        ros_node("manager") as node,
-    ):
-        yield node
-
-
 def change(manager: Node, transition: int) -> bool:
     request = ChangeState.Request(transition=Transition(id=transition))
     return call(manager, ChangeState, "mp_pca_planner/change_state", request).success
@@ -64,33 +49,17 @@ def state(manager: Node) -> str:
     return call(manager, GetState, "mp_pca_planner/get_state", request).current_state.label
 
 
-def test_deactivated_node_stops_its_robot_and_still_answers_stop(
+def test_managed_node_plans_when_it_is_active_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def start(user: Node) -> None:
-        assert change(user, CONFIGURE) and change(user, ACTIVATE)
-
-    set_domain(monkeypatch, 42)
-    with benched(tmp_path, prepare=start) as bench, ros_node("operator") as operator:
-        moving = bench.begin_slowly(GOAL)
-        assert change(operator, DEACTIVATE)
-        report = bench.execution(moving)
-        assert report["outcome"] == "stopped"
-        assert np.abs(bench.position - GOAL).max() > 0.1
-        answer, hold = bench.client.stop()
-        assert answer.success, answer.message
-        assert hold is not None
-
-
-def test_transition_that_is_not_possible_is_answered_and_changes_nothing(manager: Node) -> None:
-    for number in range(256):
-        if number not in (CONFIGURE, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN):
-            assert not change(manager, number), number
-    assert state(manager) == "unconfigured"
-
-
-def test_managed_node_plans_when_it_is_active_only(manager: Node, tmp_path: Path) -> None:
-    with NodeClient() as client:
+    set_domain(monkeypatch, 41)
+    file = tmp_path / "arm.npz"
+    arguments = ("-p", f"primitives:=['{file}']", *PATIENTLY)
+    with (
+        running_node(tmp_path / "log.txt", *arguments, options=["--managed"]),
+        ros_node("manager") as manager,
+        NodeClient() as client,
+    ):
         client.wait_for_node()
         client.publish_description(URDF)
 
@@ -105,18 +74,21 @@ def test_managed_node_plans_when_it_is_active_only(manager: Node, tmp_path: Path
             client.wait_for_diagnostics(lambda values: values["joint_states_age_s"] != "none")
             return client.send(goal_message()).trajectory is not None
 
+        assert not change(manager, ACTIVATE), "it is not configured"
         assert not change(manager, CONFIGURE), "there is no primitive file"
         assert state(manager) == "unconfigured"
-        save_primitive(arm_primitive(), tmp_path / "arm.npz")
+        save_primitive(arm_primitive(), file)
         assert change(manager, CONFIGURE)
         assert "the node is not active" in refusal()
-        answer, stopping = client.stop()
+        answer, _ = client.stop()
         assert not answer.success
-        assert stopping is None
         assert change(manager, ACTIVATE)
         assert serves()
+        n = len(client.trajectories)
         assert change(manager, DEACTIVATE)
+        assert client.next_trajectory(n, HANG) is not None  # the motion is stopped
         assert "the node is not active" in refusal()
+        assert client.stop()[0].success
         assert change(manager, CLEAN_UP)
         assert state(manager) == "unconfigured"
         assert client.wait_for_diagnostics()["library"] == "none"

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,33 +17,44 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import Point, Quaternion, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import Header
 from support.arm import arm_primitive
 from support.domains import set_domain
 from support.hostile_meshes import soup, write_stl
-from support.nodes import URDF, ros_node
+from support.nodes import START, URDF, ros_node
 from support.patience import HANG
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.planning import assemble_model
+from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere, World
 from mp_pca_planner.ros import markers, obstacles
-from mp_pca_planner.ros.markers import Frames, MarkerData, Markers, Obstacles, read_markers
+from mp_pca_planner.ros.markers import (
+    Frames,
+    Markers,
+    Obstacles,
+    read_markers,
+    to_obstacle,
+)
 from mp_pca_planner.ros.obstacles import MarkerMessage, MarkerSubscription
+from mp_pca_planner.ros.world_markers import to_obstacle_markers
 
 MODEL = assemble_model(URDF, [arm_primitive()], Settings())
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABLE = QoSProfile(depth=5)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+POINTS = [Point(), Point(x=1.0), Point(y=1.0)]
 
 
 def box(number: int = 1, **fields: object) -> Marker:
@@ -57,52 +69,42 @@ def written(*markers: Marker) -> bytes:
     return bytes(serialize_message(MarkerArray(markers=list(markers))))
 
 
-def read(*markers: Marker) -> list[MarkerData]:
+def read(*markers: Marker) -> list[Marker]:
     return read_markers(written(*markers))
 
 
-# Reading
+def test_a_world_as_markers_is_as_near_the_robot_as_before() -> None:
+    turned, corners = [0.5, 0.5, 0.5, 0.5], [[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.2]]
+    shapes = (
+        Box([0.1, 0.2, 0.3], [0.5, 0.1, 0.2], turned),
+        Sphere(0.07, [0.3, -0.4, 0.1]),
+        Cylinder(0.05, 0.3, [-0.2, 0.4, 0.3], turned),
+        Capsule(0.05, 0.3, [0.4, 0.4, -0.3], turned),
+        Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], [0.1, 0.1, 0.6], turned),
+    )
+    q = np.random.default_rng(0).uniform(-0.4, 0.4, (20, MODEL.robot.n_joints)) + START
+
+    def clearances(*obstacles: Obstacle) -> np.ndarray:
+        model = CollisionModel(MODEL.robot, world=World(obstacles), self_collision=False)
+        return model.near(q, np.inf).distances.reshape(len(q), -1).min(axis=1)
+
+    for shape in shapes:
+        obstacle = Obstacle("one", shape)
+        content = bytes(serialize_message(to_obstacle_markers(World([obstacle]))))
+        found = clearances(*map(to_obstacle, read_markers(content)))
+        np.testing.assert_allclose(found, clearances(obstacle), atol=1e-6, err_msg=repr(shape))
 
 
-def test_fields_are_read_as_they_were_written() -> None:
-    random = np.random.default_rng(1)
-    sent = []
-    for k in range(20):
-        one = box(k - 5, ns="näme" * k, action=k % 4, mesh_resource="file:///m.stl" * (k % 2))
-        one.header.frame_id, one.text, one.texture_resource = "l" * k, "t" * (k % 7), "x" * (k % 3)
-        one.mesh_file.filename, one.mesh_file.data = "f" * (k % 5), list(range(k))
-        one.texture.data, one.colors = list(range(k % 6)), [ColorRGBA()] * (k % 3)
-        one.points = [Point(x=x, y=y, z=z) for x, y, z in random.normal(size=(k, 3)).tolist()]
-        one.lifetime = Duration(sec=k, nanosec=500_000_000)
-        one.pose.position.x, one.pose.orientation.w, one.scale.y = random.normal(size=3).tolist()
-        sent.append(one)
-    for one, data in zip(sent, read(*sent), strict=True):
-        p, o, s = one.pose.position, one.pose.orientation, one.scale
-        assert (data.frame_id, data.ns, data.id) == (one.header.frame_id, one.ns, one.id)
-        assert (data.type, data.action) == (one.type, one.action)
-        assert (data.lifetime, data.mesh_resource) == (one.lifetime.sec + 0.5, one.mesh_resource)
-        np.testing.assert_array_equal(data.pose, [p.x, p.y, p.z, o.x, o.y, o.z, o.w])
-        np.testing.assert_array_equal(data.scale, [s.x, s.y, s.z])
-        points = np.reshape([(q.x, q.y, q.z) for q in one.points], (-1, 3))
-        np.testing.assert_array_equal(data.points, points)
-
-
-def test_damaged_messages_are_rejected_or_read_and_never_raise_anything_else() -> None:
-    content = bytes(serialize_message(MarkerArray(markers=[box(points=[Point()] * 9)] * 2)))
-    random = np.random.default_rng(2)
-    n_rejected = 0
-    for k in range(3000):
-        damaged = bytearray(content)
-        for at in random.integers(0, len(content), random.integers(1, 6)).tolist():
-            damaged[at] = int(random.integers(0, 256))
-        try:
-            read_markers(bytes(damaged[: len(content) - (k % 3) * int(random.integers(200))]))
-        except WorldError:
-            n_rejected += 1
-    assert 0 < n_rejected < 3000
-    for short in (b"", b"\0", b"\0\1\0\0", content[:7]):
-        with pytest.raises(WorldError, match="the message of markers is malformed"):
-            read_markers(short)
+def test_points_of_lists_are_moved_and_those_of_triangles_scaled_before() -> None:
+    turned = Pose(position=Point(x=1.0), orientation=Quaternion(z=0.5**0.5, w=0.5**0.5))
+    fields = {"pose": turned, "header": Header(frame_id="lower_arm"), "points": POINTS[1:]}
+    obstacle = to_obstacle(*read(box(type=Marker.CUBE_LIST, **fields)))
+    assert (obstacle.name, obstacle.frame) == ("test/1", "lower_arm")
+    positions = [shape.position for shape in obstacle.shapes]
+    np.testing.assert_allclose(positions, [[1.0, 1.0, 0.0], [0.0, 0.0, 0.0]], atol=1e-12)
+    scale = Vector3(x=2.0, y=3.0, z=4.0)
+    (mesh,) = to_obstacle(*read(box(type=Marker.TRIANGLE_LIST, points=POINTS, scale=scale))).shapes
+    np.testing.assert_allclose(mesh.vertices, [[0, 0, 0], [2, 0, 0], [0, 3, 0]])
 
 
 # Keeping
@@ -177,6 +179,63 @@ def test_obstacle_in_a_frame_that_is_turned_is_where_that_frame_says(kept: Kept)
     # A frame that goes makes it unknown again.
     kept.obstacles.use_frames(Frames({"camera": None}))
     assert "in the frame 'camera'" in kept.obstacles.unplaced
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"pose": Pose(position=Point(x=np.nan))}, "is nan"),
+        ({"type": Marker.TEXT_VIEW_FACING}, "type 9 is not supported"),
+        ({"action": 8}, "its action is 8"),
+        ({"type": Marker.MESH_RESOURCE, "mesh_resource": "package://x/y"}, "not found"),
+        ({"type": Marker.MESH_RESOURCE, "mesh_resource": "file://{}/bad.dae"}, "can't be read: "),
+        ({"type": Marker.TRIANGLE_LIST, "points": POINTS[:2]}, "3 points per triangle, got 2"),
+        ({"type": Marker.TRIANGLE_LIST, "points": POINTS, "scale": Vector3()}, "must not be 0"),
+        ({"type": Marker.SPHERE, "scale": Vector3(x=1.0, y=0.1, z=0.1)}, "diameters of a sphere"),
+        ({"type": Marker.SPHERE_LIST, "points": [*POINTS * 333, Point()]}, "1001 shapes"),
+    ],
+)
+def test_marker_that_can_not_be_used_changes_nothing_and_is_named_until_it_is_mended(
+    kept: Kept, tmp_path: Path, fields: dict[str, Any], reason: str
+) -> None:
+    (tmp_path / "bad.dae").write_bytes(b"solid of nothing")
+    if "mesh_resource" in fields:
+        fields = fields | {"mesh_resource": fields["mesh_resource"].format(tmp_path)}
+    kept.send(box(1), box(2))
+    kept.send(box(1, **fields))
+    assert kept.names == ["test/1", "test/2"]
+    assert reason in kept.obstacles.facts.missing
+    kept.send(box(2, action=Marker.DELETE))  # another one: the rejected one is still not avoided
+    kept.send(box(1))
+    assert kept.names == ["test/1"]
+    assert not kept.obstacles.facts.missing
+
+
+def test_malformed_messages_are_named_and_names_bounded_in_length_and_number(kept: Kept) -> None:
+    for content in (b"\0\1\0\0", b"\0\1\0\0" + (8000).to_bytes(4, "little") + bytes(8000)):
+        kept.obstacles.apply(Markers(content, 0, False, 0.0))
+        assert "the message of markers" in kept.obstacles.facts.missing
+    kept.send(box(ns="x" * 100_000))
+    text = "a marker's name has 100002 characters, at most 500 are used"
+    assert kept.obstacles.facts.missing == text and not kept.names
+    kept.send(Marker(action=Marker.DELETEALL))
+    for k in range(3 * kept.obstacles.most):
+        kept.send(box(k + 1), box(0))
+        kept.send(box(k + 1, action=Marker.DELETE))
+    assert kept.names == ["test/0"]
+    assert len(kept.obstacles._changed) <= kept.obstacles.most + 1
+    # What was deleted last does not come back with an older latched message.
+    kept.obstacles.apply(Markers(written(box(3 * kept.obstacles.most)), -1, True, 0.0))
+    assert kept.names == ["test/0"]
+
+
+def test_obstacles_of_a_robot_without_its_meshes_are_kept_and_said_not_to_be_avoided() -> None:
+    shape = '<collision><geometry><mesh filename="/no/such/hand.stl"/></geometry></collision>'
+    urdf, obstacles = URDF.replace("</inertial>", f"</inertial>{shape}"), Obstacles()
+    obstacles.use(assemble_model(urdf, [arm_primitive()], Settings()))
+    obstacles.apply(Markers(written(box()), 1, False, 0.0))
+    assert obstacles.world.names == ("test/1",)
+    assert "/no/such/hand.stl" in obstacles.facts.missing
 
 
 def test_obstacles_survive_the_way_to_another_worker(kept: Kept, tmp_path: Path) -> None:

@@ -34,18 +34,6 @@ def dumped(caller: Node) -> dict[str, Any]:
     return dict(zip(listed.result.names, converted, strict=True))
 
 
-def nested(values: dict[str, Any]) -> dict[str, Any]:
-    """Names with dots as mappings in mappings."""
-    tree: dict[str, Any] = {}
-    for name, value in values.items():
-        *groups, last = name.split(".")
-        place = tree
-        for group in groups:
-            place = place.setdefault(group, {})
-        place[last] = value
-    return tree
-
-
 def test_parameters_written_to_a_file_make_the_next_node_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -61,7 +49,7 @@ def test_parameters_written_to_a_file_make_the_next_node_the_same(
         "start_from": "commanded",
     }
     for name in ("first", "second"):
-        content = {"/mp_pca_planner": {"ros__parameters": nested(values)}}
+        content = {"/mp_pca_planner": {"ros__parameters": values}}
         file.write_text(yaml.safe_dump(content), encoding="utf-8")
         with (
             running_node(tmp_path / f"{name}.txt", "--params-file", str(file)),

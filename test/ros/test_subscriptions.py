@@ -16,12 +16,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from support.domains import set_domain
 from support.nodes import ros_node
 from support.patience import HANG
 
 from mp_pca_planner.ros import nodes
+from mp_pca_planner.ros.live_node import JointStateSource
 from mp_pca_planner.ros.nodes import PolledSubscription, message_age
 
 DEPTH = 5
@@ -66,3 +68,15 @@ def test_age_of_a_message_is_bounded_where_the_wall_clock_is_set(
     facts = {"received_timestamp": 1000 * 10**9}
     assert message_age(facts, 0.4) == pytest.approx(age)
     assert message_age({"received_timestamp": 0}, 0.4) == 0.0  # a middleware that does not say
+
+
+def test_topic_that_nobody_publishes_on_is_named_beside_the_others(node: Node) -> None:
+    node.create_publisher(JointState, "/joint_states", 10)
+    deadline = time.monotonic() + HANG
+    with JointStateSource("/typo") as typo, JointStateSource("/joint_states") as right:
+        # Each finds the publisher in its own time.
+        while "'/joint_states'" not in typo.silence() or "no node" in right.silence():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        assert typo.silence().startswith("no node publishes on '/typo' yet; topics with joint")
+        assert right.silence() == "nothing has been received on '/joint_states' yet"

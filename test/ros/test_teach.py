@@ -27,7 +27,6 @@ from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.file import load_primitive, save_primitive
 from mp_pca_planner.recordings.cutting import read_segments
 from mp_pca_planner.ros.client import READY
-from mp_pca_planner.ros.live_node import JointStateSource
 
 URDF_FILE = str(config_file("human_arm.urdf"))
 
@@ -155,22 +154,3 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
     assert primitive.name == "taught" and set(primitive.joint_names) == set(JOINTS)
     segments = read_segments(tmp_path / "taught_segments.csv", ["taught"])["taught"]
     assert len(primitive.durations) == len(segments) >= 3
-
-
-@pytest.mark.slow
-def test_a_topic_that_nobody_publishes_on_is_named_beside_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    set_domain(monkeypatch, 64)
-    start, deadline = ",".join(map(str, START)), time.monotonic() + HANG
-    with (
-        JointStateSource("/typo") as typo,
-        JointStateSource("/joint_states") as right,
-        started("simulate", "--robot", URDF_FILE, "--start", start),
-    ):
-        # Each finds the publisher in its own time.
-        while "'/joint_states'" not in typo.silence() or "no node" in right.silence():
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-        assert typo.silence().startswith("no node publishes on '/typo' yet; topics with joint")
-        assert right.silence() == "nothing has been received on '/joint_states' yet"

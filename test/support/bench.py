@@ -151,24 +151,19 @@ class Bench:
 
 
 @contextmanager
-def benched(
-    folder: Path, *options: str, prepare: Callable[[Node], None] | None = None
-) -> Iterator[Bench]:
-    """The node and the robot, which both have to end cleanly; a managed node is prepared."""
+def benched(folder: Path, *options: str) -> Iterator[Bench]:
+    """The node and the robot, which both have to end cleanly."""
     save_primitive(arm_primitive(), folder / "arm.npz")
     limits = {f"limits.{j}.max_{k}": v for j in JOINTS for k, v in LIMITS.items()}
     given = {"max_solve_time": NODE_EVER, "state_timeout": STATE_TIMEOUT, **limits}
     primitives = words(primitives=f"['{folder / 'arm.npz'}']")
-    managed = ["--managed"] if prepare else []
     with (
-        running_node(folder / "log.txt", *primitives, *words(**given), options=managed),
+        running_node(folder / "log.txt", *primitives, *words(**given)),
         simulated_robot(folder / "robot.txt", START, *options),
         NodeClient() as client,
         ros_node("user") as user,
     ):
         client.wait_for_node(HANG)
-        if prepare:
-            prepare(user)
         client.wait_for_model()
         bench = Bench(client, user, str(folder / "arm.npz"))
         bench.wait(lambda: bool(bench.measured))
