@@ -107,9 +107,10 @@ class Run:
         self.node.has_velocities, self.node.is_split = self.seed % 2 == 0, self.seed // 2 % 2 == 1
         # Before its first motion, the robot is commanded to be where it is measured.
         self.node.run(0.2)
-        self.first = len(self.node.robot.record) if self.servos else 0
         self.send(self.target())
         self.node.run(4.0)
+        # With a sag, the first motion begins below the position that was commanded.
+        self.first = len(self.node.robot.record) if self.servos else 0
 
     @property
     def joints(self) -> tuple[str, ...]:

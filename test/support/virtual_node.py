@@ -245,7 +245,7 @@ class VirtualNode:
             {name: getattr(limits, name) for name in names},
             time=record.times[first:],
             cuts=[x - first for x in (*record.cuts, *cuts)],
-            joins=list(joins),
+            joins=[x - first for x in joins],
             finest=finest,
         )
 
