@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
-from .exceptions import PlannerError
+from .exceptions import PlannerError, quote_names
 
 Rename = Mapping[str, str]
 """New names by patterns of old ones. Each ``*`` of a pattern stands for any text, also for none,
@@ -50,10 +50,24 @@ def check_rename(rename: Rename) -> None:
 def new_name(name: str, rename: Rename, source: str = "") -> str:
     """The new name by the first pattern that the name, or ``SOURCE/NAME``, matches."""
     for old, new in rename.items():
-        pattern = re.compile("(.*)".join(map(re.escape, old.split("*"))))
-        match = pattern.fullmatch(name) or (source and pattern.fullmatch(f"{source}/{name}"))
-        if match:
+        if match := _match(old, name, source):
             first, *others = new.split("*")
             texts = zip(match.groups(), others, strict=False)
             return first + "".join(text + after for text, after in texts)
     return name
+
+
+def notes_on_rename(rename: Rename, names: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """A note on each pattern that matches none of the names, which are by their sources."""
+    unused = [
+        f"{old}={new}"
+        for old, new in rename.items()
+        if not any(_match(old, name, source) for source, own in names.items() for name in own)
+    ]
+    every = quote_names(dict.fromkeys(name for own in names.values() for name in own))
+    return tuple(f"--rename {text} renames nothing: none of {every} matches" for text in unused)
+
+
+def _match(pattern: str, name: str, source: str) -> re.Match[str] | None:
+    whole = re.compile("(.*)".join(map(re.escape, pattern.split("*"))))
+    return whole.fullmatch(name) or (whole.fullmatch(f"{source}/{name}") if source else None)

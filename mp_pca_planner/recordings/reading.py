@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import is_number
 from ..exceptions import RecordingError, UnusableRecordingError, quote_names, unknown_name
 from ..files import read_text, reading
-from ..renaming import Rename, check_rename
+from ..renaming import Rename, check_rename, notes_on_rename
 from . import bags
 from .bags import Bag, Topic
 from .continuity import LARGEST_ANGLE
@@ -181,7 +181,9 @@ def _read(path: Path, options: LoadOptions) -> tuple[JointStates, Episodes]:
         if not topics or options.state_field is None:
             topics = [_chosen_topic(bag, topic).name for topic in topics or (None,)]
         several = [bag.joint_states(topic, field=options.state_field) for topic in topics]
-    return in_si_units(together([x.renamed(options.rename) for x in several]), options), ()
+    notes = notes_on_rename(options.rename, {x.topic: x.joint_names for x in several})
+    states = together([x.renamed(options.rename) for x in several])
+    return in_si_units(replace(states, notes=(*states.notes, *notes)), options), ()
 
 
 def _topics(options: LoadOptions) -> list[str]:

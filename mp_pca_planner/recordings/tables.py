@@ -23,7 +23,7 @@ from ..arrays import FloatArray, as_list, repeated_names, unique_names
 from ..exceptions import RecordingError, listed, quote_names, require, shown, unknown_name
 from ..files import open_regular, read_text, reading
 from ..input_limits import INPUT_LIMITS
-from ..renaming import Rename, new_name
+from ..renaming import Rename, new_name, notes_on_rename
 from .demonstration import TIME_COLUMNS, other_unit_of_time
 from .joint_states import NS_PER_S, JointStates
 from .recording import Recording
@@ -134,6 +134,7 @@ def _read_csv(
         raise RecordingError(
             f"'{path}' has {len(header):,} columns, more than the {INPUT_LIMITS.columns:,} accepted"
         )
+    unused = notes_on_rename(rename, {"": [*names_of_positions(header), *header]})
     header = _renamed(header, rename)
     lower = [name.lower() for name in header]
     time = next((lower.index(name) for name in TIME_COLUMNS if name in lower), None)
@@ -153,6 +154,7 @@ def _read_csv(
         )
     counters = [lower.index(x) for x in _EPISODES if x in lower and x not in (joints or ())]
     columns, notes = _joint_columns(header, joints, (time, *counters))
+    notes += unused
     named = names_of_positions(header)
     if not _is_number(first[time]):
         raise RecordingError(
@@ -246,7 +248,8 @@ def _read_dataset(
         version, features = str(info["codebase_version"]), dict(info["features"])
         vectors = [name for name, one in features.items() if _size(one)]
         known = [name for name in columns if name in vectors]
-        named = [x for name in known for x in _renamed(_names(features[name]), rename, name)]
+        recorded = {name: _names(features[name]) for name in known}
+        named = [x for name, own in recorded.items() for x in _renamed(own, rename, name)]
         fps, total = float(info.get("fps") or 0.0), info.get("total_episodes")
     except (AttributeError, LookupError, TypeError, ValueError):
         raise RecordingError(
@@ -262,6 +265,8 @@ def _read_dataset(
             raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
     indices, times, positions, notes = _read_parquet(path, columns, fps)
     n_values, column = positions.shape[1], ",".join(columns)
+    of_joints = {name: [*names_of_positions(own), *own] for name, own in recorded.items()}
+    notes += notes_on_rename(rename, of_joints)
     if len(named) != n_values or _is_ambiguous(named, joints):
         named, note = _given_names(column, named, n_values, joints)
         notes += (note,)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tracemalloc
 from collections.abc import Sequence
 from pathlib import Path
@@ -235,8 +236,11 @@ def test_joints_are_renamed_in_bags_and_tables(tmp_path: Path) -> None:
     write_joint_states(tmp_path / "set.mcap", "mcap", left, stamps(len(q)), q)
     table = write_csv(tmp_path / "t.csv", [f"{name}.pos" for name in left], reaches())
     for path in (tmp_path / "set.mcap", table):
-        found = mp.load_demonstrations(path, rename={"left_*": "*"}, joints=NAMES[::-1])
+        rename = {"left_*": "*", "right_*": "r*"}
+        found = mp.load_demonstrations(path, rename=rename, joints=NAMES[::-1])
         assert found[0].joint_names == NAMES[::-1]
+        note = r"--rename right_\*=r\* renames nothing: none of .*'left_a', 'left_b', 'left_c'"
+        assert re.search(note, found.report) and found.report.count("--rename") == 1
     with pytest.raises(RecordingError, match="'x'"):
         mp.load_demonstrations(table, rename={"left_*": "x"})
 
