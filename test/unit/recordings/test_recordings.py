@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,42 +36,108 @@ def segments_file(
     return path
 
 
-def test_motions_become_demonstrations(tmp_path: Path, bag_format: str) -> None:
-    path = reaches(tmp_path / "two", bag_format)
-    loaded = load_recordings([path])
-    assert loaded.refused == ()
-    assert [d.recording for d in loaded.demonstrations] == ["two", "two"]
-    for demonstration, start, goal in zip(
-        loaded.demonstrations, (1.0, 3.0), (1.1, 0.3), strict=True
-    ):
-        assert demonstration.joint_names == ("a", "b")
-        assert demonstration.start_time == pytest.approx(start, abs=0.12)
-        assert demonstration.end_time == pytest.approx(start + 1.0, abs=0.12)
-        assert demonstration.duration == pytest.approx(
-            demonstration.end_time - demonstration.start_time
-        )
-        np.testing.assert_allclose(demonstration.positions[-1], [goal, -0.5 * goal], atol=0.01)
-        np.testing.assert_allclose(demonstration.velocities[[0, -1]], 0.0, atol=0.12)
-
-
-def test_report_says_what_was_found(tmp_path: Path, bag_format: str) -> None:
+def test_motions_become_demonstrations_with_a_report(tmp_path: Path, bag_format: str) -> None:
     messages = stamped(REACHES)
-    path = write_bag(tmp_path / "x", bag_format, [messages[0], *messages])
-    (report,) = load_recordings([path]).reports
-    file = storage_file(path)
-    assert report.name == "x"
-    assert report.path == str(path)
-    assert report.format == bag_format
-    assert report.topic == "/joint_states"
-    assert report.n_messages == len(messages) + 1
-    assert report.rate == pytest.approx(100.0)
-    assert report.duration == pytest.approx(4.99)
+    path = write_bag(tmp_path / "two", bag_format, [messages[0], *messages])
+    loaded = load_recordings([path])
+    assert loaded.refused == () and loaded.notes == ()
+    for motion, start, goal in zip(loaded, (1.0, 3.0), (1.1, 0.3), strict=True):
+        assert (motion.recording, motion.joint_names) == ("two", ("a", "b"))
+        assert (motion.start_time, motion.end_time) == pytest.approx((start, start + 1), abs=0.12)
+        assert motion.duration == pytest.approx(motion.end_time - motion.start_time)
+        np.testing.assert_allclose(motion.positions[-1], [goal, -0.5 * goal], atol=0.01)
+        np.testing.assert_allclose(motion.velocities[[0, -1]], 0.0, atol=0.12)
+    (report,) = loaded.reports
+    assert (report.name, report.path, report.format) == ("two", str(path), bag_format)
+    assert (report.topic, report.n_messages) == ("/joint_states", len(messages) + 1)
+    assert (report.rate, report.duration) == pytest.approx((100.0, 4.99))
     assert report.joint_names == ("a", "b")
-    assert report.checksum == hashlib.sha256(file.read_bytes()).hexdigest()
-    assert report.repairs == {"repeated_stamps": 1}
+    assert report.checksum == hashlib.sha256(storage_file(path).read_bytes()).hexdigest()
+    assert report.repairs == {"repeated_stamps": 1} and report.notes == ()
     assert len(report.motions) == 2
     assert 0.0 < report.thresholds.rest < report.thresholds.moving
-    assert report.notes == ()
+
+
+FROZEN = REACHES.copy()
+FROZEN[140:185] = FROZEN[140]
+STEPPED = stamped(REACHES)
+for _message in STEPPED[150:]:
+    _message.stamp += 3 * S // 10
+LATE = reaching([0.1, 1.1], rest=2.0)
+
+
+@pytest.mark.parametrize(
+    ("messages", "segments", "repairs", "spans"),
+    [
+        (stamped(REACHES), ["none"], {}, [(1.0, 4.0)]),
+        # A motion never spans a gap, and a part that rests holds none.
+        (
+            stamped(REACHES)[:140] + stamped(REACHES)[260:],
+            ["auto", "none"],
+            {"gaps": 1, "cut_off": 1},
+            [(3.0, 4.0)],
+        ),
+        (stamped(LATE)[:320] + stamped(LATE)[400:], ["auto", "none"], {"gaps": 1}, [(2.0, 3.0)]),
+        (STEPPED, ["auto"], {"clock_steps": 1, "cut_off": 2}, [(3.3, 4.3)]),
+        (stamped(FROZEN), ["auto"], {"jumps": 1, "frozen": 44, "cut_off": 2}, [(3.0, 4.0)]),
+        # The recorder began within the first motion; with "none" it is taken as it is.
+        (stamped(REACHES[150:]), ["auto"], {"cut_off": 1}, [(1.5, 2.5)]),
+        (stamped(REACHES[150:250]), ["none"], {}, [(0.0, 0.5)]),
+        (stamped(REACHES[125:175]), ["auto"], {}, [(0.0, 0.49)]),
+    ],
+)
+def test_motions_are_whole(
+    tmp_path: Path,
+    messages: list[Message],
+    segments: list[str],
+    repairs: dict[str, int],
+    spans: list[tuple[float, float]],
+) -> None:
+    path = write_bag(tmp_path / "x", "mcap", messages)
+    for segment in segments:
+        (report,) = load_recordings([path], segment=segment).reports
+        assert report.repairs == repairs
+        np.testing.assert_allclose([(m.start, m.end) for m in report.motions], spans, atol=0.12)
+
+
+@pytest.mark.parametrize(
+    ("messages", "options"),
+    [
+        (stamped(REACHES[150:250]), {}),
+        (stamped(REACHES[:130]) + stamped(REACHES[:250])[185:], {"max_gap": 0.4}),
+        (
+            stamped(REACHES[:130]) + stamped(REACHES[:250])[185:],
+            {"max_gap": 0.4, "segment": "none"},
+        ),
+    ],
+)
+def test_a_recording_of_halves_is_rejected(
+    tmp_path: Path, messages: list[Message], options: dict[str, Any]
+) -> None:
+    path = write_bag(tmp_path / "x", "mcap", messages)
+    (refusal,) = load_recordings([path], **options).refused
+    words = r"cuts off each of its motions \(\d\).*from rest to rest.*--segment none"
+    assert re.search(words, refusal.reason)
+
+
+def test_units_that_are_no_radians_are_told(tmp_path: Path) -> None:
+    for name in "12":
+        degrees = float(name) * np.rad2deg(REACHES)
+        write_bag(tmp_path / name, "mcap", stamped(degrees))
+    write_bag(tmp_path / "radians", "mcap", stamped(REACHES))
+    loaded = load_recordings([tmp_path])
+    assert [refusal.recording for refusal in loaded.refused] == ["1", "2"]
+    for refusal in loaded.refused:
+        assert re.search("2 of its 2 joints .* not in degrees .* --degrees", refusal.reason)
+    loaded = load_recordings([tmp_path], degrees=True)
+    assert [report.name for report in loaded.reports] == ["1", "2"]
+    assert "radians rather than degrees: leave out --degrees" in loaded.refused[0].reason
+    # A single joint may turn on and on.
+    turns = np.column_stack([12.0 * REACHES[:, 0], REACHES])
+    path = write_bag(tmp_path / "wheel", "mcap", stamped(turns, names=("wheel", "a", "b")))
+    (report,) = load_recordings([path]).reports
+    assert len(report.motions) == 2
+    assert "joint 'wheel' moves over 12 rad" in report.notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -121,71 +187,6 @@ def test_chosen_topic_is_read(tmp_path: Path) -> None:
     assert load_recordings([path], topic="/joint_states").reports[0].topic == "/joint_states"
 
 
-def test_without_cutting_only_the_stillness_at_the_ends_goes(tmp_path: Path) -> None:
-    (demonstration,) = load_recordings([reaches(tmp_path / "x")], segment="none").demonstrations
-    assert demonstration.start_time == pytest.approx(1.0, abs=0.12)
-    assert demonstration.end_time == pytest.approx(4.0, abs=0.12)
-
-
-def test_motion_never_spans_a_gap(tmp_path: Path) -> None:
-    messages = stamped(REACHES)
-    path = write_bag(tmp_path / "x", "mcap", messages[:140] + messages[260:])
-    for segment in ("none", "auto"):
-        (report,) = load_recordings([path], segment=segment).reports
-        assert report.repairs == {"gaps": 1, "cut_off": 1}
-        assert [m.start > 2.59 for m in report.motions] == [True]
-
-
-def test_a_part_that_rests_holds_no_motion(tmp_path: Path) -> None:
-    messages = stamped(reaching([0.1, 1.1], rest=2.0))
-    path = write_bag(tmp_path / "x", "mcap", messages[:320] + messages[400:])
-    for segment in ("none", "auto"):
-        (report,) = load_recordings([path], segment=segment).reports
-        assert report.repairs == {"gaps": 1}
-        ((start, end),) = [(m.start, m.end) for m in report.motions]
-        assert (start, end) == pytest.approx((2.0, 3.0), abs=0.12)
-
-
-@pytest.mark.parametrize("segment", ["auto", "none"])
-def test_a_recording_of_halves_is_rejected(tmp_path: Path, segment: str) -> None:
-    messages = stamped(REACHES[:250])
-    path = write_bag(tmp_path / "x", "mcap", messages[:130] + messages[185:])
-    (refusal,) = load_recordings([path], segment=segment, max_gap=0.4).refused
-    assert re.search(r"cuts off each of its motions \(\d\).*from rest to rest", refusal.reason)
-
-
-def test_a_step_of_the_clock_and_frozen_positions_make_no_half_motions(tmp_path: Path) -> None:
-    stepped = stamped(REACHES)
-    for message in stepped[150:]:
-        message.stamp += 3 * S // 10
-    write_bag(tmp_path / "stepped", "mcap", stepped)
-    frozen = REACHES.copy()
-    frozen[140:185] = frozen[140]
-    write_bag(tmp_path / "frozen", "mcap", stamped(frozen))
-    for report in load_recordings([tmp_path]).reports:
-        assert [m.start > 2.59 for m in report.motions] == [True]
-        assert report.repairs["cut_off"] > 0
-
-
-def test_a_motion_of_which_the_recording_lacks_an_end_is_left_out(tmp_path: Path) -> None:
-    for name, last in (("one", 250), ("both", None)):
-        write_bag(tmp_path / name, "mcap", stamped(REACHES[150:last]))
-    loaded = load_recordings([tmp_path])
-    (both,), (one,) = loaded.reports, loaded.refused
-    assert [len(both.motions), both.repairs] == [1, {"cut_off": 1}]
-    assert both.motions[0].start == pytest.approx(1.5, abs=0.12)
-    assert one.recording == "one" and "--segment none" in one.reason
-    (report,) = load_recordings([tmp_path / "one"], segment="none").reports
-    assert len(report.motions) == 1
-
-
-def test_a_recording_that_is_one_motion_without_rests_is_used(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "tight", "mcap", stamped(REACHES[125:175]))
-    (report,) = load_recordings([path]).reports
-    assert [(m.start, m.end) for m in report.motions] == [(0.0, pytest.approx(0.49))]
-    assert report.repairs == {}
-
-
 def write_joints(path: Path, *joints: tuple[str, ...]) -> Path:
     """Reaches whose joints come in one message, or in several of different publishers."""
     messages = []
@@ -219,37 +220,9 @@ def test_recordings_take_the_joints_of_most(tmp_path: Path) -> None:
     for demonstration in loaded.demonstrations[8:]:
         goal = demonstration.positions[-1, 0]
         np.testing.assert_allclose(demonstration.positions[-1], [goal, -0.5 * goal], atol=0.01)
-
-
-def test_without_a_majority_no_recording_is_rejected_for_its_joints(tmp_path: Path) -> None:
-    write_bag(tmp_path / "1", "mcap", stamped(REACHES))
-    write_joints(tmp_path / "2", ("c", "d"))
-    loaded = load_recordings([tmp_path], same_joints=True)
-    assert [report.joint_names for report in loaded.reports] == [("a", "b"), ("c", "d")]
-
-
-def test_a_set_in_degrees_is_rejected_without_a_robot(tmp_path: Path) -> None:
-    for name in "12":
-        write_bag(tmp_path / name, "mcap", stamped(float(name) * np.rad2deg(REACHES)))
-    loaded = load_recordings([tmp_path])
-    assert [refusal.recording for refusal in loaded.refused] == ["1", "2"]
-    for refusal in loaded.refused:
-        assert re.search("2 of its 2 joints .* not in degrees .* --degrees", refusal.reason)
-    assert len(load_recordings([tmp_path], degrees=True).reports) == 2
-
-
-def test_radians_are_not_read_as_degrees(tmp_path: Path) -> None:
-    write_bag(tmp_path / "1", "mcap", stamped(REACHES))
-    (refusal,) = load_recordings([tmp_path], degrees=True).refused
-    assert re.search("radians rather than degrees: leave out --degrees", refusal.reason)
-
-
-def test_a_joint_that_turns_on_and_on_is_not_in_degrees(tmp_path: Path) -> None:
-    turns = np.column_stack([12.0 * REACHES[:, 0], REACHES])
-    path = write_bag(tmp_path / "x", "mcap", stamped(turns, names=("wheel", "a", "b")))
-    (report,) = load_recordings([path]).reports
-    assert len(report.motions) == 2
-    assert "joint 'wheel' moves over 12 rad" in report.notes[-1]
+    # Without a majority, no recording is rejected for its joints.
+    half = [tmp_path / "1", tmp_path / "8_other"]
+    assert len(load_recordings(half, same_joints=True).reports) == 2
 
 
 def test_copies_in_other_forms_and_parts_count_once(tmp_path: Path) -> None:
@@ -271,17 +244,6 @@ def test_copies_in_other_forms_and_parts_count_once(tmp_path: Path) -> None:
     assert all("also in 'first', which is used" in reason for reason in reasons.values())
 
 
-def test_small_motions_are_left_out_with_a_note(tmp_path: Path) -> None:
-    short = reaching([1, 1.09], reach=0.4)
-    positions = np.concatenate([reaching([0, 1]), short, reaching([1.09, 0.1])])
-    path = write_bag(tmp_path / "x", "mcap", stamped(positions))
-    (report,) = load_recordings([path]).reports
-    assert len(report.motions) == 2
-    assert report.notes == (
-        "1 motions over less than 10% of the extent of the largest are left out",
-    )
-
-
 SWAY = 0.05 * np.sin(0.6 * np.pi * np.arange(0.0, 60.0, 0.01))[:, None] * [1.0, -0.5]
 """A standing arm that sways over 0.1 rad: in a set of large motions, that is rest."""
 
@@ -301,20 +263,11 @@ def test_movements_that_are_small_beside_those_of_the_set_are_rest(tmp_path: Pat
     by_name = {report.name: report for report in loaded.reports}
     assert by_name["mixed"].repairs == {"rest": 1}
     assert len(loaded.demonstrations) == 6
-
-
-@pytest.mark.parametrize("n_good", [1, 4])
-def test_recording_in_degrees_is_refused_and_the_others_are_used(
-    tmp_path: Path, n_good: int
-) -> None:
-    write_bag(tmp_path / "degrees", "mcap", stamped(np.degrees(reaching([0, 1.4]))))
-    for index in range(n_good):
-        write_bag(tmp_path / f"reach_{index}", "mcap", stamped(reaching([0, 1.0 + 0.1 * index])))
-    loaded = load_recordings([tmp_path])
-    (refused,) = loaded.refused
-    assert refused.recording == "degrees"
-    assert "not in degrees" in refused.reason
-    assert len(loaded.demonstrations) == n_good
+    # Beside the largest motion of the same recording small ones are no motions, either.
+    parts = reaching([0, 1]), reaching([1, 1.09], reach=0.4), reaching([1.09, 0.1])
+    path = write_bag(tmp_path / "small", "mcap", stamped(np.concatenate(parts)))
+    (report,) = load_recordings([path]).reports
+    assert "1 motions over less than 10% of the extent of the largest" in report.notes[0]
 
 
 @pytest.mark.parametrize("joints", [None, ["b", "a"]])
@@ -340,122 +293,6 @@ def test_noise_alone_is_no_motion(tmp_path: Path, rate: int, noise: float) -> No
         assert "no motion" in refused.reason or "nothing moves" in refused.reason
 
 
-def test_unknown_way_to_segment_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="'auto', 'none'"):
-        load_recordings([reaches(tmp_path / "x")], segment="aut")  # type: ignore[arg-type]
-
-
-def test_segments_by_hand_are_taken_as_they_are(tmp_path: Path, bag_format: str) -> None:
-    path = reaches(tmp_path / "x", bag_format)
-    table = segments_file(
-        tmp_path,
-        "out,x,1.0,2.0,9",
-        "back,x,3.0,4.99,9",
-        header="label,recording,start_time_s,end_time_s,other",
-    )
-    loaded = load_recordings([path], segments_csv=table)
-    assert [(m.start, m.end, m.label) for m in loaded.reports[0].motions] == [
-        (pytest.approx(1.0), pytest.approx(2.0), "out"),
-        (pytest.approx(3.0), pytest.approx(4.99), "back"),
-    ]
-    assert [d.label for d in loaded.demonstrations] == ["out", "back"]
-
-
-@pytest.mark.parametrize(
-    ("row", "message"),
-    [
-        ("y,1.0,2.0,", "no recording is called 'y'"),
-        ("x,one,2.0,", "'start_time_s' must be a number of seconds, got 'one'"),
-        ("x,1.0,,", "'end_time_s' must be a number of seconds, got ''"),
-        ("x,1.0", "'end_time_s' must be a number of seconds, got ''"),
-        ("x,nan,2.0,", "'start_time_s' must be a number"),
-        ("x,2.0,2.0,", "end after its start"),
-        ("x,-1.0,2.0,", "must start at 0 s or later"),
-        ("x,1.0,1e308,", "at 1e.09 s at the latest"),
-        (",1.0,2.0,", "no recording is called ''"),
-        ("x,1.00,2.0,", "this row repeats .* line 2: remove one"),
-    ],
-)
-def test_faulty_row_is_refused_with_its_line(tmp_path: Path, row: str, message: str) -> None:
-    path = reaches(tmp_path / "x")
-    table = segments_file(tmp_path, "x,1.0,2.0,", row)
-    with pytest.raises(RecordingError, match=f"line 3: .*{message}"):
-        load_recordings([path], segments_csv=table)
-
-
-def test_more_segments_than_can_be_learned_from_are_refused(tmp_path: Path) -> None:
-    table = segments_file(tmp_path, *(f"x,1.0,{i + 2}," for i in range(10_001)))
-    with pytest.raises(RecordingError, match="more than 10,000 rows"):
-        load_recordings([reaches(tmp_path / "x")], segments_csv=table)
-
-
-def test_segments_in_a_pipe_are_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(RecordingError, match="pipe' can't be read: it is not a regular file"):
-        load_recordings([reaches(tmp_path / "x")], segments_csv=tmp_path / "pipe")
-
-
-def test_segment_outside_its_recording_is_refused_with_its_line(tmp_path: Path) -> None:
-    table = segments_file(tmp_path, "x,1.0,2.0,", "x,4.0,5.2,")
-    (refusal,) = load_recordings([reaches(tmp_path / "x")], segments_csv=table).refused
-    assert "line 3: 4 s to 5.2 s is not within the recording" in refusal.reason
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        *(b"", b"recording,start_time_s\n", b"\xff\xfe\x00", b"a\x00b\n1\n"),
-        b"recording,start_time_s,end_time_s\n" + 200_000 * b"x",
-    ],
-)
-def test_file_that_holds_no_segments_is_refused_by_name(tmp_path: Path, content: bytes) -> None:
-    path = reaches(tmp_path / "x")
-    table = tmp_path / "segments.csv"
-    table.write_bytes(content)
-    with pytest.raises(RecordingError, match=r"segments\.csv"):
-        load_recordings([path], segments_csv=table)
-    with pytest.raises(RecordingError, match=r"none\.csv"):
-        load_recordings([path], segments_csv=tmp_path / "none.csv")
-
-
-def test_recording_without_a_row_is_refused(tmp_path: Path) -> None:
-    paths = [reaches(tmp_path / "x"), reaches(tmp_path / "y")]
-    loaded = load_recordings(paths, segments_csv=segments_file(tmp_path, "x,1.0,2.0,"))
-    assert [report.name for report in loaded.reports] == ["x"]
-    assert [refusal.recording for refusal in loaded.refused] == ["y"]
-
-
-def test_inspection_counts_defects(tmp_path: Path, bag_format: str) -> None:
-    messages = stamped(REACHES)
-    messages[3].positions = [np.nan, 0.0]
-    path = write_bag(tmp_path / "x", bag_format, [messages[0], *messages], unknown_type=True)
-    found = inspect_recording(path)
-    assert found.format == bag_format
-    assert [(t.name, t.count) for t in found.topics] == [("/joint_states", 501), ("/strange", 1)]
-    assert found.joint_names == ("a", "b")
-    assert found.rate == pytest.approx(100.0)
-    assert found.repairs == {"non_finite": 1, "repeated_stamps": 1}
-    assert found.refusal is None
-
-
-def test_inspection_tells_why_a_recording_is_useless(tmp_path: Path, bag_format: str) -> None:
-    still = inspect_recording(write_bag(tmp_path / "x", bag_format, stamped(np.ones((99, 2)))))
-    assert still.n_messages == 99
-    assert still.joint_names == ("a", "b")
-    assert "nothing moves" in str(still.refusal)
-    (tmp_path / "broken.bag").write_bytes(b"")
-    broken = inspect_recording(tmp_path / "broken.bag")
-    assert broken.topics == ()
-    assert "broken.bag" in str(broken.refusal)
-
-
-def test_inspection_is_of_one_recording(tmp_path: Path) -> None:
-    reaches(tmp_path / "x")
-    reaches(tmp_path / "y")
-    with pytest.raises(RecordingError, match="2 recordings"):
-        inspect_recording(tmp_path)
-
-
 def test_gestures_of_a_humanoid_are_loaded(shared_data: Path) -> None:
     joints = [f"arm_right_{number}_joint" for number in range(1, 8)]
     loaded = load_recordings([shared_data / "reem_gestures" / "*.bag"], joints=joints)
@@ -477,13 +314,6 @@ def test_slow_recording_among_unknown_types_is_one_motion(shared_data: Path) -> 
     assert np.abs(demonstration.velocities[[0, -1]]).max() < 0.02
 
 
-def test_recordings_without_time_are_refused(shared_data: Path) -> None:
-    loaded = load_recordings([shared_data / "unstamped"])
-    assert loaded.demonstrations == ()
-    assert len(loaded.refused) == 2
-    assert all("no usable time" in refusal.reason for refusal in loaded.refused)
-
-
 def test_all_motions_cut_by_hand_load(shared_data: Path) -> None:
     arm = shared_data / "human_arm"
     loaded = load_recordings([arm / "joint_states"], segments_csv=arm / "motions.csv")
@@ -494,40 +324,78 @@ def test_all_motions_cut_by_hand_load(shared_data: Path) -> None:
     }
 
 
-def test_damaged_recording_is_used_as_far_as_it_goes_only_on_request(tmp_path: Path) -> None:
-    motions = np.tile(reaching([0.1, 1.1, 0.1]), (4, 1))
-    file = storage_file(write_bag(tmp_path / "x", "mcap", stamped(motions)))
-    content = file.read_bytes()
-    file.write_bytes(content[: int(0.7 * len(content))])
-    assert not load_recordings([file]).reports
-    assert inspect_recording(file).refusal is not None
-    (report,) = load_recordings([file], salvage=True).reports
-    assert report.motions
-    assert "before the damage" in report.notes[0]
-    assert inspect_recording(file, salvage=True).n_messages == report.n_messages
+ROWS = ["x,1.0,2.0,out", "x,3.0,4.99,back"]
 
 
-def test_longest_gap_reaches_the_repair(tmp_path: Path) -> None:
-    messages = stamped(reaching([0.1, 1.1, 0.1]))
-    path = write_bag(tmp_path / "x", "mcap", messages[:210] + messages[290:])
-    assert load_recordings([path]).reports[0].repairs == {"gaps": 1}
-    assert load_recordings([path], max_gap=1.0).reports[0].repairs == {}
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (["y,1.0,2.0,"], "line 2: no recording is called 'y'"),
+        ([*ROWS, "x,one,2.0,"], "line 4: 'start_time_s' must be a number of seconds, got 'one'"),
+        ([*ROWS, "x,1.0"], "line 4: 'end_time_s' must be a number of seconds, got ''"),
+        (["x,nan,2.0,"], "line 2: 'start_time_s' must be a number"),
+        (["x,2.0,2.0,"], "line 2: .* end after its start"),
+        (["x,-1.0,2.0,"], "line 2: .* must start at 0 s or later"),
+        (["x,1.0,1e308,"], "line 2: .* at 1e.09 s at the latest"),
+        ([*ROWS, "x,1.00,2.0,out"], "line 4: this row repeats .* line 2: remove one"),
+        ([f"x,1.0,{i + 2}," for i in range(10_001)], "more than 10,000 rows"),
+        (["a\0b,1,2,"], "segments.csv"),
+    ],
+)
+def test_a_table_of_segments_is_taken_or_refused_with_the_line(
+    tmp_path: Path, rows: list[str], message: str
+) -> None:
+    path = reaches(tmp_path / "x")
+    loaded = load_recordings([path], segments_csv=segments_file(tmp_path, *ROWS))
+    found = [(m.start, m.end, m.label) for m in loaded.reports[0].motions]
+    approx = pytest.approx
+    assert found == [(approx(1.0), approx(2.0), "out"), (approx(3.0), approx(4.99), "back")]
+    assert [motion.label for motion in loaded] == ["out", "back"]
+    with pytest.raises(RecordingError, match=message):
+        load_recordings([path], segments_csv=segments_file(tmp_path, *rows))
 
 
-def test_inspection_of_a_useless_recording_shows_its_defects(tmp_path: Path) -> None:
-    messages = stamped(np.full((100, 2), 0.3))
-    messages[5].positions = [1.0]
-    messages[7].positions = [np.nan, 0.3]
-    found = inspect_recording(write_bag(tmp_path / "x", "mcap", messages))
-    assert found.refusal is not None
-    assert found.repairs == {"malformed": 1, "non_finite": 1}
+def test_tables_of_segments_and_recordings_that_do_not_fit(tmp_path: Path) -> None:
+    paths = [reaches(tmp_path / "x"), reaches(tmp_path / "y")]
+    rows = ("x,1.0,2.0,", "x,4.0,5.2,")
+    first, second = load_recordings(paths, segments_csv=segments_file(tmp_path, *rows)).refused
+    assert "line 3: 4 s to 5.2 s is not within the recording" in first.reason
+    assert (second.recording, "lists no motion of it" in second.reason) == ("y", True)
+    table = segments_file(tmp_path, header="recording,start_time_s")
+    for path, words in ((table, "lacks the columns 'end_time_s'"), (tmp_path / "no.csv", "no.csv")):
+        with pytest.raises(RecordingError, match=words):
+            load_recordings(paths, segments_csv=path)
+    with pytest.raises(RecordingError, match="'auto', 'none'"):
+        load_recordings(paths, segment="aut")
+
+
+def test_inspection_counts_defects_and_tells_why_a_recording_is_useless(tmp_path: Path) -> None:
+    messages = stamped(REACHES)
+    messages[3].positions = [np.nan, 0.0]
+    messages[4].positions = [1.0]
+    path = write_bag(tmp_path / "x", "rosbag1", [messages[0], *messages], unknown_type=True)
+    found = inspect_recording(path)
+    assert found.format == "rosbag1"
+    assert [(t.name, t.count) for t in found.topics] == [("/joint_states", 501), ("/strange", 1)]
+    assert (found.joint_names, found.rate) == (("a", "b"), pytest.approx(100.0))
+    defects = {"malformed": 1, "non_finite": 1, "repeated_stamps": 1}
+    assert (found.repairs, found.refusal) == (defects, None)
+    for message in messages[5:]:
+        message.positions = [0.1, -0.05]
+    still = inspect_recording(write_bag(tmp_path / "still", "mcap", messages[3:]))
+    assert (still.n_messages, still.joint_names) == (len(messages) - 3, ("a", "b"))
+    assert "nothing moves" in str(still.refusal)
+    assert still.repairs == {"malformed": 1, "non_finite": 1}
+    (tmp_path / "broken.bag").write_bytes(b"")
+    broken = inspect_recording(tmp_path / "broken.bag")
+    assert broken.topics == () and "broken.bag" in str(broken.refusal)
+    with pytest.raises(RecordingError, match="3 recordings"):
+        inspect_recording(tmp_path)
 
 
 def test_field_of_messages_needs_their_topic(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0.1, 1.1])))
+    path = reaches(tmp_path / "x")
     with pytest.raises(RecordingError, match="'states' needs a topic"):
         load_recordings([path], state_field="states")
-    (refusal,) = load_recordings([path], topic="/joint_states", state_field="states").refused
-    assert "no field of 'states' is called 'states'" in refusal.reason
     found = inspect_recording(path, "/joint_states", state_field="states")
-    assert found.refusal == refusal.reason
+    assert "no field of 'states' is called 'states'" in str(found.refusal)
