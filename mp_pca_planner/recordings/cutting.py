@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
@@ -32,6 +31,7 @@ from .segmentation import (
     SegmentationOptions,
     SmoothPiece,
     SpeedThresholds,
+    extent,
     find_motions,
     joint_speed,
     least_extent,
@@ -55,14 +55,9 @@ class Cut:
     label: str = ""
 
     @property
-    def ranges(self) -> FloatArray:
-        """Distance that each joint covers [rad or m], shape (n_joints,)."""
-        return np.asarray(np.ptp(self.piece.positions[self.first : self.last + 1], axis=0))
-
-    @property
     def extent(self) -> float:
-        """Norm of the ranges [rad or m]."""
-        return float(np.linalg.norm(self.ranges))
+        """Norm over the joints of the distance that each of them covers [rad or m]."""
+        return extent(self.piece.positions[self.first : self.last + 1])
 
     @property
     def is_cut_off(self) -> bool:
@@ -266,8 +261,7 @@ def count_short_halves(
     for piece in pieces:
         speed = joint_speed(piece.velocities)
         for step in (0, speed.size - 1):
-            is_half = speed[step] > thresholds.moving
-            n += bool(is_half and (id(piece), step) not in ends)
+            n += bool(speed[step] > thresholds.moving and (id(piece), step) not in ends)
     return n
 
 

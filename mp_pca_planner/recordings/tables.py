@@ -38,7 +38,7 @@ _EPISODES = ("episode_index", "episode", "episode_id", "demo", "trial")
 # Names of columns that count or time the samples, and of values that are not positions.
 _BOOKKEEPING = re.compile(
     r"|unnamed: \d+|index|frame|frame_index|step|task|task_index|reward|done|success|next[._].*"
-    rf"|{'|'.join(_EPISODES)}|t|(time|timestamp|stamp)(_\w+)?|/.*/header/.*",
+    rf"|{'|'.join(_EPISODES)}|t|(time|timestamp|stamp)(_\w+)?|/.*/header/.*|field\..*",
     re.IGNORECASE,
 )
 _QUANTITIES = "(vel|velocity|velocities|acc|accelerations?|efforts?|torques?)"
@@ -130,6 +130,11 @@ def _read_csv(
                 rows.replace(",", ".").replace(delimiter, ","),
             )
         header = [_plain_name(name.strip()) for name in next(csv.reader([head]), [])]
+        is_echoed = head.startswith("%time")  # by rostopic echo -p: each row holds the names
+        if is_echoed:
+            cells = dict(zip(header, next(csv.reader([rows.partition("\n")[0]]), []), strict=False))
+            joint_of = {x.replace("name", "position"): name for x, name in cells.items()}
+            header = ["time", *(joint_of.get(x, x) if "position" in x else x for x in header[1:])]
     if len(header) > INPUT_LIMITS.columns:
         raise RecordingError(
             f"'{path}' has {len(header):,} columns, more than the {INPUT_LIMITS.columns:,} accepted"
@@ -175,6 +180,7 @@ def _read_csv(
         used = [time, *columns]
         values = _loaded(rows, None if len(used) == len(header) else used)
         values = values[:, used] if len(used) == len(header) else values
+        values[:, 0] /= NS_PER_S if is_echoed else 1.0
         labels = [tuple(row[i] for i in counters) for row in csv.reader(io.StringIO(rows)) if row]
     states = partial(_joint_states, path.name, [header[i] for i in columns], notes=notes)
     varying = [k for k in range(len(counters)) if len({row[k] for row in labels}) > 1]

@@ -9,12 +9,12 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePath
 from typing import Literal
 
 from ...exceptions import RecordingError
+from ...files import reading
 
 BagFormat = Literal["rosbag1", "sqlite3", "mcap"]
 RecordingFormat = BagFormat | Literal["csv", "lerobot"]
@@ -51,7 +51,7 @@ def find_recordings(paths: str | Path | Iterable[str | Path]) -> tuple[Path, ...
     """
     found: dict[Path, Path] = {}
     for path in [paths] if isinstance(paths, str | Path) else paths:
-        with translated_os_errors(path):
+        with reading(f"'{path}'", RecordingError):
             recordings = [x for one in _glob(path) for x in recordings_in(one) or _tables(one)]
         if not recordings:
             raise RecordingError(
@@ -107,7 +107,7 @@ def recording_format(path: Path) -> RecordingFormat:
     RecordingError
         If it is none of these.
     """
-    with translated_os_errors(path):
+    with reading(f"'{path}'", RecordingError):
         if is_dataset(path):
             return "lerobot"
         if path.suffix == TABLE_SUFFIX and path.is_file():
@@ -128,7 +128,7 @@ def bag_format(path: Path) -> BagFormat:
     RecordingError
         If it is neither a bag file nor a rosbag2 folder.
     """
-    with translated_os_errors(path):
+    with reading(f"'{path}'", RecordingError):
         path.stat()
         suffixes = {_suffix(file) for file in bag_files(path)}
     if len(suffixes) != 1:
@@ -148,7 +148,7 @@ def checksum(path: Path) -> str:
         If they can't be read.
     """
     digest = hashlib.sha256()
-    with translated_os_errors(path):
+    with reading(f"'{path}'", RecordingError):
         for file in _storage_files(path):
             with file.open("rb") as stream:
                 while block := stream.read(1 << 20):
@@ -164,7 +164,7 @@ def stored_size(path: Path) -> int:
     RecordingError
         If their sizes can't be read.
     """
-    with translated_os_errors(path):
+    with reading(f"'{path}'", RecordingError):
         return sum(file.stat().st_size for file in _storage_files(path))
 
 
@@ -196,15 +196,6 @@ def bag_files(path: Path) -> list[Path]:
         (file for file in _storage_files(path) if _suffix(file) in FORMAT_OF_SUFFIX),
         key=lambda file: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", file.name)],
     )
-
-
-@contextmanager
-def translated_os_errors(path: str | Path) -> Iterator[None]:
-    """Turn errors of the operating system into a RecordingError that names the path."""
-    try:
-        yield
-    except OSError as error:
-        raise RecordingError(f"'{path}' can't be read: {error.strerror or error}") from None
 
 
 def _glob(path: str | Path) -> list[Path]:

@@ -14,7 +14,7 @@ import struct
 import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
@@ -166,16 +166,10 @@ _UNPACK: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-@contextmanager
-def mapped(path: Path) -> Iterator[mmap.mmap]:
-    """Map a file into memory."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        yield content
-
-
 def scan_mcap(path: Path) -> Iterator[Found]:
     """Scan a file of mcap."""
-    with mapped(path) as content:
+    access = mmap.ACCESS_READ
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=access) as content:
         if content[: len(MCAP_MAGIC)] != MCAP_MAGIC:
             raise ValueError("it does not begin as mcap")
         yield from _mcap_messages(content, len(MCAP_MAGIC), {}, {})

@@ -114,14 +114,6 @@ def test_workers_that_die_are_told(
         load_recordings(bags, dask=strict.address)
 
 
-def test_cluster_without_workers_is_refused(
-    bags: Path, start: Callable[..., Cluster], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(workers, "_PATIENCE", 0.1)
-    with pytest.raises(RecordingError, match="needs a scheduler and workers"):
-        load_recordings(bags, dask=start([]).address)
-
-
 @contextmanager
 def port_of_nobody() -> Iterator[int]:
     """A port that is taken, so that nobody else gets it, but doesn't listen."""

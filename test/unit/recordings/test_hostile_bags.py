@@ -15,7 +15,7 @@ import pytest
 from support.bags import EPOCH, FORMATS, S, reaching, stamped, write_bag
 from support.compressed_bags import compressed_bag, storage_file
 
-from mp_pca_planner.exceptions import PlannerError, RecordingError
+from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.input_limits import INPUT_LIMITS
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.load import load_recordings
@@ -30,20 +30,15 @@ def refusal(path: Path) -> str:
 # What is no content of a bag
 
 
-@pytest.mark.parametrize("name", ["pipe.bag", "pipe.db3", "pipe.mcap", "zero.mcap"])
-def test_pipe_or_device_is_refused_without_waiting(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    path.symlink_to("/dev/zero") if name == "zero.mcap" else os.mkfifo(path)
-    assert "expected a regular" in refusal(path)
-    with pytest.raises(RecordingError, match="expected a regular"):
-        inspect_recording(path)
-
-
-def test_metadata_that_is_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0, 1])))
-    (path / "metadata.yaml").unlink()
-    os.mkfifo(path / "metadata.yaml")
-    assert "not a regular file" in refusal(path)
+def test_pipe_or_device_is_refused_without_waiting(tmp_path: Path) -> None:
+    for name in ("pipe.bag", "zero.mcap"):
+        path = tmp_path / name
+        path.symlink_to("/dev/zero") if name == "zero.mcap" else os.mkfifo(path)
+        assert "expected a regular" in refusal(path)
+    bag = write_bag(tmp_path / "x", "mcap", stamped(reaching([0, 1])))
+    (bag / "metadata.yaml").unlink()
+    os.mkfifo(bag / "metadata.yaml")
+    assert "not a regular file" in refusal(bag)
 
 
 def test_metadata_that_multiplies_by_aliases_is_refused(tmp_path: Path) -> None:
@@ -61,7 +56,6 @@ def test_metadata_that_multiplies_by_aliases_is_refused(tmp_path: Path) -> None:
     "change",
     [
         "UPDATE messages SET data = 'text' WHERE id = 7",
-        "UPDATE messages SET timestamp = 'late' WHERE id = 7",
         "ALTER TABLE messages RENAME COLUMN data TO q",
     ],
 )

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 from support.bags import Message, write_bag
 
 import mp_pca_planner as mp
-from mp_pca_planner.cli.goal_arguments import joint_values
 from mp_pca_planner.exceptions import PlannerError, RecordingError
 from mp_pca_planner.recordings.bags import write_joint_states
 from mp_pca_planner.recordings.load import full_turns
@@ -154,7 +153,7 @@ def test_angles_come_within_one_turn_and_most_stay(angles: list[float]) -> None:
 # Clocks and rests
 
 
-@pytest.mark.parametrize("years", [1, 5, 56])
+@pytest.mark.parametrize("years", [1, 56])
 def test_a_clock_that_was_set_forward_cuts_there_alone(tmp_path: Path, years: int) -> None:
     q = rested(reaches())
     times = stamps(len(q))
@@ -165,7 +164,7 @@ def test_a_clock_that_was_set_forward_cuts_there_alone(tmp_path: Path, years: in
     assert found.reports[0].duration < 1.2 * len(q) / RATE
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.03, 0.1])
+@pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_rests_at_both_ends_are_cut_whatever_the_flicker(tmp_path: Path, noise: float) -> None:
     rng, tick = np.random.default_rng(0), 360.0 / 4096.0
     episodes = [np.rad2deg(rested([q], 5.0)) for q in reaches(6)]
@@ -178,30 +177,6 @@ def test_rests_at_both_ends_are_cut_whatever_the_flicker(tmp_path: Path, noise: 
 
 
 # Robots
-
-
-@pytest.mark.parametrize(
-    "limit",
-    [
-        'lower="0" upper="0.8" effort="0" velocity="0"',
-        'lower="0" upper="0" effort="10" velocity="1"',
-        'lower="0" upper="0.8" effort="10" velocity="-1"',
-    ],
-)
-def test_limits_of_a_joint_that_rests_do_not_matter(tmp_path: Path, limit: str) -> None:
-    joints = [("a", "revolute", USUAL), ("b", "revolute", USUAL), ("grip", "revolute", limit)]
-    urdf = write_urdf(tmp_path / "arm.urdf", *joints)
-    episodes = [np.column_stack([q, np.full(len(q), 0.02)]) for q in reaches(joints=2)]
-    table = write_csv(tmp_path / "t.csv", ["a", "b", "grip"], episodes)
-    assert mp.load_demonstrations(table, robot=urdf)[0].joint_names == ("a", "b")
-    with pytest.raises(PlannerError, match="joint 'grip'"):
-        mp.Robot.from_file(urdf).limits()
-
-
-def test_names_with_spaces_have_values() -> None:
-    names = ("Base Yaw", "Elbow 2 Pitch")
-    for text in ("Base Yaw=1.0,Elbow 2 Pitch=-2e-1", "[Base Yaw=1.0  Elbow 2 Pitch=-2e-1]"):
-        assert joint_values(text, names, "--goal") == {"Base Yaw": 1.0, "Elbow 2 Pitch": -0.2}
 
 
 # Names
@@ -291,19 +266,6 @@ def test_a_dataset_of_other_names_is_rejected_alone(
 # Units
 
 
-def test_degrees_are_those_of_joints_that_turn(tmp_path: Path) -> None:
-    slide = 'lower="0" upper="1.5" effort="10" velocity="1"'
-    joints = [("a", "revolute", USUAL), ("b", "revolute", USUAL), ("c", "prismatic", slide)]
-    urdf = write_urdf(tmp_path / "arm.urdf", *joints)
-    episodes = [q * [180.0 / np.pi, 180.0 / np.pi, 1.0] for q in reaches()]
-    found = mp.load_demonstrations(
-        write_csv(tmp_path / "t.csv", NAMES, episodes), robot=urdf, degrees=True
-    )
-    for one, q in zip(found, reaches(), strict=True):
-        np.testing.assert_allclose(one.positions[-1], q[-1], atol=0.02)
-    assert "not converted from degrees: 'c'" in found.report
-
-
 def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
     names = ["a", "b", "gripper"]
     ranges = {"a": 2000, "b": 3000, "gripper": 1000}
@@ -323,18 +285,15 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
         found = mp.load_demonstrations(folder, degrees=True)
     assert found[0].joint_names == ("a", "b") and "LeRobot states grippers" in found.report
     assert "values are from -100 to 100" in found.report
-    with pytest.raises(RecordingError, match="no joint is called 'd'"):
-        mp.load_demonstrations(folder, scale={"d": 2.0})
-    with pytest.raises(RecordingError, match="'a' must be a number that is not 0"):
-        mp.load_demonstrations(folder, scale={"a": 0.0})
-
-
-def test_borders_of_episodes_are_no_gaps(tmp_path: Path) -> None:
-    radians = write_dataset(tmp_path / "radians", reaches(), list(NAMES))
-    degrees = write_dataset(tmp_path / "degrees", list(map(np.rad2deg, reaches())), list(NAMES))
-    assert inspect_recording(radians).repairs == {}
-    refused = inspect_recording(degrees)
+    for scale, words in (({"d": 2.0}, "no joint is called 'd'"), ({"a": 0.0}, "that is not 0")):
+        with pytest.raises(RecordingError, match=words):
+            mp.load_demonstrations(folder, scale=scale)
+    # Borders of episodes are no gaps, whether it can be used or not.
+    refused = inspect_recording(folder)
     assert refused.repairs == {} and "--degrees" in (refused.refusal or "")
+    in_degrees = mp.load_demonstrations(folder, degrees=True, prismatic=["b"])
+    assert in_degrees.reports[0].repairs == {}
+    assert "not converted from degrees: 'b', 'gripper'" in in_degrees.report
 
 
 # Folders and files
@@ -358,34 +317,24 @@ def test_packed_bags_of_a_folder_are_read_and_others_named(tmp_path: Path) -> No
     assert found.report.count("notes.txt") == 1
 
 
-def test_a_gripper_that_rests_is_left_out_without_a_robot(tmp_path: Path) -> None:
-    episodes = [np.column_stack([q, np.full(len(q), 0.02)]) for q in reaches()]
-    table = write_csv(tmp_path / "t.csv", [*NAMES, "left_gripper"], episodes)
-    found = mp.load_demonstrations(table)
-    assert found[0].joint_names == NAMES
-    assert "joints left out, as they never move: 'left_gripper'" in found.report
-    chosen = mp.load_demonstrations(table, joints=[*NAMES, "left_gripper"])
-    assert chosen[0].joint_names == (*NAMES, "left_gripper")
-
-
-@pytest.mark.parametrize("moves_with_arm", [False, True])
-def test_a_gripper_is_learned_where_it_moves_with_the_arm(
-    tmp_path: Path, moves_with_arm: bool
-) -> None:
+@pytest.mark.parametrize("how", ["rests", "alone", "with the arm"])
+def test_a_gripper_is_learned_where_it_moves_with_the_arm(tmp_path: Path, how: str) -> None:
     motions = reaches()
     arm = rested(motions, 2.0)  # rests of 2 s between motions of 2 s
-    times = np.arange(len(arm)) / RATE
-    begins, lasts = (2.0, 2.0) if moves_with_arm else (0.5, 1.0)
+    begins, lasts = (2.0, 2.0) if how == "with the arm" else (0.5, 1.0)
     knots = [t for k in range(len(motions)) for t in (4.0 * k + begins, 4.0 * k + begins + lasts)]
     widths = [width for k in range(len(motions)) for width in ((0.0, 0.08), (0.08, 0.0))[k % 2]]
-    table = np.column_stack([arm, np.interp(times, knots, widths)])
-    names = [*NAMES, "finger_joint"]
+    width = np.interp(np.arange(len(arm)) / RATE, knots, widths)
+    table = np.column_stack([arm, np.full(len(arm), 0.02) if how == "rests" else width])
+    names = (*NAMES, "finger_joint")
     write_joint_states(tmp_path / "t.mcap", "mcap", names, stamps(len(table)), table)
     found = mp.load_demonstrations(tmp_path / "t.mcap")
     assert len(found) == len(motions)
-    assert found[0].joint_names == ((*NAMES, "finger_joint") if moves_with_arm else NAMES)
-    left = "joints left out, as they move while the arm rests: 'finger_joint'"
-    assert (left in found.report) != moves_with_arm
+    assert found[0].joint_names == (names if how == "with the arm" else NAMES)
+    why = {"rests": "they never move", "alone": "they move while the arm rests"}.get(how)
+    assert (f"joints left out, as {why}: 'finger_joint'" in found.report) == bool(why)
+    chosen = mp.load_demonstrations(tmp_path / "t.mcap", joints=names)
+    assert chosen[0].joint_names == names
 
 
 def write_hostile(folder: Path, kind: str) -> Path:
@@ -471,7 +420,7 @@ def test_arms_of_two_topics_are_taken_together(tmp_path: Path) -> None:
 # Kinds of motions
 
 
-@pytest.mark.parametrize("n_kinds", [1, 2, 3, 4])
+@pytest.mark.parametrize("n_kinds", [1, 2, 4])
 def test_motions_of_several_kinds_are_told(tmp_path: Path, n_kinds: int) -> None:
     rng = np.random.default_rng(n_kinds)
     centres = np.vstack([np.zeros(3), np.eye(3)])[:n_kinds]
@@ -515,10 +464,17 @@ def test_the_tables_of_spreadsheets_and_plotjuggler_are_read(
     np.testing.assert_allclose(found.positions[[0, -1]], q[[0, -1]], atol=0.01)
 
 
-def test_times_of_the_calendar_are_refused_in_a_sentence(tmp_path: Path) -> None:
-    (tmp_path / "t.csv").write_text("time,a\n2024-05-01T10:00:00,0.1\n2024-05-01T10:00:01,0.2\n")
-    with pytest.raises(RecordingError, match="numbers of seconds, .*'2024-05-01T10:00:00'"):
-        mp.load_demonstrations(tmp_path / "t.csv")
+def test_what_rostopic_echo_prints_is_read(tmp_path: Path) -> None:
+    (q,) = reaches(1)
+    kinds = ("name", "position", "velocity")
+    fields = [f"field.{kind}{i}" for kind in kinds for i in range(3)]
+    rows = [",".join(["%time", "field.header.seq", "field.header.frame_id", *fields])]
+    for k, (t, row) in enumerate(zip(stamps(len(q)).tolist(), q.tolist(), strict=True)):
+        rows.append(",".join([f"{t},{k},", *NAMES, *map(repr, row), "0,0,0"]))
+    (tmp_path / "t.csv").write_text("\n".join(rows) + "\n")
+    (found,) = mp.load_demonstrations(tmp_path / "t.csv")
+    assert (found.joint_names, found.duration) == (NAMES, pytest.approx(2.0, abs=0.1))
+    np.testing.assert_allclose(found.positions[[0, -1]], q[[0, -1]], atol=0.01)
 
 
 @pytest.mark.parametrize("name", ["t.csv", "t.mcap", "t.db3"])

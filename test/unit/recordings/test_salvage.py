@@ -16,7 +16,6 @@ from support.compressed_bags import compressed_bag, storage_file
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.bags import find_recordings
 from mp_pca_planner.recordings.joint_states import JointStates
-from mp_pca_planner.recordings.reading import inspect_recording
 
 N = 1000
 POSITIONS = np.random.default_rng(5).normal(size=(N, 2))
@@ -28,12 +27,6 @@ def file(tmp_path: Path, bag_format: str) -> Path:
     moved = path.with_name(f"y{path.suffix}")
     path.rename(moved)
     return moved
-
-
-def test_whole_file_is_read_as_ever(file: Path) -> None:
-    raw = read_joint_states(file, "/joint_states", salvage=True)
-    assert raw.notes == ()
-    assert raw.n_messages == N
 
 
 def test_log_of_a_recorder_that_was_killed_is_named_with_what_to_do(tmp_path: Path) -> None:
@@ -56,7 +49,7 @@ def test_bag_of_ros_1_that_its_recorder_did_not_finish_is_read(tmp_path: Path) -
     assert find_recordings([tmp_path]) == (active,)
 
 
-@pytest.mark.parametrize("share", [0.4, 0.7, 0.9])
+@pytest.mark.parametrize("share", [0.4, 0.9])
 @pytest.mark.parametrize("bag_format", ["mcap", "rosbag1"])
 def test_messages_before_the_cut_are_salvaged(file: Path, share: float) -> None:
     content = file.read_bytes()
@@ -74,48 +67,26 @@ def test_messages_before_the_cut_are_salvaged(file: Path, share: float) -> None:
     assert f"only the {raw.n_messages} messages" in note
 
 
-@pytest.mark.parametrize("bag_format", ["mcap"])
-def test_bytes_that_changed_in_the_middle_are_damage(file: Path) -> None:
-    content = bytearray(file.read_bytes())
-    for place in range(len(content) // 2, len(content), 5000):
-        content[place] = 0
-    file.write_bytes(content)
-    with pytest.raises(RecordingError, match=file.name):
-        read_joint_states(file, "/joint_states")
-
-
-def test_file_without_a_message_before_the_damage_is_refused(file: Path) -> None:
-    file.write_bytes(file.read_bytes()[:60])
-    for read in (
-        lambda: list_topics(file, salvage=True),
-        lambda: read_joint_states(file, "/joint_states", salvage=True),
-    ):
-        with pytest.raises(RecordingError, match=file.name):
-            read()
-
-
-@pytest.mark.parametrize("compression", ["zstd"])
-def test_chunks_before_the_cut_are_salvaged_when_compressed(
+@pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd", "zstd file", "zstd message"])
+def test_compressed_bags_are_read_and_salvaged_or_refused_by_name(
     tmp_path: Path, compression: str
 ) -> None:
-    path = compressed_bag(tmp_path, compression, 40_000)
-    file = storage_file(path)
-    content = file.read_bytes()
-    file.write_bytes(content[: int(0.8 * len(content))])
-    raw = read_joint_states(path, "/joint_states", salvage=True)
-    assert 1000 < raw.n_messages < 40_000
-    np.testing.assert_array_equal(raw.positions[:, 0], np.arange(raw.n_messages))
-
-
-@pytest.mark.parametrize("compression", ["bz2", "lz4", "zstd", "zstd file", "zstd message"])
-def test_compressed_bags_are_read(tmp_path: Path, compression: str) -> None:
-    path = compressed_bag(tmp_path, compression, 300)
-    raw = read_joint_states(path, "/joint_states")
-    np.testing.assert_array_equal(raw.positions[:, 0], np.arange(300))
+    path = compressed_bag(tmp_path, compression, 40_000 if compression == "zstd" else 300)
+    whole = read_joint_states(path, "/joint_states")
+    np.testing.assert_array_equal(whole.positions[:, 0], np.arange(whole.n_messages))
+    assert whole.n_messages >= 300
     if path.is_dir():
         (path / "metadata.yaml").unlink()
-        raw = read_joint_states(path, "/joint_states")
-        np.testing.assert_array_equal(raw.positions[:, 0], np.arange(300))
+        assert read_joint_states(path, "/joint_states").n_messages == whole.n_messages
+    file = storage_file(path) if path.is_dir() else path
+    content = file.read_bytes()
+    file.write_bytes(content[: int(0.8 * len(content))])
+    with pytest.raises(RecordingError, match=path.name):
+        read_joint_states(path, "/joint_states")
+    raw = read_unless_refused_by_name(path, salvage=True)
+    if compression == "zstd":
+        assert raw is not None and 1000 < raw.n_messages < whole.n_messages
+        np.testing.assert_array_equal(raw.positions[:, 0], np.arange(raw.n_messages))
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -150,19 +121,3 @@ def read_unless_refused_by_name(file: Path, *, salvage: bool) -> JointStates | N
         reason = str(error)
     assert file.name in reason
     return None
-
-
-@pytest.mark.parametrize("kind", ["bz2", "lz4", "zstd", "zstd file", "zstd message"])
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
-def test_a_compressed_bag_that_is_cut_off_is_refused_by_name(
-    tmp_path: Path, kind: str, share: float
-) -> None:
-    path = tmp_path / ("x.bag" if kind in ("bz2", "lz4") else "x")
-    compressed_bag(tmp_path, kind, 300)
-    file = storage_file(path)
-    content = file.read_bytes()
-    file.write_bytes(content[: int(share * len(content))])
-    found = inspect_recording(path)
-    assert found.refusal is not None and path.name in found.refusal
-    recovered = inspect_recording(path, salvage=True)
-    assert recovered.refusal is None or path.name in recovered.refusal

@@ -66,21 +66,3 @@ def test_samples_that_come_in_bursts_make_no_overshoot(rate: float) -> None:
     result = smooth(Samples(times, sine(times, 0.25) + noise), rate)
     assert np.abs(result.positions - sine(result.times, 0.25)).max() < 0.05
     assert np.abs(result.velocities).max() < 5.0
-
-
-def test_derivatives_are_those_of_the_same_curve() -> None:
-    times = np.sort(np.random.default_rng(1).uniform(0.0, 5.0, 500))
-    result = smooth(Samples(times, sine(times, 0.7)), 100.0)
-    for values, slope in (
-        (result.positions, result.velocities),
-        (result.velocities, result.accelerations),
-    ):
-        differences = np.gradient(values[:, 0], result.times)[1:-1]
-        scale = np.abs(slope).max()
-        np.testing.assert_allclose(differences, slope[1:-1, 0], atol=0.05 * scale)
-
-
-def test_shortest_piece_can_be_smoothed() -> None:
-    times = np.linspace(0.0, 1e-3, 10)
-    result = smooth(Samples(times, sine(times, 1.0)), 100.0)
-    assert np.isfinite(result.accelerations).all()
