@@ -185,8 +185,6 @@ def test_rests_at_both_ends_are_cut_whatever_the_flicker(tmp_path: Path, noise: 
 @pytest.mark.parametrize(
     ("rename", "name", "expected"),
     [
-        (["left_*=*"], "left_elbow", "elbow"),
-        (["*=arm_*"], "elbow", "arm_elbow"),
         (["*_l*=left_*_j*"], "arm_l3", "left_arm_j3"),
         (["a=b", "*=c_*"], "a", "b"),
         (["left_*=*"], "elbow", "elbow"),
@@ -197,12 +195,9 @@ def test_a_joint_is_renamed_by_the_first_pattern(
     rename: list[str], name: str, expected: str
 ) -> None:
     assert new_name(name, read_rename(rename), "/right/states") == expected
-
-
-@pytest.mark.parametrize("text", ["a", "=b", "a=", "a=*"])
-def test_a_pattern_without_a_meaning_is_refused(text: str) -> None:
-    with pytest.raises(PlannerError, match="can't rename a joint"):
-        read_rename([text])
+    for text in ("a", "=b", "a=", "a=*"):
+        with pytest.raises(PlannerError, match="can't rename a joint"):
+            read_rename([text])
 
 
 def test_joints_are_renamed_in_bags_and_tables(tmp_path: Path) -> None:

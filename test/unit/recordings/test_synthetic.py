@@ -14,7 +14,6 @@ from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import (
-    JOINT_NAMES,
     continuous_recording,
     generate_motions,
 )
@@ -28,17 +27,6 @@ MANY = generate_motions(200, seed=1)
 def derivatives(motion: Demonstration) -> tuple[np.ndarray, np.ndarray]:
     v = np.gradient(motion.positions, motion.times, axis=0, edge_order=2)
     return v, np.gradient(v, motion.times, axis=0, edge_order=2)
-
-
-def variance_shares(samples: np.ndarray) -> np.ndarray:
-    """Shares of the principal components of rows."""
-    variances = np.linalg.svd(samples - samples.mean(axis=0), compute_uv=False) ** 2
-    return variances / variances.sum()
-
-
-def normalised(motion: Demonstration) -> np.ndarray:
-    phases = np.linspace(0, motion.duration, 101)
-    return np.column_stack([np.interp(phases, motion.times, q) for q in motion.positions.T])
 
 
 def test_the_seed_alone_decides_the_motions_however_many_there_are() -> None:
@@ -88,15 +76,6 @@ def test_arm_is_raised_to_goals_in_front_and_to_the_side() -> None:
     assert (azimuth < -60).mean() > 0.15
 
 
-def test_durations_are_half_a_second_to_one_and_a_half_and_grow_with_the_distance() -> None:
-    durations = np.array([motion.duration for motion in MANY])
-    ways = np.array([np.linalg.norm(np.ptp(m.positions[[0, -1]], axis=0)) for m in MANY])
-    assert durations.min() >= 0.5
-    assert durations.max() <= 1.5
-    assert np.ptp(durations) > 0.5
-    assert np.corrcoef(durations, ways)[0, 1] > 0.6
-
-
 def test_speed_is_a_bell_with_its_peak_before_the_middle_more_often_than_after() -> None:
     peaks = []
     for motion in MANY:
@@ -108,23 +87,6 @@ def test_speed_is_a_bell_with_its_peak_before_the_middle_more_often_than_after()
     assert np.quantile(peaks, 0.05) > 0.32
     assert np.quantile(peaks, 0.95) < 0.58
     assert np.median(peaks) < 0.5
-
-
-def test_joints_do_not_move_in_step() -> None:
-    # In step, the normalised motions of all joints would be the same function of time.
-    spread = []
-    for motion in MANY:
-        way = motion.positions[-1] - motion.positions[0]
-        moving = np.abs(way) > 0.5
-        progress = (motion.positions - motion.positions[0])[:, moving] / way[moving]
-        spread.append(np.ptp(progress, axis=1).max())
-    assert np.median(spread) > 0.05
-
-
-def test_two_components_hold_over_90_percent_of_the_variance_of_every_joint() -> None:
-    samples = np.array([normalised(motion) for motion in MANY])
-    for joint in range(len(JOINT_NAMES)):
-        assert variance_shares(samples[:, :, joint])[:2].sum() > 0.9
 
 
 def test_recording_holds_every_motion_where_it_says() -> None:
