@@ -133,7 +133,7 @@ def _read_csv(
         is_echoed = head.startswith("%time")  # by rostopic echo -p: each row holds the names
         if is_echoed:
             cells = dict(zip(header, next(csv.reader([rows.partition("\n")[0]]), []), strict=False))
-            joint_of = {x.replace("name", "position"): name for x, name in cells.items()}
+            joint_of = {x.replace("name", "position"): cells[x] for x in cells if "name" in x}
             header = ["time", *(joint_of.get(x, x) if "position" in x else x for x in header[1:])]
     if len(header) > INPUT_LIMITS.columns:
         raise RecordingError(
