@@ -160,7 +160,7 @@ def _least_effort(
     """
     rng = np.random.default_rng(1)
     segment = SegmentProgram(robot, Tables(basis), unknowns, np.zeros(basis.n_weights))
-    problem = MotionProgram([segment], [[]], [[]], [None], None, [])
+    problem = MotionProgram([segment], [[]])
     starts, best = list[tuple[float, float]](), None
     with one_blas_thread():
         for k in range(n_starts * MAX_ROUNDS):

@@ -31,7 +31,7 @@ from ..time_scaling import least_stretch, slowdown
 from .bases import NEAR_EXPECTED, MotionBasis
 from .constraints import AlongPath, Clearance, Constraint, Ends, PoseTarget
 from .limits import Limits, limit_shares
-from .motion_program import Chain, MotionProgram, Naturalness, junctions_of
+from .motion_program import Chain, MotionProgram, junctions_of
 from .segment import (
     END_SCALES,
     GOAL_POSITION,
@@ -256,7 +256,7 @@ def stretched(
 def compile_program(context: Context, request: Request, setting: Setting) -> MotionProgram:
     """Make the program of a request."""
     junctions = junctions_of(request, setting.initial)
-    segments, terms, targets = [], [], list[PoseTarget | None]()
+    segments = []
     for i, (requested, basis) in enumerate(zip(request.segments, setting.bases, strict=True)):
         here, there = junctions[i : i + 2]
         motion, tables = setting.initial[i], basis.tables
@@ -269,16 +269,15 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
         )
         objectives = setting.objectives
         segment = SegmentProgram(context.robot, tables, unknowns, motion.weights, objectives)
+        segment.precision = _precision(request, setting, segment, i)
+        if requested.pose is not None:
+            segment.target = PoseTarget(context.robot, tables, unknowns, requested.pose)
         segments.append(segment)
-        terms.append(_naturalness(request, setting, segment, i))
-        pose = requested.pose
-        target = None if pose is None else PoseTarget(context.robot, tables, unknowns, pose)
-        targets.append(target)
     # Whether motions stay near an expected one.
     near = setting.naturalness >= NEAR_EXPECTED
     near &= all(basis.precision is not None for basis in setting.bases)
     links = Chain(junctions, segments) if request.mode else None
-    starts = [links.start] if links else _starts(context, setting, segments[0], terms[0], near)
+    starts = [links.start] if links else _starts(context, setting, segments[0], near)
     collision, clear = context.collision, setting.bases[0].is_detour
     among = collision is not None and len(collision.world)
     if collision is not None and among and not (clear or links or setting.is_shortest):
@@ -286,30 +285,26 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
         # the check of the motion finds it.
         clear = collision.collide_anywhere(segments[0].at(starts[0])[0].nodes.positions)
     constraints = []
-    for segment, natural, (here, there) in zip(segments, terms, pairwise(junctions), strict=True):
+    for segment, (here, there) in zip(segments, pairwise(junctions), strict=True):
         ends = here.fixed_state, there.fixed_state
-        constraints.append(_constraints(context, segment, natural, ends, near=near, clear=clear))
-    return MotionProgram(segments, terms, constraints, targets, links, starts)
+        constraints.append(_constraints(context, segment, ends, near=near, clear=clear))
+    return MotionProgram(segments, constraints, links, starts)
 
 
-def _naturalness(
-    request: Request, setting: Setting, program: SegmentProgram, i: int
-) -> list[Naturalness]:
-    """The cost of deviations from the expected motion.
+def _precision(request: Request, setting: Setting, program: SegmentProgram, i: int) -> FloatArray:
+    """ρΛ⁻¹ of deviations from the expected motion.
 
     Its unit is the cost of that motion; in a sequence, the effort of the joined motion.
     """
     basis, segment, price = setting.bases[i], request.segments[i], setting.naturalness
     if request.mode:
         price *= program.effort(program.expected)
-        precision = _segment_precision(program, basis, segment.expected)
-    elif basis.precision is not None and price > 0.0:
-        # A free goal is natural where demonstrations end.
-        goals = segment.primitive.boundary_states[:, GOAL_POSITION]
-        precision = _goal_precision(program, basis, goals)
-    else:
-        return []
-    return [Naturalness(program.expected, price * precision)]
+        return price * _segment_precision(program, basis, segment.expected)
+    if basis.precision is None or not price > 0.0:
+        return program.precision
+    # A free goal is natural where demonstrations end.
+    goals = segment.primitive.boundary_states[:, GOAL_POSITION]
+    return price * _goal_precision(program, basis, goals)
 
 
 def _goal_precision(segment: SegmentProgram, basis: MotionBasis, goals: FloatArray) -> FloatArray:
@@ -387,7 +382,6 @@ def _segment_precision(
 def _constraints(
     context: Context,
     program: SegmentProgram,
-    natural: list[Naturalness],
     ends: Ends,
     *,
     near: bool,
@@ -404,8 +398,7 @@ def _constraints(
     if near:
         expected, _ = program.at(program.expected)
         timed, is_known = unknowns.n_linear, not unknowns.duration_is_free
-        if natural and not is_known:
-            is_known = natural[0].precision[timed, timed] > 0.0
+        is_known = is_known or bool(program.precision[timed, timed] > 0.0)
         shares = limit_shares(context.limits, expected.states, expected.nodes.efforts).max(axis=1)
         is_within = is_known and bool(np.all(shares <= 1.0))
         chosen = ~(shares <= (1.0 if is_within else _NEAR_LIMIT))
@@ -423,22 +416,15 @@ def _constraints(
 
 
 def _starts(
-    context: Context,
-    setting: Setting,
-    program: SegmentProgram,
-    terms: list[Naturalness],
-    is_near: bool,
+    context: Context, setting: Setting, program: SegmentProgram, is_near: bool
 ) -> list[FloatArray]:
     """Unknowns to start from, the cheapest first."""
-    basis, initial = setting.bases[0], setting.initial[0]
-    found = list[tuple[float, FloatArray]]()
+    basis, found = setting.bases[0], list[tuple[float, FloatArray]]()
     for weights in basis.starts[: 1 if is_near else None]:
         x, cost = program.unknowns.from_weights(weights), 0.0
         if len(basis.starts) > 1 and not is_near:
-            motion = replace(initial, weights=weights)
+            motion = replace(setting.initial[0], weights=weights)
             cost = cost_of(context.robot, motion, basis.tables, setting.objectives)
-            for term in terms:
-                off = x - term.expected
-                cost += 0.5 * float(off @ term.precision @ off)
+            cost += program.naturalness(x).cost
         found.append((cost, x))
     return [x for _, x in sorted(found, key=itemgetter(0))]

@@ -25,8 +25,8 @@ from ...arrays import FloatArray
 from ...motion.goal import JointState
 from ..motion import Motion
 from ..request import Request
-from .constraints import Clearance, Constraint, Findings, Linear, PoseTarget
-from .segment import END_SCALES, LOG_DURATION_SCALE, Course, Quadratic, SegmentProgram
+from .constraints import Clearance, Constraint, Findings, Linear
+from .segment import END_SCALES, LOG_DURATION_SCALE, SegmentProgram
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,43 +174,17 @@ class Chain:
         return parts
 
 
-@dataclass(frozen=True, eq=False)
-class Naturalness:
-    """½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), the cost of deviations from the demonstrations.
-
-    Attributes
-    ----------
-    expected : array, shape (n_unknowns,)
-        The unknowns of the expected motion.
-    precision : array, shape (n_unknowns, n_unknowns)
-        ρΛ⁻¹ of the scaled unknowns.
-    """
-
-    expected: FloatArray
-    precision: FloatArray
-
-    def at(self, course: Course) -> Quadratic:
-        """The term with its derivatives."""
-        deviation = course.x - self.expected
-        pull = self.precision @ deviation
-        return Quadratic(0.5 * float(pull @ deviation), pull, self.precision)
-
-
 class MotionProgram:
     """A compiled request, a nonlinear program (see :mod:`.solver`).
 
     Parameters
     ----------
     segments : sequence of SegmentProgram
-        The segments with their running costs.
-    terms : sequence of (sequence of Naturalness)
-        Further terms of each segment, none or one.
+        The segments with their costs and targets.
     constraints : sequence of (sequence of Constraint)
         The constraints of each segment.
-    targets : sequence of (PoseTarget or None)
-        The pose at the end of each segment, if its goal positions are unknowns.
-    links : Chain or None
-        What the unknowns of several segments share; None for one segment.
+    links : Chain, optional
+        What the unknowns of several segments share; none for one segment.
     starts : sequence of (array, shape (n,))
         Unknowns to start from, the cheapest first.
 
@@ -223,14 +197,12 @@ class MotionProgram:
     def __init__(
         self,
         segments: Sequence[SegmentProgram],
-        terms: Sequence[Sequence[Naturalness]],
         constraints: Sequence[Sequence[Constraint]],
-        targets: Sequence[PoseTarget | None],
-        links: Chain | None,
-        starts: Sequence[FloatArray],
+        links: Chain | None = None,
+        starts: Sequence[FloatArray] = (),
     ) -> None:
-        self.segments, self.terms, self.targets = segments, terms, targets
-        self.constraints, self.links, self.starts = constraints, links, starts
+        self.segments, self.constraints = segments, constraints
+        self.links, self.starts = links, starts
         size = segments[0].unknowns.scales.size
         self.slices = (slice(0, size),) if links is None else links.slices
         lower, upper, self.has_clearances = [np.zeros(0)], [np.zeros(0)], False
@@ -253,15 +225,13 @@ class MotionProgram:
         hessian, inequalities = np.zeros((x.size, x.size)), np.zeros(self.lower.size)
         errors, slopes, linear, first = [np.zeros(0)], [np.zeros((0, x.size))], [], 0
         for i, (own, by_x) in enumerate(parts or ()):
-            course, (own_cost, by_own, curved) = self.segments[i].at(own)
-            for term in self.terms[i]:
-                more = term.at(course)
-                own_cost, by_own = own_cost + more.cost, by_own + more.gradient
-                curved = curved + more.hessian
+            segment, natural = self.segments[i], self.segments[i].naturalness(own)
+            course, (running, by_own, curved) = segment.at(own)
+            by_own, curved = by_own + natural.gradient, curved + natural.hessian
             if by_x is not None:
                 by_own, curved = by_own @ by_x, by_x.T @ curved @ by_x
             where = self.slices[i]
-            cost += own_cost
+            cost += running + natural.cost
             gradient[where] += by_own
             hessian[where, where] += curved
             for constraint in self.constraints[i]:
@@ -271,8 +241,8 @@ class MotionProgram:
                     inequalities[rows] = at.values
                     linear.append((where, by_x, rows, at))
                     first = rows.stop
-            if (target := self.targets[i]) is not None:
-                missed, of_target = target.equations(own)
+            if segment.target is not None:
+                missed, of_target = segment.target.equations(own)
                 errors.append(missed)
                 slopes.append(np.zeros((missed.size, x.size)))
                 slopes[-1][:, where] = of_target if by_x is None else of_target @ by_x
@@ -284,11 +254,12 @@ class MotionProgram:
 
     def equalities_at(self, x: FloatArray) -> FloatArray:
         """Errors of the targets alone."""
-        parts = self.parts(x)
+        parts, errors = self.parts(x), [np.zeros(0)]
         assert parts is not None
-        found = zip(self.targets, parts, strict=True)
-        errors = [target.errors(own) for target, (own, _) in found if target is not None]
-        return np.concatenate([np.zeros(0), *errors])
+        for segment, (own, _) in zip(self.segments, parts, strict=True):
+            if segment.target is not None:
+                errors.append(segment.target.errors(own))
+        return np.concatenate(errors)
 
     def refined(self, found: Sequence[Findings], violates: bool) -> MotionProgram:
         """The program with constraints refined after a check; itself if nothing was found.
@@ -321,9 +292,7 @@ class MotionProgram:
 
     def constrained(self, constraints: Sequence[Sequence[Constraint]]) -> MotionProgram:
         """The same with other constraints."""
-        return MotionProgram(
-            self.segments, self.terms, constraints, self.targets, self.links, self.starts
-        )
+        return MotionProgram(self.segments, constraints, self.links, self.starts)
 
 
 @dataclass(frozen=True, eq=False)

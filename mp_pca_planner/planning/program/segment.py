@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from ...primitives.basis import Basis
 from ...robot.model import Robot
 from ..motion import N_RATES, Tables, hermite_tables
 from ..objectives import QUANTITIES, Nodes, Objective, effort
+
+if TYPE_CHECKING:
+    from .constraints import PoseTarget
 
 # Scales of the unknowns: typical changes of boundary values by phase [rad or m], and of log T.
 END_SCALES = np.array([0.3, 1.0, 5.0, 0.3, 1.0, 5.0])
@@ -330,6 +333,10 @@ class SegmentProgram:
     ----------
     expected : array, shape (n_unknowns,)
         The unknowns of the expected weights.
+    precision : array, shape (n_unknowns, n_unknowns)
+        ρΛ⁻¹ of the scaled unknowns, 0 unless it is set.
+    target : PoseTarget or None
+        The pose at the end, if the goal positions are unknowns; none unless it is set.
     """
 
     def __init__(
@@ -344,6 +351,8 @@ class SegmentProgram:
         self.tables, self.unknowns = tables, unknowns
         self._states = all_states(unknowns, tables.hermite[:, 1:-1], tables.values[:, 1:-1])
         self.expected = unknowns.from_weights(expected)
+        self.precision = np.zeros((self.expected.size, self.expected.size))
+        self.target: PoseTarget | None = None
         self._known: dict[bytes, tuple[Course, Quadratic]] = {}
         # Derivatives of positions to jerks, shape (4, n_nodes, n_joints, n_unknowns), and of all
         # but jerks at each node, shape (n_nodes, 3 n_joints, n_unknowns).
@@ -392,6 +401,12 @@ class SegmentProgram:
         cost = 0.5 * float(residual @ residual)
         costs = Quadratic(cost, residual @ jacobian, jacobian.T @ jacobian)
         return Course(x, states, nodes, slopes), costs
+
+    def naturalness(self, x: FloatArray) -> Quadratic:
+        """½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), the cost of deviations from the demonstrations."""
+        deviation = x - self.expected
+        pull = self.precision @ deviation
+        return Quadratic(0.5 * float(pull @ deviation), pull, self.precision)
 
     def effort(self, x: FloatArray) -> float:
         """½∫‖τ‖²dt at x, whether it is an objective or not [N²·m²·s]."""

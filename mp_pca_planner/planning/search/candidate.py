@@ -364,8 +364,8 @@ def _described(
     """The result of the solver. The objective of the shortest motion is not the planner's."""
     natural = effort = expected = 0.0
     parts = program.parts(found.unknowns) or ()
-    for segment, terms, (own, _) in zip(program.segments, program.terms, parts, strict=True):
-        natural += sum(term.at(segment.at(own)[0]).cost for term in terms)
+    for segment, (own, _) in zip(program.segments, parts, strict=True):
+        natural += segment.naturalness(own).cost
         effort += segment.effort(own)
         expected += segment.effort(segment.expected)
     objective = float("nan") if setting.is_shortest else found.cost - natural

@@ -15,7 +15,7 @@ from mp_pca_planner.motion.validation import Violation
 from mp_pca_planner.planning.motion import N_LIMIT_POINTS, Tables, limit_phases
 from mp_pca_planner.planning.program.constraints import Findings
 from mp_pca_planner.planning.program.limits import MARGIN, QUANTITIES, Limits
-from mp_pca_planner.planning.program.motion_program import MotionProgram, Naturalness
+from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.program.segment import SegmentProgram, Unknowns
 from mp_pca_planner.planning.solver import solve
 
@@ -24,8 +24,8 @@ FAR_FROM_LIMITS = [JointState(JOINTS, [0.0, 0.0, 0.0, -1.0])]
 
 def bounded(segment, bounds, rho=0.0):
     """The problem of a segment with limits."""
-    terms = [[Naturalness(segment.expected, rho * np.eye(segment.expected.size))]]
-    return MotionProgram([segment], terms, [[bounds]], [None], None, [])
+    segment.precision = rho * np.eye(segment.expected.size)
+    return MotionProgram([segment], [[bounds]])
 
 
 def constrained(name, overrides, seed=0, rho=0.0):

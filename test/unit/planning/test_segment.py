@@ -10,7 +10,6 @@ from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.planning.motion import cost_of
 from mp_pca_planner.planning.objectives import effort
-from mp_pca_planner.planning.program.motion_program import Naturalness
 
 
 @pytest.mark.parametrize("name", BASES)
@@ -35,6 +34,6 @@ def test_running_costs_are_those_of_the_motion_and_naturalness_is_zero_at_the_ex
     cost = cost_of(arm_robot(), motion, program.tables, objectives)
     assert program.at(z)[1].cost == pytest.approx(cost, rel=1e-12)
     assert program.effort(z) == pytest.approx(cost, rel=1e-12)
-    natural = Naturalness(program.expected, np.eye(z.size))
-    assert natural.at(program.at(program.expected)[0]).cost == 0.0
-    assert natural.at(program.at(program.expected + 2.0)[0]).cost == pytest.approx(2.0 * z.size)
+    program.precision = np.eye(z.size)
+    assert program.naturalness(program.expected).cost == 0.0
+    assert program.naturalness(program.expected + 2.0).cost == pytest.approx(2.0 * z.size)

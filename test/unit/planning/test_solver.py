@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.planning.options import SolverOptions
-from mp_pca_planner.planning.program.motion_program import MotionProgram, Naturalness
+from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.solver import (
     FEASIBLE,
     solve,
@@ -118,8 +118,8 @@ def test_equalities_and_bounds_that_contradict_each_other_are_said():
 def unlimited(basis, seed=0, rho=0.0):
     """The problem of a motion without limits, and the motion."""
     segment, motion = compile_motion(basis, seed)
-    natural = Naturalness(segment.expected, rho * np.eye(segment.expected.size))
-    return MotionProgram([segment], [[natural]], [[]], [None], None, []), motion
+    segment.precision = rho * np.eye(segment.expected.size)
+    return MotionProgram([segment], [[]]), motion
 
 
 @pytest.mark.parametrize("name", BASES)
