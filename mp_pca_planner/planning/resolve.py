@@ -9,9 +9,9 @@ similar to the demonstrations.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
-from itertools import chain, islice, pairwise
+from itertools import pairwise
 from operator import attrgetter, itemgetter
 
 import numpy as np
@@ -152,14 +152,22 @@ def _distance(context: Context, aim: JointState | Pose, here: JointState) -> flo
 
 def _cheapest_first(
     context: Context, selector: Selector, goal: PoseGoal, here: JointState, budget: Budget
-) -> Iterable[Request]:
+) -> Iterator[Request]:
     """Requests for the configurations that reach a pose, the least expected cost first.
 
     Only configurations like the demonstrations are compared, while there is time: a motion to
     another may cost less, but none like it was shown. The others follow, the most natural first.
+    When time runs out, the search for configurations ends with the first that is found.
     """
-    goals, scores = _configurations(context, selector, goal, here, budget)
-    n_natural = int(np.sum(scores <= max(scores[0], UNUSUAL_IN_SPAN_SCORE)))
+    robot, known = context.robot, selector.primitives.ends[:, 1]
+    starts = [*starts_near(robot, goal.pose, known, _N_COMPARED), here.positions]
+    found = configurations_at(robot, context.limits, goal.pose, starts, budget.is_over)
+    goals, scores = [JointState(here.joint_names, unwrapped(q, here, robot)) for q in found], [0.0]
+    if len(goals) > 1:
+        ends = [(here.positions, there.positions) for there in goals]
+        scores = [selector.least_score(*pair, goal.duration) for pair in ends]
+        goals = [goals[i] for i in np.argsort(scores, kind="stable")]
+    n_natural = int(np.sum(np.array(scores) <= max(min(scores), UNUSUAL_IN_SPAN_SCORE)))
     natural: list[tuple[float, Request]] = []
     for there in goals[:n_natural]:
         (request,) = _requests(context, selector, goal, here, there)
@@ -167,10 +175,11 @@ def _cheapest_first(
         if budget.is_over():
             break
     natural.sort(key=itemgetter(0))
+    for _, request in natural[:_N_CONFIGURATIONS]:
+        yield request
     # The others are usually not needed, so their requests are made when they are.
-    others = (_requests(context, selector, goal, here, there) for there in goals[len(natural) :])
-    every = chain((request for _, request in natural), chain.from_iterable(others))
-    return islice(every, _N_CONFIGURATIONS)
+    for there in goals[len(natural) : _N_CONFIGURATIONS]:
+        yield from _requests(context, selector, goal, here, there)
 
 
 def _requests(
@@ -234,28 +243,6 @@ def _check_path(context: Context, what: str, state: JointState) -> None:
         values, _ = constraint.values(context.robot, state.positions[None])
         if values.min() < 0.0:
             raise GoalError(f"the {what} does not keep {constraint}, as is asked of the motion")
-
-
-def _configurations(
-    context: Context, selector: Selector, goal: PoseGoal, here: JointState, budget: Budget
-) -> tuple[list[JointState], FloatArray]:
-    """Configurations that reach a pose, from ends of demonstrations and the start.
-
-    The most natural first, with their in-span scores. When time runs out, the search ends with the
-    first that is found.
-    """
-    robot = context.robot
-    known = selector.primitives.ends[:, 1]
-    starts = [*starts_near(robot, goal.pose, known, _N_COMPARED), here.positions]
-    found = configurations_at(robot, context.limits, goal.pose, starts, budget.is_over)
-    goals = [JointState(here.joint_names, unwrapped(q, here, robot)) for q in found]
-    if len(goals) == 1:
-        return goals, np.zeros(1)
-    scores = np.array(
-        [selector.least_score(here.positions, there.positions, goal.duration) for there in goals]
-    )
-    order = np.argsort(scores, kind="stable")
-    return [goals[i] for i in order], scores[order]
 
 
 def _sequence(
