@@ -22,7 +22,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, repeated_names
 from ..exceptions import quote_names, unknown_name
 from ..motion.trajectory import Trajectory
 from ..recordings.joint_states import NS_PER_S
@@ -193,60 +193,34 @@ def rejection(message: TrajectoryMessage, joint_names: Sequence[str], now_ns: in
     now_ns : int
         The present time [ns].
     """
-    return (
-        _wrong_joints(message.joint_names, joint_names)
-        or ("the trajectory has no points" if not message.points else None)
-        or _moving_end(message)
-        or _ended(message, now_ns)
-        or _wrong_times(message)
-        or _wrong_numbers(message)
-    )
-
-
-def _wrong_joints(given: Sequence[str], expected: Sequence[str]) -> str | None:
-    if len(given) != len(expected):
-        return f"the trajectory has {len(given)} joints, the controller {len(expected)}"
-    for name in given:
-        if name not in expected:
-            return unknown_name("joint of the controller", name, expected)
-    repeated = sorted({name for name in given if list(given).count(name) > 1})
+    names, points = message.joint_names, message.points
+    if len(names) != len(joint_names):
+        return f"the trajectory has {len(names)} joints, the controller {len(joint_names)}"
+    for name in names:
+        if name not in joint_names:
+            return unknown_name("joint of the controller", name, joint_names)
     # The original accepts these, but keeps the numbers of an older message for the other joints.
-    return f"{quote_names(repeated)} given more than once" if repeated else None
-
-
-def _moving_end(message: TrajectoryMessage) -> str | None:
-    for name, v in zip(message.joint_names, message.points[-1].velocities, strict=False):
+    if repeated := repeated_names(names):
+        return f"{quote_names(repeated)} given more than once"
+    if not points:
+        return "the trajectory has no points"
+    for name, v in zip(names, points[-1].velocities, strict=False):
         if abs(v) > _STANDSTILL:
             return f"the last point moves joint '{name}' at {v:g} rad/s or m/s, expected 0"
-    return None
-
-
-def _ended(message: TrajectoryMessage, now_ns: int) -> str | None:
-    late = now_ns - message.stamp_ns - message.points[-1].time_from_start_ns
-    if message.stamp_ns == 0 or late <= 0:
-        return None
-    return f"the trajectory ended {late / NS_PER_S:g} s before it arrived"
-
-
-def _wrong_times(message: TrajectoryMessage) -> str | None:
-    times = [point.time_from_start_ns for point in message.points]
+    late = now_ns - message.stamp_ns - points[-1].time_from_start_ns
+    if message.stamp_ns and late > 0:
+        return f"the trajectory ended {late / NS_PER_S:g} s before it arrived"
+    times = [point.time_from_start_ns for point in points]
     for k, (before, after) in enumerate(pairwise(times)):
         if after <= before:
             return (
                 f"the times of points {k} and {k + 1} are {before} and {after} ns, not increasing"
             )
-    return None
-
-
-def _wrong_numbers(message: TrajectoryMessage) -> str | None:
-    n = len(message.joint_names)
-    for k, point in enumerate(message.points):
-        if len(point.positions) != n:
-            return f"point {k} has {len(point.positions)} positions for {n} joints"
-        for field in ("velocities", "accelerations"):
+    for k, point in enumerate(points):
+        for field in ("positions", "velocities", "accelerations"):
             length = len(getattr(point, field))
-            if length not in (0, n):
-                return f"point {k} has {length} {field} for {n} joints"
+            if length != len(names) and (length or field == "positions"):
+                return f"point {k} has {length} {field} for {len(names)} joints"
         if len(point.effort) > 0:
             return f"point {k} has efforts, but the controller has no effort interface"
     return None
