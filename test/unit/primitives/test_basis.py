@@ -9,7 +9,6 @@ from support.arm import arm_primitive
 
 from mp_pca_planner.primitives.basis import (
     BSplineBasis,
-    end_vanishing_coefficients,
     legendre_derivatives,
     legendre_values,
 )
@@ -46,16 +45,6 @@ def test_series_agree_with_those_of_an_independent_library(degree):
         tolerance = 1e-12 * np.abs(expected).max()
         for values in (found[order], legendre_values(series, phases, order)):
             np.testing.assert_allclose(values, np.moveaxis(expected, 2, 0), atol=tolerance)
-
-
-@pytest.mark.parametrize("degree", [6, 25])
-def test_admissible_polynomials_are_orthonormal(degree):
-    coefficients = end_vanishing_coefficients(degree)
-    x, w = legendre.leggauss(degree + 1)
-    values = legendre_values(coefficients, (x + 1.0) / 2.0)
-    np.testing.assert_allclose(
-        values.T @ (values * w[:, None] / 2.0), np.eye(degree - 5), atol=1e-12
-    )
 
 
 def test_b_splines_have_six_free_control_points_per_joint_and_smooth_accelerations():

@@ -9,9 +9,6 @@ from support.arm import JOINTS, arm_demonstrations
 
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.motion_statistics import (
-    shape_functions,
-)
 from mp_pca_planner.primitives.timing import align, aligned_positions
 
 PHASES = np.linspace(0.0, 1.0, 101)
@@ -81,13 +78,3 @@ def test_shares_of_joint_angles_are_those_of_the_sampled_angles():
         values = np.linalg.eigvalsh(np.cov(angles[:, :, joint], rowvar=False))[::-1]
         shares = primitive.metadata["angle_variance_ratio"][name]
         np.testing.assert_allclose(shares, values[:4] / values.sum(), atol=1e-5)
-
-
-def test_functions_are_orthonormal_even_or_odd_and_vanish_with_two_derivatives_at_the_ends():
-    values, series = shape_functions(15, 101)
-    np.testing.assert_allclose(values[::-1], values * (-1.0) ** np.arange(10), atol=1e-12)
-    np.testing.assert_allclose(values.T @ values, np.eye(10), atol=1e-12)
-    for order in range(3):
-        ends = legendre.legval([-1.0, 1.0], legendre.legder(series, order, axis=1).T)
-        np.testing.assert_allclose(ends, 0.0, atol=1e-9)
-    np.testing.assert_allclose(legendre.legval(2 * PHASES - 1, series.T).T, values, atol=1e-12)

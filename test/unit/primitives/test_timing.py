@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.interpolate import CubicSpline
 from support.arm import arm_demonstrations
 from support.bags import minimum_jerk
 
@@ -22,57 +21,6 @@ from mp_pca_planner.primitives.timing import (
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 PHASES = np.linspace(0.0, 1.0, 101)
-
-
-def recorded(times, positions):
-    """A demonstration with these samples and the derivatives of the spline through them."""
-    curve = CubicSpline(times, positions)
-    return Demonstration(
-        ("a", "b"),
-        times,
-        *(curve(times, order) for order in range(3)),
-        recording="made",
-        start_time=0.0,
-        end_time=times[-1],
-    )
-
-
-def curved(progress, duration=1.2):
-    """Two joints on one curved path, as far as the progress (n_steps,) says."""
-    path = np.column_stack([progress, 0.8 * np.sin(np.pi * progress) + 0.3 * progress])
-    return recorded(np.linspace(0.0, duration, len(progress)), path)
-
-
-def with_rest(share):
-    """The curved path with a rest of a share of the duration in the middle."""
-    n_rest = round(301 * share)
-    n_half = (301 - n_rest) // 2
-    first = minimum_jerk(0.0, 0.4, n_half)
-    return curved(np.concatenate([first, np.full(n_rest, 0.4), minimum_jerk(0.4, 1.0, n_half)]))
-
-
-def differences(demonstrations, method):
-    """RMS distance of aligned motions to the first one."""
-    warps = align(demonstrations, method)
-    motions = [aligned_positions(d, w, PHASES) for d, w in zip(demonstrations, warps, strict=True)]
-    return [float(np.sqrt(np.mean((m - motions[0]) ** 2))) for m in motions[1:]]
-
-
-def timings():
-    """One path at five paces, one of them with a rest in the middle."""
-    even = minimum_jerk(0.0, 1.0, 301)
-    late, early = even**1.5, 1.0 - (1.0 - even) ** 1.5
-    return [curved(even), curved(late), curved(early), curved(even[::2], 2.0), with_rest(0.2)]
-
-
-def test_one_path_at_different_paces_becomes_one_motion():
-    demonstrations = timings()
-    for before, after in zip(
-        differences(demonstrations, "linear"),
-        differences(demonstrations, "arc_length"),
-        strict=True,
-    ):
-        assert after < max(0.25 * before, 0.01)
 
 
 def test_arc_length_alignment_goes_its_way_at_the_pace_of_minimum_jerk():
