@@ -172,16 +172,16 @@ def refine(
     kept, iterations = Constraints(judge), 0
     visited = [original.parameters.ravel()]
     for _ in range(_MAX_ROUNDS):
-        found = _minimise(judge, kept, visited)
-        iterations += int(found.nit)
-        motion = RefinedMotion(segments, found.x)
+        optimum = _minimise(judge, kept, visited)
+        iterations += int(optimum.nit)
+        motion = RefinedMotion(segments, optimum.x)
         _, check, collisions = judge.examine(motion)
         if not (check.violations or collisions):
             break
         kept.add(motion, check, collisions)
-        visited.append(found.x)
+        visited.append(optimum.x)
     for factor in (1.0, *_RETREATS):
-        candidate = RefinedMotion(segments, factor * found.x)
+        candidate = RefinedMotion(segments, factor * optimum.x)
         if time_price is None:
             candidate = candidate.lasting(original.duration)
         cost = judge.cost(candidate)

@@ -119,7 +119,7 @@ def improve_by_trials(
     bounds = parameter_bounds(len(plan.motions))[free]
     box = np.column_stack([-bounds, bounds])
     search = cmaes.CMA(best.motion.parameters[free], _FIRST_STEP, bounds=box, seed=seed)
-    found, least = best, float(np.mean(known))
+    cheapest, least = best, float(np.mean(known))
     generation = []
     for _ in range(n_search):
         parameters = np.zeros(free.shape)
@@ -128,11 +128,11 @@ def improve_by_trials(
         cost = _measured(run, trial)
         generation.append((np.clip(trial.motion.parameters[free], -bounds, bounds), cost))
         if cost < least:
-            found, least = trial, cost
+            cheapest, least = trial, cost
         if len(generation) == search.population_size:
             search.tell(generation)
             generation = []
-    groups.append((found, [_measured(run, found) for _ in range(_N_REPEATS)]))
+    groups.append((cheapest, [_measured(run, cheapest) for _ in range(_N_REPEATS)]))
     if _is_beaten(known, groups[-1][1], groups):
         best, known = groups[-1]
     planned_cost = float(np.mean(groups[0][1]))

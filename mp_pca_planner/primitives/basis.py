@@ -227,8 +227,8 @@ class SumBasis(Basis):
 
     def shapes(self, weights: FloatArray, phases: FloatArray, highest: int) -> FloatArray:
         """Shape and derivatives up to the highest one, shape (highest + 1, n_steps, n_joints)."""
-        own, other = np.split(weights, [self._first.n_weights])
-        first = self._first.shapes(own, phases, highest)
+        leading, other = np.split(weights, [self._first.n_weights])
+        first = self._first.shapes(leading, phases, highest)
         return np.asarray(first + self._second.shapes(other, phases, highest))
 
 
@@ -350,9 +350,9 @@ def _minimum_jerk_series(n_coefficients: int) -> FloatArray:
     """Legendre coefficients of 10s³ − 15s⁴ + 6s⁵, the minimum-jerk course from 0 to 1."""
     series = polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
     by_x = series(polynomial.Polynomial([0.5, 0.5]))
-    found = np.zeros(n_coefficients)
-    found[:6] = legendre.poly2leg(by_x.coef)
-    return found
+    padded = np.zeros(n_coefficients)
+    padded[:6] = legendre.poly2leg(by_x.coef)
+    return padded
 
 
 def _by_share(values: FloatArray, courses: FloatArray) -> FloatArray:

@@ -123,16 +123,15 @@ def build_primitive(
 
 def check_demonstrations(values: Sequence[Any], what: str) -> None:
     """Reject values that are not demonstrations, with what can't be done."""
-    for one in values:
-        if isinstance(one, np.ndarray | list | tuple) or _has_columns(one):
+    for value in values:
+        if isinstance(value, np.ndarray | list | tuple) or _has_columns(value):
             raise PrimitiveError(
                 f"{what}: arrays need times=, the times of their samples [s]; joint_names= names "
                 "their columns"
             )
-        if not isinstance(one, Demonstration):
-            raise PrimitiveError(
-                f"{what}: {shown(one)} is not a demonstration; load_demonstrations reads recordings"
-            )
+        if not isinstance(value, Demonstration):
+            wrong = f"{shown(value)} is not a demonstration"
+            raise PrimitiveError(f"{what}: {wrong}; load_demonstrations reads recordings")
 
 
 def demonstrations_of(
@@ -164,7 +163,7 @@ def demonstrations_of(
     if joint_names is None and motions:
         first = float_array(motions[0], "positions of 'motion 1'", RecordingError, is_copied=False)
         joint_names = [f"joint{j + 1}" for j in range(first.shape[-1] if first.ndim else 0)]
-    names, found, notes = joint_names or (), list[Demonstration](), list[str]()
+    names, demonstrations, notes = joint_names or (), list[Demonstration](), list[str]()
     for k, (t, q) in enumerate(zip(given_times, motions, strict=True), start=1):
         motion = Demonstration.of_samples(names, t, q, f"motion {k}")
         extents = np.ptp(motion.positions, axis=0)
@@ -174,10 +173,10 @@ def demonstrations_of(
                 f"{motion.recording}, and over {ABSURD_EXTENT:g} is absurd: positions must be in "
                 "radians (or m); numpy.deg2rad converts degrees"
             )
-        found.append(motion)
+        demonstrations.append(motion)
         if not notes:
             notes += filter(None, [other_unit_of_time(motion.recording, np.asarray(t, float))])
-    return found, notes + _moving_ends(found)
+    return demonstrations, notes + _moving_ends(demonstrations)
 
 
 def _has_columns(value: Any) -> bool:
@@ -209,14 +208,17 @@ def _chosen_columns(table: Any, names: Sequence[str], k: int) -> FloatArray:
 def _moving_ends(motions: Sequence[Demonstration]) -> list[str]:
     """A sentence on motions that are cut while they move; none if there are no such motions."""
     moving = {}
-    for one in motions:
+    for motion in motions:
         # Over a twentieth of the motion, in which noise of some milliradians changes little.
-        n = max(1, len(one.times) // 20)
-        steps = (one.positions[n] - one.positions[0], one.positions[-1] - one.positions[-1 - n])
-        speed = max(map(np.linalg.norm, steps)) / one.times[n]
-        share = speed / max(np.linalg.norm(one.velocities, axis=1).max(), 1e-12)
+        n = max(1, len(motion.times) // 20)
+        steps = (
+            motion.positions[n] - motion.positions[0],
+            motion.positions[-1] - motion.positions[-1 - n],
+        )
+        speed = max(map(np.linalg.norm, steps)) / motion.times[n]
+        share = speed / max(np.linalg.norm(motion.velocities, axis=1).max(), 1e-12)
         if share > _MAX_END_SPEED:
-            moving[one.recording] = share
+            moving[motion.recording] = share
     if not moving:
         return []
     first, share = next(iter(moving.items()))

@@ -43,8 +43,8 @@ def by_path_share(positions: FloatArray) -> FloatArray:
     positions : array, shape (101, n_joints)
         See :func:`.arc_length_warp`.
     """
-    own = own_phases(arc_length_warp(positions), PHASES)
-    return np.column_stack([np.interp(own, FINE_PHASES, x) for x in positions.T])
+    shares = own_phases(arc_length_warp(positions), PHASES)
+    return np.column_stack([np.interp(shares, FINE_PHASES, x) for x in positions.T])
 
 
 def minimum_jerk_motion(start: FloatArray, goal: FloatArray) -> FloatArray:

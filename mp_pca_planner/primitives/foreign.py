@@ -72,17 +72,19 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> list[tupl
         [ends.transpose(0, 2, 1) / np.sqrt(2.0), statistics.shapes / np.sqrt(n_phases)], axis=2
     )
     copies = _copies(curves, recordings.tolist())
-    found, names = list(copies.items()), list(dict.fromkeys(recordings.tolist()))
+    reasons, names = list(copies.items()), list(dict.fromkeys(recordings.tolist()))
     names = [name for name in names if name not in copies]
     if len(names) < _MIN_RECORDINGS:
-        return found
+        return reasons
     used = np.isin(recordings, names)
-    own = [recordings == name for name in names]
+    members = [recordings == name for name in names]
     everything = _gaussian(curves[used])
     is_left_out = len(names) <= _MAX_LEFT_OUT
-    models = [_gaussian(curves[used & ~x]) if is_left_out else everything for x in own]
-    table = np.array([_distances(curves[x], model) for x, model in zip(own, models, strict=True)])
-    times = np.log([np.median(statistics.durations[x]) for x in own])
+    models = [_gaussian(curves[used & ~x]) if is_left_out else everything for x in members]
+    table = np.array(
+        [_distances(curves[x], model) for x, model in zip(members, models, strict=True)]
+    )
+    times = np.log([np.median(statistics.durations[x]) for x in members])
     # Few recordings show less of what is usual.
     most = 1.0 + _FEW / (len(names) - 1)
     for i, name in enumerate(names):
@@ -90,15 +92,15 @@ def foreign_recordings(statistics: MotionStatistics, n_phases: int) -> list[tupl
         if abs(longer) > most * _LONGER * spread:
             word = "long" if longer > 0.0 else "short"
             times_as = f"{np.exp(abs(longer)):.1f} times as {word} as those of the others"
-            found.append((name, f"its motions are {times_as}: check its clock"))
+            reasons.append((name, f"its motions are {times_as}: check its clock"))
         centre, deviation = _usual(np.delete(table, i, axis=0), _LEAST_DEVIATION)
         shares = (table[i] - centre) / (most * deviation * _FAR)
         if shares.max() > 1.0:
             ratio = float(np.exp((table[i] - centre)[shares.argmax()]))
             far = f"its motions are {ratio:.1f} times as far from those of the others as is usual"
             limits = centre + most * deviation * _FAR
-            found.append((name, far + _cause(curves[own[i]], models[i], limits, statistics)))
-    return found
+            reasons.append((name, far + _cause(curves[members[i]], models[i], limits, statistics)))
+    return reasons
 
 
 def _copies(curves: FloatArray, recordings: Sequence[str]) -> dict[str, str]:
@@ -108,13 +110,13 @@ def _copies(curves: FloatArray, recordings: Sequence[str]) -> dict[str, str]:
     apart, nearest = spatial.cKDTree(points).query(
         points, range(1, n_nearest + 1), distance_upper_bound=_COPY
     )
-    found: dict[str, str] = {}
+    copies: dict[str, str] = {}
     for row, k in np.argwhere(np.isfinite(apart))[::-1].tolist():
-        own, other = recordings[row], recordings[nearest[row, k]]
-        if own != other and other not in found:
+        copy, other = recordings[row], recordings[nearest[row, k]]
+        if copy != other and other not in copies:
             by = f"{1e3 * apart[row, k]:.2g} mrad (or mm) RMS"
-            found[own] = f"a motion of it is {by} from one of '{other}': a copy counts twice"
-    return found
+            copies[copy] = f"a motion of it is {by} from one of '{other}': a copy counts twice"
+    return copies
 
 
 def _gaussian(curves: FloatArray) -> _Others:

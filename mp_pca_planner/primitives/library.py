@@ -57,25 +57,25 @@ class PrimitiveLibrary(tuple[MovementPrimitive, ...]):
         if not primitives:
             raise PrimitiveError("at least one primitive is needed, got none")
         first, where = primitives[0], dict[str, str]()
-        for i, one in enumerate(primitives):
-            if not isinstance(one, MovementPrimitive):
+        for i, primitive in enumerate(primitives):
+            if not isinstance(primitive, MovementPrimitive):
+                what = f"{shown(primitive)} is not a movement primitive"
+                raise PrimitiveError(f"{what}; MovementPrimitive.load reads a file")
+            name, joint_names = primitive.name, primitive.joint_names
+            place = places[i] if places else f"primitive '{name}'"
+            if name in where:
                 raise PrimitiveError(
-                    f"{shown(one)} is not a movement primitive; MovementPrimitive.load reads a file"
+                    f"{place} and {where[name]} are both called '{name}': build one of them again "
+                    "under another name"
                 )
-            place = places[i] if places else f"primitive '{one.name}'"
-            if one.name in where:
+            where[name] = place
+            if joint_names != first.joint_names:
                 raise PrimitiveError(
-                    f"{place} and {where[one.name]} are both called '{one.name}': build one of "
-                    "them again under another name"
-                )
-            where[one.name] = place
-            if one.joint_names != first.joint_names:
-                raise PrimitiveError(
-                    f"{place} moves {quote_names(one.joint_names)}, but {where[first.name]} moves "
+                    f"{place} moves {quote_names(joint_names)}, but {where[first.name]} moves "
                     f"{quote_names(first.joint_names)}: they can't be used together"
                 )
         library = super().__new__(cls, primitives)
-        library._by_name = {one.name: one for one in primitives}
+        library._by_name = {primitive.name: primitive for primitive in primitives}
         library.joint_names = first.joint_names
         library.means = np.array([p.model.mean for p in primitives])
         library.precisions = np.array([p.model.request_precision for p in primitives])
@@ -129,10 +129,10 @@ def load_primitives(paths: Sequence[str | Path]) -> PrimitiveLibrary:
     """
     files: list[Path] = []
     for path in map(Path, paths):
-        found = sorted(path.glob("*.npz"), key=str) if path.is_dir() else [path]
-        if not found:
+        entries = sorted(path.glob("*.npz"), key=str) if path.is_dir() else [path]
+        if not entries:
             raise PrimitiveError(f"the folder '{path}' holds no primitive file (.npz)")
-        files += found
+        files += entries
     if not files:
         raise PrimitiveError("no primitive file was named")
     return PrimitiveLibrary([load_primitive(file) for file in files], [f"'{x}'" for x in files])

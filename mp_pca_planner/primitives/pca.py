@@ -117,9 +117,9 @@ def fit_shapes(
         # Distances between coefficients equal those between samples.
         components = fit_components(shapes[:, block].reshape(n, -1))
         kept = options.n_components or components_for_share(components, options.variance)
-        found = components.components[:kept].reshape(-1, together, n_functions)
-        parts.append(np.zeros((len(found), n_joints, n_functions)))
-        parts[-1][:, block] = found * largest_signs(found @ values.T)
+        directions_kept = components.components[:kept].reshape(-1, together, n_functions)
+        parts.append(np.zeros((len(directions_kept), n_joints, n_functions)))
+        parts[-1][:, block] = directions_kept * largest_signs(directions_kept @ values.T)
         variances.append(components.explained_variance[:kept])
     directions, total = np.concatenate(parts), total_variance(shapes, remainders)
     smoother = shape_smoother(options.degree, options.n_phases)
@@ -134,8 +134,8 @@ def angle_shares(statistics: MotionStatistics) -> dict[str, list[float]]:
     total = total_variance(statistics.angles, statistics.angle_remainders)
     shares = {}
     for joint, name in enumerate(statistics.joint_names):
-        found = fit_components(statistics.angles[:, joint])
-        shares[name] = (found.explained_variance[:4] / total[joint]).tolist()
+        pca = fit_components(statistics.angles[:, joint])
+        shares[name] = (pca.explained_variance[:4] / total[joint]).tolist()
     return shares
 
 

@@ -228,17 +228,17 @@ class MovementPrimitive:
         from .build import PrimitiveOptions, build_primitive, demonstrations_of
 
         options = PrimitiveOptions(coupling=coupling, n_components=components, align=align)
-        found: Any = getattr(demonstrations, "demonstrations", demonstrations)
-        if isinstance(found, Mapping):
+        given: Any = getattr(demonstrations, "demonstrations", demonstrations)
+        if isinstance(given, Mapping):
             raise PrimitiveError("demonstrations must be a list: pass list(motions.values())")
-        if isinstance(found, (str, Path)):
+        if isinstance(given, (str, Path)):
             raise PrimitiveError(
-                f"'{found}' is not a list of demonstrations: mp.load_demonstrations reads "
+                f"'{given}' is not a list of demonstrations: mp.load_demonstrations reads "
                 "recordings and tables"
             )
-        several = found if isinstance(found, Sequence) else [found]
+        several = given if isinstance(given, Sequence) else [given]
         if times is not None:
-            several, sentences = demonstrations_of(found, times, joint_names)
+            several, sentences = demonstrations_of(given, times, joint_names)
             for sentence in sentences:  # from the line of the caller
                 warnings.warn(sentence, stacklevel=2)
         primitive = build_primitive(several, name, options)
@@ -534,9 +534,9 @@ class MovementPrimitive:
         ends : array, shape (2, n_joints)
             Start and goal [rad or m]; distances are in units of the demonstrations' spread.
         """
-        own = self.boundary_states[:, [0, 3]]
-        spread = own.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
-        return np.argsort(np.sum(((own - ends) / spread) ** 2, axis=(1, 2)))
+        demonstrated = self.boundary_states[:, [0, 3]]
+        spread = demonstrated.std(axis=0) + 1e-3  # bounds the weight of a joint that never moved
+        return np.argsort(np.sum(((demonstrated - ends) / spread) ** 2, axis=(1, 2)))
 
     def reproduction(self, demonstration: int, times: FloatArray) -> FloatArray:
         """Positions of a demonstration as its weights and its own timing reproduce it.

@@ -102,13 +102,13 @@ def arc_length_warp(
     warp : array, shape (n_knots,)
         Shares of its duration; an even warp if nothing moves.
     """
-    own = np.linspace(0.0, 1.0, len(positions))
+    times = np.linspace(0.0, 1.0, len(positions))
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     path = np.concatenate([[0.0], np.cumsum(steps)])
     if path[-1] < min_path:
         return KNOTS
-    share = (path / path[-1] + speed_of_rest * own) / (1.0 + speed_of_rest)
-    warp = np.interp(_MINIMUM_JERK, share, own)
+    share = (path / path[-1] + speed_of_rest * times) / (1.0 + speed_of_rest)
+    warp = np.interp(_MINIMUM_JERK, share, times)
     warp[[0, -1]] = 0.0, 1.0
     return np.asarray(warp)
 
@@ -264,5 +264,7 @@ def _course_jerks(paces: FloatArray) -> FloatArray:
     """Third derivatives of the minimum-jerk course at paces, shape (n_paces, n_shares)."""
     s, rate, acceleration, jerk = legendre_derivatives(time_scaling(paces), _SHARES, 3)
     rest = s * (1.0 - s)
-    own = 60.0 * (1.0 - 6.0 * rest) * rate**3 + 180.0 * rest * (1.0 - 2.0 * s) * rate * acceleration
-    return np.asarray(own + 30.0 * rest**2 * jerk).T
+    by_rate = (
+        60.0 * (1.0 - 6.0 * rest) * rate**3 + 180.0 * rest * (1.0 - 2.0 * s) * rate * acceleration
+    )
+    return np.asarray(by_rate + 30.0 * rest**2 * jerk).T
