@@ -28,7 +28,7 @@ from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceG
 from ..planning.resolve import in_order
 from ..recordings.joint_states import ENCAPSULATION, NS_PER_S
 from ..robot.model import Robot
-from .messages import check_finite, joint_state, to_seconds
+from .messages import check_finite, to_seconds
 
 MakeGoal = Callable[[JointState], Goal]
 """Returns a goal for a motion from a start state."""
@@ -132,9 +132,20 @@ def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
     GoalError
         If names repeat or are too many, lengths disagree or a number is not finite.
     """
-    _check_count("names", len(message.name), "joints")
-    names = range(len(message.name))
-    state = joint_state(message, message.velocity, names, "goal", "goal")
+    names = list(message.name)
+    _check_count("names", len(names), "joints")
+    for field, fields, values, lengths, accepted in (
+        ("position", "positions", message.position, (len(names),), "one"),
+        ("velocity", "velocities", message.velocity, (0, len(names)), "none or one"),
+    ):
+        if len(values) not in lengths:
+            raise GoalError(
+                f"the goal names {len(names)} joints and has {len(values)} {fields}, "
+                f"{accepted} for each joint is accepted"
+            )
+        found = zip(names, values, strict=False)
+        check_finite(f"the goal {field} of joint '{{}}' is {{}}", found)
+    state = JointState(names, message.position, message.velocity or None)
     return JointGoal(state, duration or None, message.header.frame_id or None)
 
 

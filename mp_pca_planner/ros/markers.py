@@ -55,7 +55,13 @@ def _name(marker: Marker) -> str:
     return f"{marker.ns}/{marker.id}" if marker.ns else f"marker {marker.id}"
 
 
-def to_obstacle(marker: Marker, folders: Sequence[Path] = ()) -> Obstacle:
+_KeptMesh = tuple[MeshContent, bytes, Mesh]
+"""The content of a mesh file, its scale, and the mesh that they make."""
+
+
+def to_obstacle(
+    marker: Marker, folders: Sequence[Path] = (), meshes: dict[str, _KeptMesh] | None = None
+) -> Obstacle:
     """The obstacle of a marker that is added or modified.
 
     Parameters
@@ -64,6 +70,8 @@ def to_obstacle(marker: Marker, folders: Sequence[Path] = ()) -> Obstacle:
         The marker.
     folders : sequence of Path
         Folders of packages, for meshes.
+    meshes : dict, optional
+        Meshes that were read for markers by name; used again, and filled.
 
     Raises
     ------
@@ -71,10 +79,13 @@ def to_obstacle(marker: Marker, folders: Sequence[Path] = ()) -> Obstacle:
         If its type is not supported, or its numbers can't be used.
     """
     try:
-        mesh = _mesh_of(marker, folders, None)
-        return _obstacle(marker, None if mesh is None else mesh[1])
+        shapes = _shapes(marker, folders, {} if meshes is None else meshes)
     except WorldError as error:
         raise rejection(marker, error) from None
+    p, o = marker.pose.position, marker.pose.orientation
+    pose = np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w])
+    frame = marker.header.frame_id.lstrip("/")
+    return Obstacle(_name(marker), [one.moved(pose) for one in shapes], frame)
 
 
 def rejection(marker: Marker, reason: object) -> WorldError:
@@ -82,45 +93,41 @@ def rejection(marker: Marker, reason: object) -> WorldError:
     return WorldError(f"marker '{printable(_name(marker))}': {reason}")
 
 
-_Source = tuple[MeshContent, bytes]
+def _file_mesh(
+    marker: Marker, scale: FloatArray, folders: Sequence[Path], meshes: dict[str, _KeptMesh]
+) -> Mesh:
+    """The mesh of the file of a marker."""
+    kept = meshes.pop(_name(marker), None)
+    found = find_mesh(marker.mesh_resource, folders)
+    if kept is None or kept[0] is not found or kept[1] != scale.tobytes():
+        mesh = Mesh(scaled(found.vertices, scale), found.triangles)
+        kept = found, scale.tobytes(), mesh
+    meshes[_name(marker)] = kept
+    while len(meshes) > INPUT_LIMITS.kept_meshes:
+        del meshes[next(iter(meshes))]
+    return kept[2]
 
 
-def _mesh_of(
-    marker: Marker, folders: Sequence[Path], last: tuple[_Source, Mesh] | None
-) -> tuple[_Source | None, Mesh] | None:
-    """The mesh of a marker and its source; the last one if that is the same, None without mesh."""
-    scale = _scale(marker)
-    if marker.type == Marker.MESH_RESOURCE:
-        found = find_mesh(marker.mesh_resource, folders)
-        source = found, scale.tobytes()
-        if last is not None and last[0][0] is found and last[0][1] == source[1]:
-            return last
-        return source, Mesh(scaled(found.vertices, scale), found.triangles)
-    if marker.type != Marker.TRIANGLE_LIST:
-        return None
-    points = _points(marker, 3 * INPUT_LIMITS.triangles)
-    if len(points) % 3:
-        raise WorldError(f"a TRIANGLE_LIST has 3 points per triangle, got {len(points)} points")
-    return None, Mesh(scaled(points, scale), np.arange(len(points)).reshape(-1, 3))
-
-
-def _obstacle(marker: Marker, mesh: Mesh | None) -> Obstacle:
-    shapes = [mesh] if mesh is not None else _shapes(marker)
-    p, o = marker.pose.position, marker.pose.orientation
-    pose = np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w])
-    frame = marker.header.frame_id.lstrip("/")
-    return Obstacle(_name(marker), [one.moved(pose) for one in shapes], frame)
-
-
-def _shapes(marker: Marker) -> list[Shape]:
-    """The shapes in the frame of the marker's pose, without a mesh."""
-    scale, kind = _scale(marker), marker.type
+def _shapes(
+    marker: Marker, folders: Sequence[Path], meshes: dict[str, _KeptMesh]
+) -> Sequence[Shape]:
+    """The shapes in the frame of the marker's pose."""
+    s, kind = marker.scale, marker.type
+    scale = frozen_array([s.x, s.y, s.z], (3,), "scale", WorldError)
+    if kind == Marker.MESH_RESOURCE:
+        return [_file_mesh(marker, scale, folders, meshes)]
     if kind == Marker.CUBE:
         return [Box(scale)]
     if kind == Marker.SPHERE:
         return [Sphere(0.5 * _diameter(scale, "a sphere"))]
     if kind == Marker.CYLINDER:
         return [Cylinder(0.5 * _diameter(scale[:2], "a cylinder"), scale[2])]
+    if kind == Marker.TRIANGLE_LIST:
+        points = _points(marker, 3 * INPUT_LIMITS.triangles)
+        if len(points) % 3:
+            text = f"a TRIANGLE_LIST has 3 points per triangle, got {len(points)} points"
+            raise WorldError(text)
+        return [Mesh(scaled(points, scale), np.arange(len(points)).reshape(-1, 3))]
     points = _points(marker, INPUT_LIMITS.shapes)
     if kind == Marker.CUBE_LIST:
         return [Box(scale, point) for point in points]
@@ -134,11 +141,6 @@ def _points(marker: Marker, most: int) -> FloatArray:
     if len(marker.points) > most:
         raise WorldError(f"it has {len(marker.points)} points, at most {most} are accepted")
     return np.reshape([(p.x, p.y, p.z) for p in marker.points], (-1, 3))
-
-
-def _scale(marker: Marker) -> FloatArray:
-    s = marker.scale
-    return frozen_array([s.x, s.y, s.z], (3,), "scale", WorldError)
 
 
 def _diameter(scale: FloatArray, what: str) -> float:
@@ -202,7 +204,7 @@ class Obstacles:
         self._cleared = 0
         # When lifetimes end, by a clock that is never set back [s].
         self._ends: dict[str, float] = {}
-        self._meshes: dict[str, tuple[_Source, Mesh]] = {}
+        self._meshes: dict[str, _KeptMesh] = {}
         self._poses: Mapping[str, FloatArray | None] = {}
         self._model: Model | None = None
         self._lost = ""
@@ -346,7 +348,7 @@ class Obstacles:
             folders: Sequence[Path] = ()
             if self._model is not None:
                 folders = package_folders(self._model.settings.package_folders)
-            self._stated[name] = self._obstacle(marker, folders)
+            self._stated[name] = to_obstacle(marker, folders, self._meshes)
         elif marker.action in (Marker.DELETE, Marker.DELETEALL):
             for other in [other for other in self._stated if _concerns(marker, other)]:
                 del self._stated[other]
@@ -356,18 +358,6 @@ class Obstacles:
                 f"its action is {marker.action}; accepted are 0 (add or modify), 2 (delete) and 3 "
                 "(delete all)",
             )
-
-    def _obstacle(self, marker: Marker, folders: Sequence[Path]) -> Obstacle:
-        """The obstacle of a marker; a mesh that was read for it before is used again."""
-        try:
-            found = _mesh_of(marker, folders, self._meshes.pop(_name(marker), None))
-            if found is not None and found[0] is not None:
-                self._meshes[_name(marker)] = found[0], found[1]
-                while len(self._meshes) > INPUT_LIMITS.kept_meshes:
-                    del self._meshes[next(iter(self._meshes))]
-            return _obstacle(marker, None if found is None else found[1])
-        except WorldError as error:
-            raise rejection(marker, error) from None
 
 
 def _concerns(marker: Marker, name: str) -> bool:

@@ -11,42 +11,15 @@ from typing import Any
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
-from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from ..exceptions import GoalError, printable, quote_names
 from ..execution.link import Planned
 from ..execution.outcomes import ExecutionReport, GoalOutcome
 from ..execution.parameters import Declaration
-from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
 from ..planning.plan import SOLVED
 from ..recordings.joint_states import NS_PER_S
-
-
-def joint_state(
-    message: JointStateMessage,
-    velocities: Sequence[float],
-    index: Sequence[int],
-    what: str,
-    which: str,
-) -> JointState:
-    """Read the joints at some places of a message; errors name the message and its numbers."""
-    n, names = len(message.name), [message.name[i] for i in index]
-    for field, fields, values, lengths, accepted in (
-        ("position", "positions", message.position, (n,), "one"),
-        ("velocity", "velocities", velocities, (0, n), "none or one"),
-    ):
-        if len(values) not in lengths:
-            raise GoalError(
-                f"the {what} names {n} joints and has {len(values)} {fields}, "
-                f"{accepted} for each joint is accepted"
-            )
-        if len(values):
-            found = zip(names, (values[i] for i in index), strict=True)
-            check_finite(f"the {which} {field} of joint '{{}}' is {{}}", found)
-    chosen = [velocities[i] for i in index] if len(velocities) else None
-    return JointState(names, [message.position[i] for i in index], chosen)
 
 
 def check_finite(text: str, values: Iterable[tuple[str, float]]) -> None:

@@ -136,14 +136,15 @@ class PlannerNode(Node):
         self._others: dict[str, float] = {}
         self._notes: tuple[str, ...] = ()
         self._woken = self.create_guard_condition(self._receive)
-        self._planner = self._worker(PLANNER)
+        longest = self._settings.max_solve_time
+        self._planner = WorkerProcess(PLANNER, self._woken.trigger, longest)
         self._watcher: WorkerProcess | None = None
         self._has_obstacles = self._watches = False
         self._world = WorldFacts(0)
         self._poses: dict[str, Any] = {}
         measured = MeasuredStates(time.monotonic, self.seconds)
         self._tracker = Tracker(measured, self.seconds)
-        self._server = MotionServer(self._tracker, _PlannerLink(self), self)
+        self._server = MotionServer(self._tracker, self._planner, self)
         self._server.hold = hold
         self._connect()
         # Registered after the declarations, because the initial values are checked together.
@@ -377,13 +378,13 @@ class PlannerNode(Node):
 
     # Workers.
 
-    def _worker(self, role: str) -> WorkerProcess:
-        longest = self._settings.max_solve_time
-        return WorkerProcess(role, self._woken.trigger, longest)
-
     def _start_watcher(self) -> WorkerProcess:
-        self._watcher, self._watches = self._worker(WATCHER), False
-        self._watcher.send(self._present_set_up(0))
+        if self._watcher is None:
+            self._watcher = WorkerProcess(WATCHER, self._woken.trigger)
+        else:
+            self._watcher.start()
+        self._watches = False
+        self._watcher.send(self._set_up_of(0, self._settings))
         return self._watcher
 
     def _receive(self) -> None:
@@ -452,8 +453,8 @@ class PlannerNode(Node):
         self._server.hold = self._hold or _RESTARTING
         self._server.answer(died)
         waiting, self._set_ups = self._set_ups, {}
-        self._planner = self._worker(PLANNER)
-        self._planner.send(self._present_set_up(0))
+        self._planner.start()
+        self._planner.send(self._set_up_of(0, self._settings))
         if self._has_obstacles and self._watcher is not None and self._watches:
             self._watcher.send(TakeObstacles())
         elif self._has_obstacles:
@@ -471,10 +472,7 @@ class PlannerNode(Node):
 
     # Set-up.
 
-    def _present_set_up(self, number: int, *, rereads: bool = False) -> SetUp:
-        return self._set_up_of(number, self._settings, rereads=rereads)
-
-    def _set_up_of(self, number: int, settings: Settings, *, rereads: bool) -> SetUp:
+    def _set_up_of(self, number: int, settings: Settings, *, rereads: bool = False) -> SetUp:
         urdf = settings.robot_description or self._description
         return SetUp(number, urdf, settings, dict(self._tracker.measured.others), rereads)
 
@@ -497,8 +495,7 @@ class PlannerNode(Node):
     def _adopt(self, done: SetUpDone, settings: Settings) -> None:
         """Use what the planner has accepted."""
         self._poll()  # states of the joints before, which wait, must not be taken for new ones
-        self._declared.declare_limits(done.joint_names)
-        self._declared.forget_limits_except(done.joint_names)
+        self._declared.use_joints(done.joint_names)
         self._settings, self._done = settings, done
         self._problem, self._model_problem = self._problem * (not done.primitives), ""
         self._planner.longest_solve = settings.max_solve_time
@@ -510,7 +507,7 @@ class PlannerNode(Node):
             model = NodeModel(robot, done.model, settings)
         self._server.use(model, done.joint_names)
         if self._watcher is not None:
-            self._watcher.send(self._present_set_up(0))
+            self._watcher.send(self._set_up_of(0, self._settings))
         self._use_controller()
         self._log_readiness()
 
@@ -582,7 +579,7 @@ class PlannerNode(Node):
         if planned is None:
             raise GoalError("there is no motion to save: none was published")
         self._keeping = Future()
-        self._planner.send(KeepMotion(planned.key, folder, NODE_NAME))
+        self._planner.send(KeepMotion(planned.key, folder))
         kept = await self._keeping
         response.success = bool(kept.file)
         saved = f"saved as '{kept.file}'; call ~/reload_primitives to use it"
@@ -749,21 +746,6 @@ class PlannerNode(Node):
             if note not in self._notes:
                 self.get_logger().warning(to_text(note))
         self._notes = notes
-
-
-class _PlannerLink:
-    """The way to the present planner, which may be another one tomorrow."""
-
-    def __init__(self, node: PlannerNode) -> None:
-        self._node = node
-
-    def send(self, message: object) -> None:
-        """Send a message; it never waits."""
-        self._node._planner.send(message)
-
-    def cancel(self, key: int) -> None:
-        """Ask the planner to end its work on a request, and on all before."""
-        self._node._planner.cancel(key)
 
 
 class _Preview:

@@ -65,8 +65,8 @@ class NodeParameters:
         # An empty list in a parameter file leaves its parameter without a value.
         return Settings.from_values({k: v for k, v in values.items() if v is not None})
 
-    def declare_limits(self, joint_names: Sequence[str]) -> None:
-        """Declare the limits of the joints of the primitives.
+    def use_joints(self, joint_names: Sequence[str]) -> None:
+        """Declare the limits of the joints of the primitives, and undeclare all others.
 
         Raises
         ------
@@ -75,14 +75,11 @@ class NodeParameters:
         """
         if joint_names:
             check_limit_names(self._given, joint_names)
-        limits = limit_declarations(joint_names)
-        self._declare([d for d in limits if not self._node.has_parameter(d.name)])
-
-    def forget_limits_except(self, joint_names: Sequence[str]) -> None:
-        """Undeclare the limits of all joints except these."""
-        names = {declaration.name for declaration in limit_declarations(joint_names)}
-        for name in self._node.get_parameters_by_prefix(""):
-            if name.startswith(LIMITS_PREFIX) and name not in names:
+        limits = {declaration.name: declaration for declaration in limit_declarations(joint_names)}
+        present = self._node.get_parameters_by_prefix("")
+        self._declare([limit for name, limit in limits.items() if name not in present])
+        for name in present:
+            if name.startswith(LIMITS_PREFIX) and name not in limits:
                 self._node.undeclare_parameter(name)
 
     def check_names(self, names: Sequence[str], joint_names: Sequence[str]) -> None:

@@ -60,7 +60,6 @@ class KeepMotion:
 
     key: int
     folder: str
-    kept_by: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,21 +122,27 @@ class WorkerProcess:
 
     def __init__(self, role: str, wake: Callable[[], None], longest_solve: float = 0.2) -> None:
         self.role, self._wake, self.longest_solve = role, wake, longest_solve
+        self._outbox: SimpleQueue[object] = SimpleQueue()
+        self._inbox: deque[object] = deque()
+        self.start()
+
+    def start(self) -> None:
+        """Start the process, in place of one that has ended."""
+        self._outbox.put(None)  # ends the thread that sends to that one
+        self._outbox = SimpleQueue()
+        # When answers are due, by what they answer [s].
+        self._due: dict[object, float] = {}
+        self._killed_for, role = "", self.role
         context = multiprocessing.get_context("spawn")
         self._cancelled: Any = context.Value("Q", 0, lock=False)
-        self._connection, theirs = context.Pipe()
+        ours, theirs = context.Pipe()
         self._process = context.Process(
             target=run, args=(role, theirs, self._cancelled), name=role, daemon=True
         )
         self._process.start()
         theirs.close()
-        self._outbox: SimpleQueue[object] = SimpleQueue()
-        self._inbox: deque[object] = deque()
-        # When answers are due, by what they answer [s].
-        self._due: dict[object, float] = {}
-        self._killed_for = ""
-        for name, work in (("send", self._send_all), ("receive", self._receive_all)):
-            threading.Thread(target=work, name=f"{role} {name}", daemon=True).start()
+        for work, *of_work in ((self._send_all, ours, self._outbox), (self._receive_all, ours)):
+            threading.Thread(target=work, args=of_work, name=role, daemon=True).start()
 
     @property
     def pid(self) -> int:
@@ -186,15 +191,15 @@ class WorkerProcess:
         self._process.kill()
         self._process.join(5.0)
 
-    def _send_all(self) -> None:
+    def _send_all(self, connection: Connection, outbox: SimpleQueue[object]) -> None:
         with suppress(OSError):
-            while True:
-                self._connection.send(self._outbox.get())
+            while (message := outbox.get()) is not None:
+                connection.send(message)
 
-    def _receive_all(self) -> None:
+    def _receive_all(self, connection: Connection) -> None:
         try:
             while True:
-                self._inbox.append(self._connection.recv())
+                self._inbox.append(connection.recv())
                 self._wake()
         except (EOFError, OSError, pickle.UnpicklingError):
             self._process.join(5.0)
@@ -355,7 +360,7 @@ class _Worker:
                 "the last motion can't be kept: it continues a running motion; send the goal again "
                 "when the robot is at rest"
             )
-        arguments = model.planner.primitives, Path(message.folder), {"kept_by": message.kept_by}
+        arguments = model.planner.primitives, Path(message.folder), {"kept_by": "mp_pca_planner"}
         self._connection.send(Kept(str(keep_motion(plan, *arguments))))
 
     def _show(self, message: ShowMotion) -> None:

@@ -50,9 +50,9 @@ def _parts(shape: Shape) -> list[Shape]:
 
 def _marker(shape: Shape) -> Marker:
     marker = Marker(action=Marker.ADD)
-    position, orientation = shape.position.tolist(), shape.orientation.tolist()
-    x, y, z = position
-    marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=_quaternion(orientation))
+    x, y, z, *turn = shape.pose.tolist()
+    orientation = Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
+    marker.pose = Pose(position=Point(x=x, y=y, z=z), orientation=orientation)
     if isinstance(shape, Mesh):
         marker.type, scale = Marker.TRIANGLE_LIST, [1.0, 1.0, 1.0]
         corners = shape.vertices[np.ravel(shape.triangles)]
@@ -67,8 +67,3 @@ def _marker(shape: Shape) -> Marker:
         marker.type, scale = Marker.SPHERE, [2.0 * shape.radius] * 3
     marker.scale = Vector3(x=scale[0], y=scale[1], z=scale[2])
     return marker
-
-
-def _quaternion(values: list[float]) -> Quaternion:
-    x, y, z, w = values
-    return Quaternion(x=x, y=y, z=z, w=w)

@@ -34,7 +34,7 @@ def test_trials_save_effort_on_a_robot_with_an_unknown_load(
     set_domain(monkeypatch, 68)
     primitive = tmp_path / "arm.npz"
     save_primitive(arm_primitive(), primitive)
-    start = arm_primitive().boundary_states[0, 0]
+    start = arm_primitive().boundary_states[0, 3]
     with (
         running_node(
             tmp_path / "node.txt", *words(primitives=[str(primitive)], max_solve_time=HANG)

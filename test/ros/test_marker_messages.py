@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import pickle
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -236,17 +235,6 @@ def test_obstacles_of_a_robot_without_its_meshes_are_kept_and_said_not_to_be_avo
     obstacles.apply(Markers(written(box()), 1, False, 0.0))
     assert obstacles.world.names == ("test/1",)
     assert "/no/such/hand.stl" in obstacles.facts.missing
-
-
-def test_obstacles_survive_the_way_to_another_worker(kept: Kept, tmp_path: Path) -> None:
-    write_stl(tmp_path / "mesh.stl", soup(2000))
-    mesh = f"file://{tmp_path / 'mesh.stl'}"
-    kept.send(box(1, type=Marker.MESH_RESOURCE, mesh_resource=mesh), box(2))
-    other = pickle.loads(pickle.dumps(kept.obstacles))
-    other.use(MODEL)
-    assert [one.name for one in other.world] == [one.name for one in kept.obstacles.world]
-    other.apply(Markers(written(box(2, action=Marker.DELETE)), 9, False, 0.0))
-    assert [one.name for one in other.world] == ["test/1"]
 
 
 def test_lost_obstacles_are_unknown_until_markers_come(kept: Kept) -> None:

@@ -16,12 +16,13 @@ from support.arm import JOINTS, arm_primitive
 from support.domains import set_domain
 from support.nodes import (
     GOAL,
-    PATIENTLY,
+    PATIENCE,
     START,
     URDF,
     NodeClient,
     ros_node,
     running_node,
+    words,
 )
 from support.patience import HANG
 from trajectory_msgs.msg import JointTrajectory
@@ -37,7 +38,7 @@ def test_node_in_a_namespace_feeds_the_controller_that_it_is_remapped_to(
 ) -> None:
     set_domain(monkeypatch, 25)
     save_primitive(arm_primitive(), tmp_path / "arm.npz")
-    arguments = ("-p", f"primitives:=['{tmp_path}']", *PATIENTLY, "-r", "__ns:=/left")
+    arguments = (*words(primitives=[str(tmp_path)], **PATIENCE), "-r", "__ns:=/left")
     arguments += ("-r", "__node:=planner", "-r", "~/joint_trajectory:=controller/joint_trajectory")
     executed: list[JointTrajectory] = []
     with (

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from support.arm import JOINTS, arm_primitive
 from support.domains import set_domain
-from support.nodes import GOAL, PATIENTLY, START, URDF, NodeClient, goal_message, running_node
+from support.nodes import GOAL, PATIENCE, START, URDF, NodeClient, goal_message, running_node, words
 
 from mp_pca_planner.primitives.file import save_primitive
 
@@ -36,7 +36,7 @@ def test_finger_with_a_mass_is_locked_where_it_is_measured_or_goals_are_refused(
     )
     set_domain(monkeypatch, 33)
     save_primitive(arm_primitive(), tmp_path / "arm.npz")
-    arguments = ["-p", f"primitives:=['{tmp_path / 'arm.npz'}']", *PATIENTLY]
+    arguments = words(primitives=[str(tmp_path / "arm.npz")], **PATIENCE)
     with running_node(tmp_path / "log.txt", *arguments), NodeClient() as client:
         client.wait_for_node()
         client.publish_description(GRIPPER_URDF.replace('<link name="finger_link"/>', massive))
