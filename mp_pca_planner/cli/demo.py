@@ -150,13 +150,11 @@ def _pipeline(folder: Path) -> int:
 def _children(*commands: Sequence[str]) -> Iterator[None]:
     """Run commands of this package, and end them with the block; their stdout is discarded.
 
-    A signal raises KeyboardInterrupt in the block, or at its end: Python ignores exceptions in some
-    places, such as within an import.
+    A signal raises KeyboardInterrupt in the block.
     """
-    processes, received = list[subprocess.Popen[bytes]](), list[int]()
+    processes = list[subprocess.Popen[bytes]]()
 
-    def interrupt(number: int, _: object) -> None:
-        received.append(number)
+    def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
     try:
@@ -166,8 +164,6 @@ def _children(*commands: Sequence[str]) -> Iterator[None]:
         for number in _SIGNALS:
             signal.signal(number, interrupt)
         yield
-        if received:
-            raise KeyboardInterrupt
     finally:
         for number in _SIGNALS:  # one is enough
             signal.signal(number, signal.SIG_IGN)

@@ -272,7 +272,8 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
     elif best.has_clearances:
         notes.append("bodies that would collide otherwise are kept apart")
     if context.options.basis == "pca" and correction > 0.0:
-        notes.append(f"B-splines were added to the components (RMS {correction:.2g} rad or m)")
+        rms = f"RMS {correction:.2g} rad or m"
+        notes.append(f"shaped beyond the demonstrations ({rms}): record some near this goal")
     return notes
 
 

@@ -96,23 +96,6 @@ def test_interrupted_demo_ends_its_child_processes(tmp_path, words, number, stat
     assert not any(Path(f"/proc/{pid}").exists() for pid in started)
 
 
-def test_an_interrupt_where_python_ignores_exceptions_is_not_lost():
-    script = (
-        "import signal, weakref\n"
-        "from mp_pca_planner.cli.demo import _children\n"
-        "class Module: pass\n"
-        "with _children() as check:\n"
-        "    module = Module()\n"
-        "    lock = weakref.ref(module, lambda _: signal.raise_signal(signal.SIGINT))\n"
-        "    del module\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False
-    )
-    assert "Exception ignored" in done.stderr
-    assert done.returncode == -signal.SIGINT
-
-
 @pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
 def test_files_of_every_example_give_motions_of_its_arm_and_are_kept(tmp_path, name, capsys):
     if name != HUMAN_ARM:

@@ -127,18 +127,6 @@ def test_a_csv_file_is_built_inspected_and_refused_in_degrees(tmp_path: Path) ->
     assert build(*words, "--degrees")["n_motions"] == facts["n_motions"]
 
 
-def test_a_trajectory_that_was_saved_is_a_table(
-    expected: Sequence[Demonstration], tmp_path: Path
-) -> None:
-    motion = expected[0]
-    zero = np.zeros_like(motion.positions)
-    saved = mp.Trajectory(JOINT_NAMES, motion.times, motion.positions, zero, zero)
-    saved.save(tmp_path / "motion.csv")
-    (found,) = mp.load_demonstrations(tmp_path / "motion.csv")
-    assert found.joint_names == JOINT_NAMES
-    assert np.abs(found.positions[-1] - motion.positions[-1]).max() < 0.02
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
