@@ -8,8 +8,6 @@ import shutil
 import subprocess
 import sys
 import venv
-from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -143,20 +141,11 @@ for words in (["planner_node"], ["simulate", "--robot", "a.urdf"], ["demo", "--o
 # Installation by pip
 
 
-def _build_tools_are_here() -> bool:
-    try:
-        setuptools_version = tuple(map(int, version("setuptools").split(".")[:2]))
-    except PackageNotFoundError:
-        return False
-    builds_wheels = setuptools_version >= (70, 1) or find_spec("wheel") is not None
-    return builds_wheels and find_spec("pip") is not None
-
-
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a virtual environment with the package installed from a copy of the source tree."""
-    if not _build_tools_are_here():
-        pytest.skip("pip and setuptools >= 70.1 are needed to install the package")
+    for tool in ("pip", "setuptools"):
+        pytest.importorskip(tool, reason=f"{tool} is needed to install the package")
     folder = tmp_path_factory.mktemp("pip")
     source = folder / "source"
     source.mkdir()

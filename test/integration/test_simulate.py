@@ -137,39 +137,27 @@ def test_robot_executes_what_it_is_sent_and_records_every_command(tmp_path):
     assert np.diff(user.stamps()).min() == 2_000_000
 
 
-def test_the_robot_of_a_primitive_starts_where_a_demonstration_did(tmp_path):
+def test_options_count_and_faults_are_parameters(tmp_path):
     primitive = arm_primitive()
     primitive.save(tmp_path / "reach.npz")
-    with simulated("--primitive", str(tmp_path / "reach.npz"), start=()) as (user, _):
+    options = ["--controller-topic", "arm/joint_trajectory", "--rate", "100", "--payload", "1"]
+    options += ["--primitive", str(tmp_path / "reach.npz"), "--speed-scaling", "0.5"]
+    chosen = {"topic": "arm/joint_trajectory", "number": signal.SIGTERM, "start": ()}
+    with simulated(*options, **chosen) as (user, printed):
         assert list(user.states[0].name) == list(primitive.joint_names)
         starts = primitive.boundary_states[:, 0]
-        assert np.abs(starts - user.states[0].position).max(axis=1).min() < 1e-9
-
-
-def test_options_count_and_faults_are_parameters():
-    options = ("--controller-topic", "arm/joint_trajectory", "--rate", "100", "--delay", "0.02")
-    options += ("--payload", "1", "--jitter", "0.01", "--speed-scaling", "0.5")
-    with simulated(*options, topic="arm/joint_trajectory", number=signal.SIGTERM) as it:
-        user, printed = it
+        assert (
+            np.abs(starts - user.states[0].position).max(axis=1).min() < 2e-3
+        )  # the payload makes it sag
         assert "expected a number from 0 to 1" in user.set("speed_scaling", 2.0)
-        for name, value in (("payload", 0.0), ("drop", 0.0), ("noise", 1e-4), ("jitter", 0.0)):
-            assert user.set(name, value) == ""
+        assert user.set("payload", 0.0) == ""
         user.states.clear()
         user.wait(lambda: len(user.states) > 50)
         assert set(np.diff(user.stamps())) == {10_000_000}
-        # A robot that is silent publishes nothing, and goes on.
-        assert user.set("silent", True) == ""
-        begin = time.time_ns()
-        assert user.set("held", True) == ""
-        end = time.time_ns()
-        assert user.set("silent", False) == ""
-        user.wait(lambda: user.stamps()[-1] > end)
-        assert not [stamp for stamp in user.stamps() if begin < stamp <= end]
         # A controller that is not active says why it rejects.
         assert user.set("active", False) == ""
         user.send(START, 1)
         user.wait(lambda: any("not active" in line for line in user.log))
-        assert user.set("active", True) == ""
     (rejected,) = printed["rejected"]
     assert rejected["reason"] == "the controller is not active"
 
