@@ -85,7 +85,7 @@ def random_reaches(
     """
     if n_motions < 1:
         raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
-    arm, n = _Arm(robot, limits), robot.n_joints
+    arm, n = ReachingArm(robot, limits), robot.n_joints
     rng = np.random.default_rng([task, n])
     longest = 2.0 * _POSTURES * np.linalg.norm(arm.half_range)
     for _ in range(_MAX_DRAWS):
@@ -105,14 +105,14 @@ def random_reaches(
 
 
 def _reach(
-    arm: _Arm,
+    arm: ReachingArm,
     ends: Sequence[FloatArray],
     detours: FloatArray,
     peak_shifts: FloatArray,
     rng: np.random.Generator,
 ) -> tuple[CubicSpline, float]:
     """Draw a reach between about two postures: positions by time [s], and its duration [s]."""
-    phases = _phases()
+    phases = np.linspace(0.0, 1.0, _N_PHASES)[:, None]
     for _ in range(_MAX_DRAWS):
         spread = _SPREAD * arm.half_range
         start, goal = (end + rng.uniform(-1.0, 1.0, end.size) * spread for end in ends)
@@ -179,38 +179,14 @@ def reach_recording(
     )
 
 
-def random_ends(
-    robot: Robot, limits: JointLimits, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, float]:
-    """Draw a start and a goal anywhere within the limits, and a duration.
+class ReachingArm:
+    """A robot within limits: postures that it can hold, and durations of paths.
 
-    Returns
-    -------
-    start, goal : array, shape (n_joints,)
-        Configurations [rad or m] that the joints can hold.
-    duration : float
-        Duration in which the minimum-jerk motion between them keeps the limits [s].
-
-    Raises
-    ------
-    RecordingError
-        If none are found.
+    Attributes
+    ----------
+    half_range : array, shape (n_joints,)
+        Half of the range of each joint that is used [rad or m].
     """
-    arm = _Arm(robot, limits)
-    share = progress(_phases(), np.array([0.5]))
-    for _ in range(_MAX_DRAWS):
-        start, goal = (arm.posture(rng, 0.9) for _ in range(2))
-        haste = rng.uniform(*_HASTE)
-        if np.abs(goal - start).max() < 0.1 * np.max(arm.half_range):
-            continue
-        duration = arm.duration(start + (goal - start) * share, haste)
-        if duration is not None:
-            return start, goal, duration
-    raise RecordingError("no two postures were found that a motion within the limits joins")
-
-
-class _Arm:
-    """A robot within limits: postures that it can hold, and durations of paths."""
 
     def __init__(self, robot: Robot, limits: JointLimits) -> None:
         robot.require_inertias("postures that the joints can hold")
@@ -258,8 +234,3 @@ class _Arm:
 
     def _has_strength(self, tau: FloatArray) -> bool:
         return bool(np.all(np.abs(tau) <= _HASTE[1] * self._limits.effort))
-
-
-def _phases() -> FloatArray:
-    """Phases at which paths are computed, shape (n_phases, 1)."""
-    return np.linspace(0.0, 1.0, _N_PHASES)[:, None]

@@ -19,7 +19,8 @@ from mp_pca_planner.files import load_yaml, read_text
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.recordings.reaches import random_ends
+from mp_pca_planner.recordings.reaches import ReachingArm
+from mp_pca_planner.recordings.synthetic import progress
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
 
@@ -114,6 +115,22 @@ def held_out_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]
         Problem(motion.positions[0], motion.positions[-1], motion.duration, motion)
         for motion in demonstrations_of(scene.name, scene.robot, scene.limits, n_problems, seed)
     ]
+
+
+def random_ends(
+    robot: Robot, limits: JointLimits, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, float]:
+    """A start, a goal and the duration of a minimum-jerk motion, all within the limits."""
+    arm = ReachingArm(robot, limits)
+    share = progress(np.linspace(0.0, 1.0, 101)[:, None], np.array([0.5]))
+    while True:
+        start, goal = (arm.posture(rng, 0.9) for _ in range(2))
+        haste = rng.uniform(0.6, 0.95)
+        if np.abs(goal - start).max() < 0.1 * np.max(arm.half_range):
+            continue
+        duration = arm.duration(start + (goal - start) * share, haste)
+        if duration is not None:
+            return start, goal, duration
 
 
 def random_problems(scene: Scene, n_problems: int, seed: int) -> list[Problem]:

@@ -7,13 +7,13 @@ import pytest
 from support.arm import arm_primitive, arm_robot
 from support.obstacle_scenes import WALL, write_scene
 from support.patience import EVER
+from support.problems import random_ends
 
 from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.objectives import jerk
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.recordings.reaches import random_ends
 from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.robot.world import World
 

@@ -4,12 +4,11 @@
 import numpy as np
 import pytest
 from support.arm import JOINTS, arm_robot
-from support.dense import minimum_jerk_motion
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import check_limits
-from mp_pca_planner.recordings.reaches import random_ends, random_reaches
+from mp_pca_planner.recordings.reaches import random_reaches
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
 
@@ -52,10 +51,3 @@ def test_arm_that_can_hold_nothing_is_refused_in_a_sentence(robot):
         random_reaches(robot, weak, 0, 1)
     with pytest.raises(RecordingError, match=r"that the 4 joints .* fewer joints"):
         random_reaches(robot, weak, 1, 1)
-
-
-def test_random_ends_are_joined_by_a_minimum_jerk_motion_within_the_limits(robot, limits):
-    for seed in range(5):
-        start, goal, duration = random_ends(robot, limits, np.random.default_rng(seed))
-        motion = minimum_jerk_motion(JOINTS, start, goal, duration, 201)
-        assert check_limits(motion, robot, limits).worst_excess <= 1e-6
