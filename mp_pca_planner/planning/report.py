@@ -266,9 +266,9 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
     if best.duration > usual * (1.0 + 1e-9) and request.timing == DEMONSTRATED:
         notes.append(f"the duration was lengthened from {usual:.4g} to {best.duration:.4g} s")
     if best.naturalness > asked and not is_detour:
-        notes.append(f"the naturalness was raised from {asked:.3g} to {best.naturalness:.3g}")
+        notes.append(f"naturalness {best.naturalness:.3g} instead of {asked:.3g} keeps the limits")
     if is_detour:
-        notes.append("near a collision-free path, because the predicted motion collides")
+        notes.append("a detour, because the predicted motion collides")
     elif best.has_clearances:
         notes.append("bodies that would collide otherwise are kept apart")
     if context.options.basis == "pca" and correction > 0.0:

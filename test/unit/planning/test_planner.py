@@ -187,7 +187,7 @@ def test_naturalness_is_raised_where_nothing_else_keeps_the_limits(monkeypatch):
     assert any(plan.facts["naturalness"] > 0.0 for plan in plans)
     for plan in plans:
         assert plan.is_executable
-        assert ("naturalness was raised" in plan.message) == (plan.facts["naturalness"] > 0.0)
+        assert ("instead of" in plan.message) == (plan.facts["naturalness"] > 0.0)
 
 
 def test_an_executable_plan_breaks_no_limit_on_a_finer_grid():
