@@ -151,6 +151,7 @@ def test_goal_gives_a_motion_from_the_present_state_to_exactly_the_goal(
     assert answer.report.level == OK, answer.report.message
     trajectory = answer.trajectory
     assert trajectory is not None
+    assert answer.latency is not None and 0.0 < answer.latency < HANG
     q, v = column(trajectory, "positions"), column(trajectory, "velocities")
     assert tuple(trajectory.joint_names) == JOINTS
     assert q[0].tolist() == q[1].tolist() == START and q[-1].tolist() == GOAL
@@ -597,7 +598,11 @@ def test_unusable_description_is_mended_by_parameters_one_after_the_other(
 @pytest.mark.usefixtures("own_domain")
 @pytest.mark.slow
 def test_wrong_arguments_end_the_node_with_one_line_and_status_2() -> None:
-    for argument, text in (("duration:=-1.0", "'duration' is -1.0"), ("oops", "oops")):
+    for argument, text in (
+        ("duration:=-1.0", "'duration' is -1.0"),
+        ("limits.elbow.max_velocity:=1", "'limits.elbow.max_velocity' is 1"),
+        ("oops", "oops"),
+    ):
         command = [sys.executable, "-m", "mp_pca_planner", "planner_node"]
         command += ["--ros-args", "-p", argument]
         done = subprocess.run(command, capture_output=True, text=True, timeout=HANG, check=False)
