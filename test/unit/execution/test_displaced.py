@@ -52,17 +52,6 @@ def test_displacement_is_the_minimum_jerk_polynomial_to_the_change_of_the_goal()
     np.testing.assert_allclose(spline(trajectory)(times) - OLD(PLACE + times), expected, atol=1e-8)
 
 
-def test_goal_that_repeats_leaves_the_motion_as_it_is():
-    trajectory, _ = adapt(np.zeros(4))
-    times = np.linspace(0.0, trajectory.duration, 801)
-    np.testing.assert_allclose(spline(trajectory)(times), OLD(PLACE + times), atol=1e-9)
-
-
-def test_motion_is_prolonged_where_the_limits_need_it():
-    near, far = adapt(0.1 * SHIFT, 1.3)[0], adapt(-0.9 * SHIFT, 1.3)[0]
-    assert far.duration > near.duration > DURATION - 1.3
-
-
 @given(
     st.lists(st.floats(-0.4, 0.4), min_size=4, max_size=4).map(np.array),
     st.floats(0.01, DURATION - 0.01),
@@ -81,20 +70,6 @@ def test_displaced_motion_starts_on_the_old_one_ends_at_the_goal_and_keeps_the_l
     assert trajectory.duration >= DURATION - place - 1e-12
     assert not check.violations
     assert_keeps(curve, LIMITS)
-
-
-def test_a_stream_of_goals_does_not_make_a_motion_slower_and_slower():
-    tight = {"max_velocity": 0.9, "max_acceleration": 1.9, "max_jerk": 13.0}
-    limits = ROBOT.limits(dict.fromkeys(JOINTS, tight))
-    motion, durations = MOTION.trajectory, list[float]()
-    for k in range(1, 20):
-        goal = JointState(JOINTS, START + SHIFT * (1.0 + 0.01 * k))
-        found = displaced(running(motion, 0.05), goal, ROBOT, limits, PERIOD)
-        if found is None:  # another motion is planned
-            break
-        durations.append(found[0].duration)
-        motion = found[0]
-    assert durations and max(durations) <= 2.0 * DURATION
 
 
 def test_motion_that_was_displaced_often_is_bounded_by_the_planned_one():

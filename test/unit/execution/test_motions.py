@@ -31,12 +31,6 @@ def motion(times=TIMES, **options):
     return PublishedMotion(Trajectory(JOINTS, times - times[0], *states, **options), began=10.0)
 
 
-def test_states_between_points_are_those_of_the_polynomial():
-    places = np.linspace(0.0, 2.0, 501)
-    for d, found in enumerate(motion().sample(places)):
-        np.testing.assert_allclose(found, columns(places, d), atol=1e-10)
-
-
 def test_states_between_points_are_the_quintic_through_both_neighbours():
     random = np.random.default_rng(0)
     times = np.array([0.0, 0.4, 1.1])
@@ -46,11 +40,6 @@ def test_states_between_points_are_the_quintic_through_both_neighbours():
     expected = [quintic(0.9, d)[0] for d in range(3)]
     actual = [found.positions[0], found.velocities[0], found.accelerations[0]]
     np.testing.assert_allclose(actual, expected, rtol=1e-9)
-
-
-@pytest.mark.parametrize(("place", "nearest"), [(-1.0, 0.0), (2.5, 2.0)])
-def test_places_outside_the_motion_count_as_its_nearest_end(place, nearest):
-    np.testing.assert_allclose(motion().state(place).positions, columns([nearest])[0], atol=1e-12)
 
 
 def test_motion_of_one_point_is_there_at_every_place():
@@ -105,11 +94,6 @@ def test_joined_motion_keeps_the_limits_of_jerk_that_both_of_its_parts_keep(
     assert np.abs(jerks).max() <= 1.0 + 5e-3
     assert np.diff(seam).min() > 2.9e-4
     np.testing.assert_allclose(seam[:-1], np.round(seam[:-1], 9), atol=1e-15)
-
-
-def test_rest_is_left_as_it_is_where_the_switch_is_here():
-    rest = Trajectory(JOINTS, [0.0, 1.0], *(columns([0.5, 1.5], d) for d in range(3)))
-    assert motion().followed_by(rest, 0.5, 0.5 - 5e-5) is rest
 
 
 def test_efforts_of_both_motions_are_kept_and_those_of_one_alone_are_not():

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
 
-from mp_pca_planner.exceptions import GoalError, LimitsError, PlannerError, RobotError
+from mp_pca_planner.exceptions import PlannerError, RobotError
 from mp_pca_planner.execution.link import Planned, PlanRequest, Rejected, RunningMotion, SetUp
 from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.parameters import Settings
@@ -47,10 +46,13 @@ GOAL = JointGoal(JointState(JOINTS, PRIMITIVES[0].boundary_states[0][3]))
 def test_limits_of_parameters_win_over_the_file_and_the_file_over_the_urdf(tmp_path: Path) -> None:
     file = tmp_path / "limits.yaml"
     file.write_text("joint_limits: {elbow: {max_velocity: 3.0, max_jerk: 50.0}}")
-    settings = Settings(limits_file=str(file), limits={"elbow": {"max_velocity": 2.0}})
-    limits = assemble_model(URDF, PRIMITIVES, settings).limits
+    others = {"timing": "free", "objective": "time=1e3, effort"}
+    settings = Settings(limits_file=str(file), limits={"elbow": {"max_velocity": 2.0}}, **others)
+    model = assemble_model(URDF, PRIMITIVES, settings)
+    limits, options = model.limits, model.planner.options
     elbow = JOINTS.index("elbow")
     assert (limits.velocity[elbow], limits.jerk[elbow], limits.effort[elbow]) == (2.0, 50.0, 70.0)
+    assert ([one for _, one in options.objectives], options.timing) == ([time, effort], "free")
 
 
 def test_missing_meshes_are_noted_once_and_needed_among_obstacles(tmp_path: Path) -> None:
@@ -68,19 +70,6 @@ def test_missing_meshes_are_noted_once_and_needed_among_obstacles(tmp_path: Path
     settings = Settings(package_dirs=("", str(tmp_path)))
     collision = assemble_model(MESHED, PRIMITIVES, settings).planner.collision
     assert collision is not None and ("chest", "tool") in collision.pairs
-
-
-def test_objective_and_timing_of_the_parameters_are_those_of_the_plans() -> None:
-    start, goal = PRIMITIVES[0].boundary_states[0][[0, 3]]
-    usual, quick = (
-        assemble_model(URDF, PRIMITIVES, settings).planner.plan(goal, start)
-        for settings in (Settings(), Settings(timing="shortest", objective="time,straightness=0.1"))
-    )
-    assert usual.is_executable and quick.is_executable
-    assert quick.duration < 0.9 * usual.duration
-    free = assemble_model(URDF, PRIMITIVES, Settings(timing="free", objective="time=1e3, effort"))
-    objectives = [one for _, one in free.planner.options.objectives]
-    assert (objectives, free.planner.options.timing) == ([time, effort], "free")
 
 
 def test_constraints_of_the_parameters_are_kept_by_the_plans() -> None:
@@ -114,26 +103,6 @@ def test_a_frame_to_keep_upright_needs_the_positions_of_the_joints_that_turn_it(
     assert "'tilt'" in unknown_positions(upright, World())
     assert is_outdated(upright, {"tilt": 0.1}, World())
     assert not is_outdated(usual, {"tilt": 0.1}, World())
-
-
-@pytest.mark.parametrize(
-    ("urdf", "settings", "error"),
-    [
-        ("<robot", Settings(), RobotError),
-        (URDF.replace('"elbow"', '"knee"'), Settings(), RobotError),
-        (re.sub("<inertial>.*?</inertial>", "", URDF, flags=re.DOTALL), Settings(), RobotError),
-        (URDF, Settings(limits_file="/nowhere.yaml"), LimitsError),
-        (URDF, Settings(limits={"elbow": {"max_velocity": -1.0}}), LimitsError),
-        (URDF, Settings(srdf=__file__), RobotError),
-        (URDF, Settings(constraints="upright=palm,30"), RobotError),
-        (URDF, Settings(constraints="upright=wrist,-1"), GoalError),
-    ],
-)
-def test_what_does_not_fit_together_is_refused(
-    urdf: str, settings: Settings, error: type[PlannerError]
-) -> None:
-    with pytest.raises(error):
-        assemble_model(urdf, PRIMITIVES, settings)
 
 
 FINGER = (
@@ -186,16 +155,6 @@ def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measur
     assert not is_outdated(model, {}, World())
 
 
-def test_joint_without_mass_and_shape_matters_only_where_an_obstacle_is_attached() -> None:
-    bare = re.sub("<inertial>.*?</inertial>|<collision>.*?</collision>", "", FINGER)
-    model = assemble_model(URDF.replace("</robot>", bare + "</robot>"), PRIMITIVES, Settings())
-    assert not unknown_positions(model, World())
-    assert not is_outdated(model, {"grip": 0.1}, World())
-    held = World([Obstacle("box", [Sphere(0.1)], "finger")])
-    assert "'grip'" in unknown_positions(model, held)
-    assert is_outdated(model, {"grip": 0.1}, held)
-
-
 def test_positions_of_the_parameter_count_until_others_are_measured() -> None:
     settings = Settings(locked_joints="grip = 0.05")
     model = assemble_model(FINGERED, PRIMITIVES, settings)
@@ -231,7 +190,7 @@ def request(key: int = 1, goal: Any = GOAL, **others: Any) -> PlanRequest:
     return PlanRequest(key, goal, JointState(JOINTS, START), **others)
 
 
-def test_parts_of_a_set_up_may_come_one_after_the_other(library: str) -> None:
+def test_goals_are_rejected_until_all_that_a_plan_needs_is_known(library: str) -> None:
     planner = GoalPlanner()
     none = planner.set_up(SetUp(1, URDF, Settings()))
     assert (none.joint_names, none.model, none.problem) == ((), None, "")
@@ -239,14 +198,25 @@ def test_parts_of_a_set_up_may_come_one_after_the_other(library: str) -> None:
     assert (without_robot.joint_names, without_robot.model) == (JOINTS, None)
     rejected = planner.plan(request())
     assert isinstance(rejected, Rejected) and "being set up" in rejected.reason
-    assert planner.set_up(SetUp(3, URDF, Settings(primitives=(library,)))).model is not None
-    assert isinstance(planner.plan(request()), Planned)
+    done = planner.set_up(SetUp(3, FINGERED, Settings(primitives=(library,))))
+    assert done.model is not None and "'grip'" in done.model.unknown
+    rejected = planner.plan(request(2))
+    assert isinstance(rejected, Rejected) and "'grip'" in rejected.reason
+    # Where it was measured last, it is locked.
+    for position, is_new in ((0.09, True), (0.09, False), (0.02, True)):
+        planned = planner.plan(request(3, measured={"grip": position}))
+        assert isinstance(planned, Planned) and (planned.facts is not None) == is_new
+        assert planned.facts is None or dict(planned.facts.locked) == {"grip": position}
 
 
 @pytest.mark.parametrize(
     ("urdf", "settings", "is_unreadable"),
     [
         ("<robot", {}, False),
+        (URDF.replace('"elbow"', '"knee"'), {}, False),
+        (URDF, {"limits_file": "/nowhere.yaml"}, False),
+        (URDF, {"srdf": __file__}, False),
+        (URDF, {"constraints": "upright=palm,30"}, False),
         (URDF, {"primitives": ("/nowhere.npz",)}, True),
         (URDF, {"limits": {"elbow": {"max_velocity": -1.0}}}, False),
         (URDF, {"end_effector_frame": "hend"}, False),
@@ -272,25 +242,6 @@ def test_primitives_are_read_again_only_when_that_is_asked_for(
     assert not planner.set_up(SetUp(2, FINGERED, settings)).problem
     again = planner.set_up(SetUp(3, FINGERED, settings, rereads=True))
     assert again.is_unreadable and library in again.problem
-
-
-def test_joint_that_makes_a_difference_is_locked_where_it_was_measured_last(
-    planner: GoalPlanner,
-) -> None:
-    unchanged = planner.plan(request(1, measured={"grip": 0.02}))
-    moved = planner.plan(request(2, measured={"grip": 0.09}))
-    assert isinstance(unchanged, Planned) and unchanged.facts is None
-    assert isinstance(moved, Planned) and moved.facts is not None
-    assert dict(moved.facts.locked) == {"grip": 0.09}
-
-
-def test_goal_is_rejected_while_a_joint_that_makes_a_difference_is_not_known(library: str) -> None:
-    planner = GoalPlanner()
-    done = planner.set_up(SetUp(1, FINGERED, Settings(primitives=(library,))))
-    assert done.model is not None and "'grip'" in done.model.unknown
-    rejected = planner.plan(request())
-    assert isinstance(rejected, Rejected) and "'grip'" in rejected.reason
-    assert isinstance(planner.plan(request(2, measured={"grip": 0.0})), Planned)
 
 
 @pytest.mark.parametrize(("action", "is_served"), [("refuse", False), ("warn", True)])

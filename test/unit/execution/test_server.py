@@ -198,17 +198,6 @@ def test_joints_that_goals_leave_out_keep_their_commanded_position_under_a_load(
     either.assert_smooth()
 
 
-def test_refused_goal_leaves_the_running_motion_alone(node):
-    node.ask(GOAL)
-    node.run(0.2)
-    node.ask(GOAL + 100.0)
-    node.run(5.0)
-    assert node.statuses == ["served", "refused"]
-    assert "outside its limits" in reasons(node)[-1]
-    node.assert_rests_at(GOAL)
-    assert node.outcomes == ["arrived"]
-
-
 @pytest.mark.parametrize("event", ["none", "stop", "goal"])
 def test_robot_that_rests_slightly_outside_its_limits_is_led_inwards(event):
     sign = np.sign(GOAL - START)
@@ -324,13 +313,6 @@ def test_motion_that_is_no_longer_monitored_is_stopped(node, event):
     assert np.abs(node.commanded - GOAL).max() > 0.1
     node.server.release("it is stopped already")
     assert len(node.sent) == 2
-
-
-def test_robot_that_arrived_is_not_stopped_again(node):
-    node.ask(GOAL)
-    node.run(5.0)
-    node.server.release("it is deactivated")
-    assert len(node.sent) == 1
 
 
 LIFT = (
@@ -587,22 +569,6 @@ def test_goal_of_a_slowed_robot_is_refused_where_its_command_is_not_stated(node)
 # Sequences
 
 
-def test_sequence_passes_its_vias_without_a_stop_or_a_jump(node):
-    via = START + 0.6 * (GOAL - START)
-    node.ask_sequence(via, GOAL, START, times=(None, 2.0, None))
-    node.run(10.0)
-    began = node.sent[0][0] + WAIT
-    node.assert_smooth()
-    record = node.robot.record
-    passed = int(np.abs(record.q - via).max(axis=1).argmin())
-    # As near as commands are to each other.
-    assert np.abs(record.q[passed] - via).max() < 3e-3
-    assert np.abs(record.v[passed]).max() > 0.1
-    near = np.abs(record.times - began - 2.0) < 3.5e-3
-    assert np.abs(record.q[near] - GOAL).max(axis=1).min() < 3e-3
-    node.assert_rests_at(START)
-
-
 def test_sequence_takes_a_moving_robot_over_though_single_goals_were_faster(node):
     node.ask(GOAL, duration=3.0)
     node.run(0.3)
@@ -664,19 +630,6 @@ def test_stop_of_a_motion_of_another_node_leads_to_a_point_where_nothing_is_stat
     node.assert_smooth([tick for tick, n_points in node.robot.taken if n_points == 1])
     assert not node.robot.record.v[-1].any()
     assert np.abs(node.commanded - GOAL).max() > 0.05
-
-
-def test_stop_of_a_motion_of_another_node_keeps_the_limits_though_states_are_late(node):
-    node.ask(GOAL, duration=1.5)
-    node.run(0.5)
-    node.restart()
-    node.run(0.12)
-    node.stall(0.3, of_states=True)
-    node.run(0.298)
-    assert "is sent to a single point" in node.stop()
-    node.run(3.0)
-    node.assert_smooth([tick for tick, n_points in node.robot.taken if n_points == 1])
-    assert not node.robot.record.v[-1].any()
 
 
 @pytest.mark.parametrize("silence", [0.6, 1.0])

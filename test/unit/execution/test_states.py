@@ -11,7 +11,6 @@ import pytest
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.execution.states import MeasuredState, MeasuredStates, UnconfirmedError
-from mp_pca_planner.input_limits import INPUT_LIMITS
 
 JOINTS = ("a", "b")
 REST_VELOCITY = 0.01  # reported by robots at rest at most [rad/s]
@@ -60,19 +59,12 @@ def world() -> World:
     return World()
 
 
-def test_newest_message_counts_in_the_order_of_the_joints(world: World) -> None:
-    world.receive(a=1.0, b=2.0)
-    world.pass_time(0.01)
-    world.receive(b=2.02, a=1.01)
-    assert world.newest.positions.tolist() == [1.01, 2.02]
-
-
 def test_state_is_too_old_after_the_timeout_and_never_if_that_is_zero(world: World) -> None:
-    world.receive(a=1.0, b=2.0)
-    world.pass_time(0.5)
+    world.receive(b=2.0, a=1.0, age=0.25)
+    world.pass_time(0.25)
     assert world.states.age == pytest.approx(0.5)
-    world.states.newest(0.6)
-    world.states.newest(0.0)
+    assert world.states.newest(0.6).time == pytest.approx(world.now - 0.5)
+    assert world.states.newest(0.0).positions.tolist() == [1.0, 2.0]
     with pytest.raises(UnconfirmedError, match=r"0.5 s old, at most 0.4 s"):
         world.states.newest(0.4)
 
@@ -83,7 +75,7 @@ def test_missing_state_is_refused_with_the_joints_it_should_have(world: World) -
     with pytest.raises(GoalError, match=ignored):
         _ = world.newest
     assert world.states.age is None
-    world.receive(a=1.0)
+    world.states.receive(("a", "b", "b"), (1.0, 2.0, 3.0))
     with pytest.raises(GoalError, match="with the joints 'b', each once, has arrived"):
         _ = world.newest
 
@@ -109,24 +101,12 @@ def test_message_that_can_not_be_used_is_named_until_a_better_one_comes(
     assert world.newest.at_rest
 
 
-def test_joint_that_a_message_names_twice_is_not_taken_from_it(world: World) -> None:
-    world.states.receive(("a", "a", "b"), (1.0, 2.0, 3.0))
-    with pytest.raises(GoalError, match="joints 'a', each once"):
-        _ = world.newest
-
-
-def test_message_is_as_old_as_it_was_when_it_was_handed_over(world: World) -> None:
-    world.receive(a=0.0, b=0.0, age=0.25)
-    assert world.states.age == pytest.approx(0.25)
-    assert world.newest.time == pytest.approx(world.now - 0.25)
-
-
 # Velocities
 
 
-@pytest.mark.parametrize("v", [(), (0.05, -0.02), (np.nan, np.nan), (np.nan, np.inf)])
+@pytest.mark.parametrize("v", [(), (0.05, -0.02), (np.nan, np.inf)])
 @pytest.mark.parametrize("velocity", [0.05, 0.5])
-@pytest.mark.parametrize("period", [0.001, 0.004, 0.03, 0.1])
+@pytest.mark.parametrize("period", [0.001, 0.1])
 def test_positions_say_how_fast_a_robot_moves(
     world: World, velocity: float, v: Any, period: float
 ) -> None:
@@ -142,22 +122,19 @@ def test_velocity_is_that_of_the_newest_moment_of_a_robot_that_slows_down(world:
     assert world.newest.velocities == pytest.approx([0.9 - 0.15 * world.now, 0.0], abs=1e-9)
 
 
+def test_reported_velocity_counts_where_positions_do_not_say_it_yet(world: World) -> None:
+    world.receive(a=0.0, b=0.0, v=(0.9 * REST_VELOCITY, 1.1 * REST_VELOCITY))
+    assert world.newest.velocities.tolist() == [0.0, 1.1 * REST_VELOCITY]
+    world.move(0.0)
+    world.receive(a=0.0, b=0.0, v=(0.0, 0.5))
+    assert world.newest.velocities.tolist() == [0.0, 0.5]
+
+
 def test_velocities_below_the_noise_of_encoders_count_as_none(world: World) -> None:
     world.move(0.0, noise=1e-4, v=(0.9 * REST_VELOCITY, -5.0 * REST_VELOCITY))
     assert world.newest.at_rest
     world.move(0.002)
     assert world.newest.at_rest
-
-
-def test_reported_velocity_counts_where_positions_do_not_say_it_yet(world: World) -> None:
-    world.receive(a=0.0, b=0.0, v=(0.9 * REST_VELOCITY, 1.1 * REST_VELOCITY))
-    assert world.newest.velocities.tolist() == [0.0, 1.1 * REST_VELOCITY]
-
-
-def test_clear_velocity_counts_though_the_robot_has_only_begun_to_move(world: World) -> None:
-    world.move(0.0)
-    world.receive(a=0.0, b=0.0, v=(0.0, 0.5))
-    assert world.newest.velocities.tolist() == [0.0, 0.5]
 
 
 @pytest.mark.parametrize("stall", [0.1, 1.0])
@@ -192,14 +169,6 @@ def test_stamps_of_a_clock_that_differs_are_not_used(world: World, delay: float)
     assert world.newest.time == pytest.approx(world.now)
 
 
-@pytest.mark.parametrize("rate", [0.0, 0.5, 1.1])
-def test_stamps_that_advance_at_another_rate_are_not_used(world: World, rate: float) -> None:
-    for _ in range(300):
-        world.pass_time(0.01)
-        world.receive(a=0.0, b=0.0, stamp=77.0 + rate * world.now)
-    assert not world.states.stamps.is_usable
-
-
 @pytest.mark.parametrize("stall", [0.3, 1.0])
 def test_clocks_agree_while_and_after_a_machine_stalls(world: World, stall: float) -> None:
     """What was sent meanwhile arrives at the end, or in its turn, ever less late."""
@@ -207,15 +176,6 @@ def test_clocks_agree_while_and_after_a_machine_stalls(world: World, stall: floa
         world.pass_time(0.004)
         late = max(stall - 0.004 * (k - 200), 0.0) if k >= 200 else 0.0
         world.receive(a=0.0, b=0.0, stamp=world.now - 0.001 - late)
-        assert world.states.stamps.is_usable
-
-
-def test_first_stamps_are_no_certain_judgement_of_the_clocks(world: World) -> None:
-    """The machine stalls while the processes start."""
-    for k in range(70):
-        world.pass_time(0.03)
-        world.receive(a=0.0, b=0.0, stamp=world.now - (0.25 if k < 12 else 0.001))
-        assert world.states.stamps.is_certain == (k >= 49)
         assert world.states.stamps.is_usable
 
 
@@ -244,13 +204,6 @@ def test_stamps_are_used_where_simulated_time_comes_in_steps(period: float) -> N
         assert states.stamps.is_usable
 
 
-def test_late_messages_do_not_make_clocks_differ(world: World) -> None:
-    for k in range(50):
-        world.pass_time(0.03)
-        world.receive(a=0.0, b=0.0, stamp=world.now - (0.15 if k % 3 else 0.002))
-    assert world.states.stamps.is_usable
-
-
 # Robots that send their joints in several messages
 
 
@@ -268,6 +221,7 @@ def test_states_in_several_messages_are_merged(world: World) -> None:
     np.testing.assert_allclose(q, [np.sin(t), np.cos(t)], atol=2e-3)
     np.testing.assert_allclose(world.newest.velocities, [np.cos(t), -np.sin(t)], atol=0.01)
     assert world.states.n_incomplete == 0
+    assert world.newest.time == pytest.approx(world.now - 2e-4 - 1e-3)
 
 
 def test_each_joint_has_its_own_age(world: World) -> None:
@@ -280,31 +234,6 @@ def test_each_joint_has_its_own_age(world: World) -> None:
     assert world.states.age == pytest.approx(0.6)
     world.receive(b=0.0)
     assert world.newest.positions.tolist() == [0.0, 0.0]
-
-
-def test_state_in_several_messages_is_as_old_as_the_oldest_of_them(world: World) -> None:
-    send_in_turn(world)
-    assert world.newest.time == pytest.approx(world.now - 2e-4 - 1e-3)
-
-
-def test_message_of_a_whole_robot_and_one_of_its_part_may_both_come(world: World) -> None:
-    for k in range(200):
-        world.pass_time(0.002)
-        world.receive(a=0.5, stamp=world.now)
-        if k % 10 == 0:
-            world.receive(a=0.5, b=0.25, stamp=world.now)
-    assert world.newest.positions.tolist() == [0.5, 0.25]
-
-
-def test_sets_of_joints_that_come_and_go_are_not_kept_for_ever(world: World) -> None:
-    names = [f"j{k}" for k in range(12)]
-    world.states.expect(names)
-    world.receive(**dict.fromkeys(names, 0.0))
-    for k in range(1, 2**12):
-        world.receive(**{name: 0.0 for j, name in enumerate(names) if k >> j & 1})
-    assert len(world.states._sources) <= INPUT_LIMITS.joints
-    world.receive(**dict.fromkeys(names, 1.0))
-    assert world.newest.positions.tolist() == [1.0] * 12
 
 
 def test_positions_of_further_joints_are_kept_however_old(world: World) -> None:
