@@ -11,6 +11,7 @@ from support.virtual_node import VirtualNode
 
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.planning import assemble_model
+from mp_pca_planner.execution.server import NodeModel
 from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, SequenceGoal
 
@@ -40,6 +41,10 @@ class Node(VirtualNode):
         self.model = model
         self.n_goals = 0
         self.run(0.3)
+
+    def use(self, model):
+        """Have another model of the same joints."""
+        self.server.use(NodeModel(model.robot, model.facts, model.settings), tuple(JOINTS))
 
     def ask(self, positions, names=JOINTS, **options):
         self.n_goals += 1

@@ -11,7 +11,7 @@ from support.arm import JOINTS, arm_robot
 from support.served_arm import GOAL, HALF, START, Node, model
 from support.worlds import plain_distances
 
-from mp_pca_planner.execution.link import Place, Verdict, Watch
+from mp_pca_planner.execution.link import Place, Watch
 from mp_pca_planner.execution.watching import Watcher
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -100,15 +100,6 @@ def test_a_stop_or_detour_whose_message_is_late_on_a_busy_machine_is_followed(no
     np.testing.assert_allclose(node.commanded, START, atol=1e-9)
 
 
-def test_robot_stops_at_once_where_there_is_no_time_to_plan(node):
-    node.ask(GOAL, duration=4.0)
-    node.run(1.8)
-    node.use_world(ball_at(place_on_motion(node, 0.52)))
-    node.run(5.0)
-    node.assert_smooth()
-    assert node.outcomes == ["stopped"]
-
-
 def test_robot_stops_before_an_obstacle_while_a_sequence_is_planned(node):
     node.ask(GOAL, duration=4.0)
     node.run(0.5)
@@ -161,19 +152,6 @@ def test_goal_whose_motion_would_begin_behind_an_obstacle_is_refused(node):
     node.run(0.05)
     assert node.statuses == ["served", "served", "refused"]
     assert "before another motion could begin" in node.plan_reports[-1].message
-
-
-def test_motion_around_an_obstacle_does_not_begin_behind_it(node):
-    node.ask(GOAL, duration=4.0)
-    node.run(0.5)
-    world, came = ball_at(place_on_motion(node, 0.6)), node.now
-    # The second attempt expects to take as long as the first one.
-    node._planning_time = 1.0, 1.0
-    node.at(0.9, lambda: setattr(node, "_planning_time", (0.01, 0.01)))
-    node.use_world(world)
-    node.run(8.0)
-    node.assert_smooth()
-    assert clearance(node, world, came) > 0.0
 
 
 def test_obstacles_beside_or_behind_the_motion_change_nothing(node):
@@ -233,21 +211,6 @@ def test_stop_leaves_its_path_where_that_alone_is_quick_enough(node, is_asked_fo
     node.assert_smooth()
 
 
-def test_goals_are_refused_among_obstacles_that_can_not_be_avoided(monkeypatch):
-    bare = served_arm.URDF.replace("collision", "visual")
-    monkeypatch.setattr(served_arm, "URDF", bare)
-    node = Node(model())
-    node.planner.core.world = ball_at(START)
-    node.ask(GOAL)
-    node.run(0.1)
-    assert node.statuses == ["refused"]
-    assert "obstacles can't be avoided" in node.plan_reports[0].message
-    node.planner.core.world = World()
-    node.ask(GOAL)
-    node.run(0.1)
-    assert node.statuses[-1] == "served"
-
-
 # The watcher
 
 
@@ -294,12 +257,3 @@ def test_motions_that_can_not_be_checked_are_named(watcher, monkeypatch):
     watcher.receive(Watch(1, straight(), 0.0))
     assert watcher.look().place == np.inf
     assert "has no collision geometry" in watcher.problem
-
-
-def test_late_verdict_on_another_motion_does_not_count(node):
-    node.use_world(World([Obstacle("far", Sphere(0.1, (3.0, 0.0, 0.0)))]))
-    node.ask(GOAL)
-    node.run(0.3)
-    node.server.answer(Verdict(0, 0.5, "an old obstacle"))
-    node.run(4.0)
-    assert node.outcomes == ["arrived"] and not node.logged

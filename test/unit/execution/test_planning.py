@@ -46,13 +46,19 @@ GOAL = JointGoal(JointState(JOINTS, PRIMITIVES[0].boundary_states[0][3]))
 def test_limits_of_parameters_win_over_the_file_and_the_file_over_the_urdf(tmp_path: Path) -> None:
     file = tmp_path / "limits.yaml"
     file.write_text("joint_limits: {elbow: {max_velocity: 3.0, max_jerk: 50.0}}")
-    others = {"timing": "free", "objective": "time=1e3, effort"}
+    others = {
+        "timing": "free",
+        "objective": "time=1e3, effort",
+        "constraints": "upright=wrist,170",
+    }
     settings = Settings(limits_file=str(file), limits={"elbow": {"max_velocity": 2.0}}, **others)
     model = assemble_model(URDF, PRIMITIVES, settings)
     limits, options = model.limits, model.planner.options
     elbow = JOINTS.index("elbow")
     assert (limits.velocity[elbow], limits.jerk[elbow], limits.effort[elbow]) == (2.0, 50.0, 70.0)
     assert ([one for _, one in options.objectives], options.timing) == ([time, effort], "free")
+    assert str(*options.constraints) == "'wrist' within 170° of upright"
+    assert model.constraints == options.constraints
 
 
 def test_missing_meshes_are_noted_once_and_needed_among_obstacles(tmp_path: Path) -> None:
@@ -70,39 +76,6 @@ def test_missing_meshes_are_noted_once_and_needed_among_obstacles(tmp_path: Path
     settings = Settings(package_dirs=("", str(tmp_path)))
     collision = assemble_model(MESHED, PRIMITIVES, settings).planner.collision
     assert collision is not None and ("chest", "tool") in collision.pairs
-
-
-def test_constraints_of_the_parameters_are_kept_by_the_plans() -> None:
-    start, goal = PRIMITIVES[0].boundary_states[0][[0, 3]]
-    free, kept = (
-        assemble_model(URDF, PRIMITIVES, Settings(constraints=text))
-        for text in ("", "upright=wrist,170")
-    )
-    assert free.constraints == ()
-    (constraint,) = kept.constraints
-    assert str(constraint) == "'wrist' within 170° of upright"
-    assert kept.planner.options.constraints == kept.constraints
-    plan = kept.planner.plan(goal, start)
-    assert plan.is_executable, plan.message
-    values, _ = constraint.values(kept.robot, plan.trajectory.positions)
-    assert values.min() > -1e-6
-
-
-TILTED = (
-    '<link name="glass"/><joint name="tilt" type="revolute"><parent link="wrist"/>'
-    '<child link="glass"/><axis xyz="1 0 0"/>'
-    '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
-)
-
-
-def test_a_frame_to_keep_upright_needs_the_positions_of_the_joints_that_turn_it() -> None:
-    urdf = URDF.replace("</robot>", TILTED + "</robot>")
-    usual = assemble_model(urdf, PRIMITIVES, Settings())
-    upright = assemble_model(urdf, PRIMITIVES, Settings(constraints="upright=glass,30"))
-    assert unknown_positions(usual, World()) == ""
-    assert "'tilt'" in unknown_positions(upright, World())
-    assert is_outdated(upright, {"tilt": 0.1}, World())
-    assert not is_outdated(usual, {"tilt": 0.1}, World())
 
 
 FINGER = (
@@ -131,16 +104,16 @@ def test_a_joint_that_mimics_one_that_moves_is_rejected_even_if_it_is_measured()
     text = f"joint 'grip' mimics '{JOINTS[3]}', which the primitives move"
     assert unknown_positions(model, World()).startswith(text)
     assert model.robot.mimicking_joints == {"grip": JOINTS[3]}
-    own, unknown = (
-        urdf.replace(f'c joint="{JOINTS[3]}"', f'c joint="{x}"') for x in ("grip", "no")
-    )
-    for text in (own, unknown):
-        assert assemble_model(text, PRIMITIVES, Settings()).robot.mimicking_joints == {}
 
 
 def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measured() -> None:
     q = arm_demonstrations()[0].positions[0]
     settings = Settings(obstacle_margin=0.0)
+    given = assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints="grip = 0.05"))
+    assert dict(given.robot.locked_positions) == {"grip": 0.05}
+    for name, words in (("gripp", "did you mean 'grip'"), (JOINTS[0], "do not move")):
+        with pytest.raises(PlannerError, match=words):
+            assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints=f"{name}=0.05"))
     before = assemble_model(FINGERED, PRIMITIVES, settings)
     assert "'grip' are not known" in unknown_positions(before, World())
     measured = {"grip": 0.08, JOINTS[0]: 0.3, "elsewhere": 1.0}
@@ -153,18 +126,6 @@ def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measur
         assert not is_outdated(model, {"grip": 0.08 + noise}, World())
     assert is_outdated(model, {"grip": 0.0788}, World())
     assert not is_outdated(model, {}, World())
-
-
-def test_positions_of_the_parameter_count_until_others_are_measured() -> None:
-    settings = Settings(locked_joints="grip = 0.05")
-    model = assemble_model(FINGERED, PRIMITIVES, settings)
-    assert dict(model.robot.locked_positions) == {"grip": 0.05}
-    model = assemble_model(FINGERED, PRIMITIVES, settings, {"grip": 0.01})
-    assert dict(model.robot.locked_positions) == {"grip": 0.01}
-    with pytest.raises(PlannerError, match="did you mean 'grip'"):
-        assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints="gripp=0.05"))
-    with pytest.raises(PlannerError, match="no joint that the primitives do not move"):
-        assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints=f"{JOINTS[0]}=0.05"))
 
 
 # Set-ups and requests of the node
@@ -306,16 +267,6 @@ def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPl
     np.testing.assert_array_equal(found.trajectory.positions[-1], goal.state.positions)
 
 
-def test_motion_of_primitives_that_went_is_not_displaced(planner: GoalPlanner) -> None:
-    first = planner.plan(request(measured={"grip": 0.02}))
-    assert isinstance(first, Planned)
-    running = under_way(replace(first, primitives=("reloaded since",)))
-    goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
-    assert isinstance(found, Planned)
-    assert found.primitives == first.primitives and "continued" not in found.message
-
-
 def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
     class Forbidden:
         """A constraint that a motion breaks once."""
@@ -346,13 +297,15 @@ def test_end_of_a_motion_is_displaced_to_a_near_goal(planner: GoalPlanner) -> No
 
 @pytest.mark.parametrize(
     ("change", "others", "is_continued"),
-    [(0.14, {}, True), (0.16, {}, False), (0.01, {"duration": 3.0}, False)],
+    [(0.14, {}, True), (0.16, {}, False), (0.01, {"duration": 3.0}, False), (0.0, None, False)],
 )
 def test_motion_that_leads_elsewhere_or_is_timed_is_planned(
-    planner: GoalPlanner, change: float, others: dict[str, float], is_continued: bool
+    planner: GoalPlanner, change: float, others: dict[str, float] | None, is_continued: bool
 ) -> None:
     first = planner.plan(request(measured={"grip": 0.02}))
     assert isinstance(first, Planned)
+    if others is None:
+        others, first = {}, replace(first, primitives=("reloaded since",))
     running = under_way(first)
     end = GOAL.state.positions - np.array([0.0, change, 0.0, 0.0])
     goal = JointGoal(JointState(JOINTS, end), **others)

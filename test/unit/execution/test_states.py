@@ -137,20 +137,6 @@ def test_velocities_below_the_noise_of_encoders_count_as_none(world: World) -> N
     assert world.newest.at_rest
 
 
-@pytest.mark.parametrize("stall", [0.1, 1.0])
-def test_states_that_come_at_once_after_a_stall_are_as_good_as_others(
-    world: World, stall: float
-) -> None:
-    world.move(0.5, delay=0.001)
-    began = world.now
-    world.pass_time(stall)
-    for time in np.arange(began, world.now, 0.002):
-        world.receive(a=0.5 * time, b=0.0, stamp=time)
-    assert not world.newest.at_rest
-    world.move(0.5, 0.1, delay=0.001)
-    assert world.newest.velocities == pytest.approx([0.5, 0.0], abs=1e-6)
-
-
 # Stamps
 
 

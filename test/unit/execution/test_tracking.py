@@ -16,7 +16,6 @@ from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.states import MeasuredStates, UnconfirmedError
 from mp_pca_planner.execution.tracking import (
-    How,
     StatedCommand,
     TooLateError,
     Tracker,
@@ -144,14 +143,6 @@ def test_resting_robot_that_was_never_commanded_starts_where_it_is_measured(worl
     assert not start.is_in_motion
 
 
-def test_resting_robot_starts_where_its_controller_says_though_a_load_pulls():
-    world = World(states_command=True)
-    world.load = np.array([0.0, -0.01])
-    world.rest()
-    assert world.choose().state.positions.tolist() == [0.0, 0.0]
-    np.testing.assert_allclose(world.choose("measured").state.positions, world.load)
-
-
 @pytest.mark.parametrize("lag", [0.0, 0.1])
 def test_held_end_is_where_the_next_motion_starts_whatever_a_load_pulls(lag):
     world = World(lag)
@@ -216,21 +207,6 @@ def test_robot_that_moves_away_from_the_running_motion_is_refused(world):
         world.choose("measured")
 
 
-@pytest.mark.parametrize("rate", [0.1, 0.5, 0.8])
-def test_slowed_robot_is_refused_unless_its_controller_states_its_command(rate):
-    seen, stated = World(), World(states_command=True)
-    for world in (seen, stated):
-        world.begin()
-        place = world.follow(1.0 / rate, lambda _: rate)
-    with pytest.raises(GoalError, match="With control_msgs and the topic 'controller_state'"):
-        seen.choose()
-    start = stated.choose(latency=0.1)
-    assert start.is_in_motion and start.following.how is How.SCALED
-    assert start.following.rate == pytest.approx(rate)
-    assert start.place == pytest.approx(place + rate * (0.1 + PLANNED_TRANSPORT), abs=5e-4)
-    assert stated.join(continuing(start), start).is_timed == (rate > 0.5)
-
-
 def test_robot_whose_speed_changes_waits():
     world = World(states_command=True)
     world.begin()
@@ -255,27 +231,12 @@ def test_motion_to_a_single_point_is_known_only_at_its_end(world):
     assert world.choose().state.positions.tolist() == [1.0, -1.0]
 
 
-def test_held_robot_starts_where_it_rests(moving):
-    began = moving.motion.began
-    moving.follow(1.2, lambda time: max(1.75 - 1.5 * (time - began), 0.0))
-    start = moving.choose()
-    assert not start.is_in_motion
-    np.testing.assert_allclose(start.state.positions, moving.here, atol=1e-3)
-
-
 def test_start_is_refused_when_no_message_can_be_there_in_time(moving):
     start = moving.choose(latency=0.0)
     moving.follow(PLANNED_TRANSPORT - TRANSPORT - 0.004)
     moving.join(continuing(start), start)
     moving.follow(0.008)
     with pytest.raises(TooLateError, match="planning took too long"):
-        moving.join(continuing(start), start)
-
-
-def test_start_is_refused_when_another_motion_was_published_meanwhile(moving):
-    start = moving.choose()
-    moving.publish(moving.join(continuing(start), start))
-    with pytest.raises(TooLateError, match="another motion"):
         moving.join(continuing(start), start)
 
 
