@@ -259,18 +259,6 @@ class CollisionModel:
         entries = np.nonzero(~(self.body_pairs.bounds(poses, CONTACT) > CONTACT))
         return bool(np.any(~(self.body_pairs.distances(poses, *entries) >= CONTACT)))
 
-    def check(self, distances: FloatArray, *, hulls: bool = False) -> Callable[[FloatArray], bool]:
-        """A function like `collides`: whether any pair is nearer than its margin and a distance.
-
-        Parameters
-        ----------
-        distances : array, shape (n_pairs,)
-            The distances [m].
-        hulls : bool
-            Whether convex hulls may take the place of meshes that move: faster, on the safe side.
-        """
-        return self.body_pairs.check(distances, hulls=hulls)
-
     def near(self, q: FloatArray, reach: float, before: NearPairs | None = None) -> NearPairs:
         """The pairs nearer than some distance beside their margins.
 

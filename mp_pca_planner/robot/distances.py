@@ -56,8 +56,8 @@ class JointTree:
         Origin of each joint at position 0, in the frame of the one before it [m].
     slides : array, shape (n_joints + 1,)
         How far each joint may slide [m]; 0 for those that turn.
-    depths : array, shape (n_joints + 1,)
-        Largest distance of each joint from the base along the links [m].
+    paths : array, shape (n_joints + 1, n_joints + 1)
+        Length of the links from one joint to another one that it moves [m].
     first_after : array of int, shape (n_joints + 1, n_joints + 1)
         The first joint on the path from one joint to another one that it moves, else 0.
     """
@@ -78,11 +78,12 @@ class JointTree:
         ends = np.abs([model.lowerPositionLimit, model.upperPositionLimit])
         slides = np.append(0.0, ends.max(axis=0)[columns])
         self.slides = np.where(self.turns, 0.0, slides)
-        self._lengths = np.linalg.norm(self.offsets, axis=1) + self.slides
-        self.depths, self.first_after = np.zeros(n), np.zeros((n, n), dtype=np.intp)
+        lengths = np.linalg.norm(self.offsets, axis=1) + self.slides
+        self.paths, self.first_after = np.zeros((n, n)), np.zeros((n, n), dtype=np.intp)
         for j in range(1, n):
             parent = self._parents[j]
-            self.depths[j] = self.depths[parent] + self._lengths[j]
+            self.paths[:, j] = self.paths[:, parent] + lengths[j]
+            self.paths[j, j] = 0.0
             self.first_after[:, j] = self.first_after[:, parent]
             self.first_after[parent, j] = j
         cross = np.cross(self.axes[:, None], np.eye(3)).transpose(0, 2, 1)
@@ -91,26 +92,6 @@ class JointTree:
         self._by_sine[~self.turns] = square[~self.turns] = 0.0
         self._constant, self._by_cosine = fixed + square, -square
         self._slide = np.where(self.turns[:, None], 0.0, (fixed @ self.axes[:, :, None])[:, :, 0])
-
-    def levers(self, joint: int, reach: float) -> FloatArray:
-        """Largest speeds of a point by the joints that move it, shape (n_joints,).
-
-        For a joint that turns, the longest path from it along the links to the point [m]; for one
-        that slides, 1.
-
-        Parameters
-        ----------
-        joint : int
-            The joint that the point moves with; 0 for the base.
-        reach : float
-            Its distance from the origin of that joint [m].
-        """
-        row = np.zeros(len(self.joints))
-        while joint > 0:
-            row[self._columns[joint]] = reach if self.turns[joint] else 1.0
-            reach += float(self._lengths[joint])
-            joint = self._parents[joint]
-        return row
 
     def poses(self, q: FloatArray) -> JointPoses:
         """Poses in some configurations, shape (n_configurations, n_joints)."""
@@ -321,7 +302,7 @@ class BodyPairs:
             (p,) = np.nonzero(joints)
             to_joint = np.linalg.norm(tree.offsets[joints[p]] - bodies.centres[still[p]], axis=1)
             to_joint += bodies.radii[still[p]] + self.margins[p] + tree.slides[joints[p]]
-            lengths = tree.depths[1 + tree.joints] - tree.depths[joints[p], None]
+            lengths = tree.paths[joints[p]][:, 1 + tree.joints]
             levers[p] = np.where(tree.turns[1 + tree.joints], to_joint[:, None] + lengths, np.inf)
         return np.where(self.levers > 0.0, levers, np.inf)
 
@@ -523,12 +504,15 @@ def _collision_check(
 
 
 def _levers(tree: JointTree, bodies: Bodies) -> FloatArray:
-    """Largest speeds of the bodies by the joints, shape (n_bodies, n_joints)."""
-    reaches = bodies.radii + np.linalg.norm(bodies.centres, axis=1)
-    levers = np.zeros((len(bodies.names), len(tree.joints)))
-    for body in np.flatnonzero(bodies.joints).tolist():
-        levers[body] = tree.levers(int(bodies.joints[body]), float(reaches[body]))
-    return levers
+    """Largest speeds of the bodies by the joints, shape (n_bodies, n_joints).
+
+    For a joint that turns, the longest path from it along the links to a point of the body [m]; for
+    one that slides, 1.
+    """
+    reaches, joints = bodies.radii + np.linalg.norm(bodies.centres, axis=1), 1 + tree.joints
+    lengths = reaches[:, None] + tree.paths[joints][:, bodies.joints].T
+    levers = np.where(tree.turns[joints], lengths, 1.0)
+    return np.where(tree.moves[bodies.joints] > 0.0, levers, 0.0)
 
 
 def _ball_and_box(

@@ -35,7 +35,7 @@ THICKNESS = 1e-4
 
 _PLAIN = (194, 201, 212, 255)
 # Extent below which a mesh has no volume, relative to its largest extent and in metres.
-_THIN, _SMALLEST = 1e-6, 1e-7
+_THIN, SMALLEST = 1e-6, 1e-7
 # Share of its convex hull's volume, or area, from which on a mesh is convex: files hold 6 digits.
 # The hull in its place is on the safe side.
 _CONVEX_SHARE = 1.0 - 1e-3
@@ -235,11 +235,6 @@ def scaled(vertices: FloatArray, scale: FloatArray) -> FloatArray:
         return np.asarray(vertices * scale)
 
 
-def is_point(vertices: FloatArray) -> bool:
-    """Whether vertices of a mesh have no extent: even a needle has one."""
-    return bool(np.ptp(vertices, axis=0).max(initial=0.0) <= _SMALLEST)
-
-
 @dataclass(frozen=True, eq=False)
 class MeshSolid:
     """A mesh, and its convex hull.
@@ -327,7 +322,7 @@ def _solid(vertices: FloatArray, triangles: Triangles) -> MeshSolid:
     axes = _axes(vertices)
     local = vertices @ axes
     low, high = local.min(axis=0), local.max(axis=0)
-    is_flat = high - low <= max(_THIN * (high[0] - low[0]), _SMALLEST)
+    is_flat = high - low <= max(_THIN * (high[0] - low[0]), SMALLEST)
     middle = 0.5 * (low + high)
     low = np.where(is_flat, middle - 0.5 * THICKNESS, low)
     high = np.where(is_flat, middle + 0.5 * THICKNESS, high)

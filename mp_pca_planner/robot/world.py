@@ -23,7 +23,7 @@ from ..arrays import (
 from ..exceptions import PlannerError, WorldError, quote_names, shown, unknown_name
 from ..input_limits import INPUT_LIMITS
 from ..lazy import LazyModule
-from .meshes import MeshSolid, is_point, read_mesh, solid_of
+from .meshes import SMALLEST, MeshSolid, read_mesh, solid_of
 
 pin = LazyModule("pinocchio")
 
@@ -241,7 +241,7 @@ class Mesh(Shape):
                 f"triangles of a mesh must be indices of its {len(points)} vertices, from 0 to "
                 f"{len(points) - 1}"
             )
-        if is_point(points[whole.ravel()]):
+        if np.ptp(points[whole.ravel()], axis=0).max() <= SMALLEST:
             raise WorldError("a mesh must have an extent, but all its vertices are at one point")
         whole.setflags(write=False)
         set_frozen(self, vertices=points, triangles=whole)

@@ -199,7 +199,7 @@ def paths(
         return
     if _is_free(collision.collides, *ends, _STEP):
         yield np.array(ends)
-    checks = (collision.check(least, hulls=hulls) for hulls in (True, False))
+    checks = (collision.body_pairs.check(least, hulls=hulls) for hulls in (True, False))
     collides = next((one for one in checks if not any(map(one, ends))), None)
     if collides is None or missing_planner():  # OMPL would wait for other ends
         return

@@ -54,10 +54,10 @@ def test_hulls_take_the_place_of_meshes_that_move_alone():
     held = mp.Mesh(TRAY.vertices, TRAY.triangles, (0.0, 0.0, -0.5))
     around = model(mp.Obstacle("tray", held, frame="slider"))
     distances = np.zeros(len(around.pairs))
-    assert not around.check(distances)(nothing)
-    assert around.check(distances, hulls=True)(nothing)  # the turner is inside the tray
+    assert not around.body_pairs.check(distances)(nothing)
+    assert around.body_pairs.check(distances, hulls=True)(nothing)  # the turner is inside the tray
     still = model(mp.Obstacle("tray", mp.Mesh(TRAY.vertices, TRAY.triangles, (0.0, 0.0, 0.5))))
-    assert not still.check(np.zeros(len(still.pairs)), hulls=True)(nothing)
+    assert not still.body_pairs.check(np.zeros(len(still.pairs)), hulls=True)(nothing)
 
 
 # Pairs
