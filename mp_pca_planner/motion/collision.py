@@ -10,7 +10,7 @@ are halved, down to a sixteenth of a millisecond. Bodies that may touch even the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path

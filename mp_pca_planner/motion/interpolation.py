@@ -253,8 +253,12 @@ def interpolate(
     ends, began = segment_ends(trajectory.times, q, v, a), trajectory.times[:-1]
     if segments is not None:
         ends, steps, began = ends[segments], steps[segments], began[segments]
-    q, v, a, jerk = _derivatives(ends, steps, tables)
-    return DenseSamples((began[:, None] + steps[:, None] * fractions).ravel(), q, v, a, jerk)
+    # One product of matrices, however many segments there are.
+    values = tables.reshape(-1, 6) @ ends.transpose(1, 0, 2).reshape(6, -1)
+    by_segment = values.reshape(4, fractions.size, steps.size, -1).swapaxes(1, 2)
+    rates = steps ** -np.arange(4.0)[:, None]
+    derivatives = (by_segment * rates[:, :, None, None]).reshape(4, -1, ends.shape[2])
+    return DenseSamples((began[:, None] + steps[:, None] * fractions).ravel(), *derivatives)
 
 
 def parts_of_segments(steps: FloatArray, period: float) -> int:
@@ -264,28 +268,3 @@ def parts_of_segments(steps: FloatArray, period: float) -> int:
     quarter of the duration, its acceleration is near the peak.
     """
     return max(int(np.ceil(steps.max() / period - 1e-6)), 4)
-
-
-def _derivatives(ends: FloatArray, steps: FloatArray, tables: FloatArray) -> FloatArray:
-    """Positions and derivatives by time at some phases of each segment, segment by segment.
-
-    Parameters
-    ----------
-    ends, steps : array, shape (n_segments, 6, n_joints) and (n_segments,)
-        Segments, see :func:`segment_ends`, and their durations [s].
-    tables : array, shape (n_derivatives, n_phases, 6)
-        :func:`hermite_functions` and their derivatives there.
-
-    Returns
-    -------
-    :
-        Shape (n_derivatives, n_segments * n_phases, n_joints).
-    """
-    n_derivatives, n_phases, n_values = tables.shape
-    n_segments, _, n_joints = ends.shape
-    # One product of matrices, however many segments there are.
-    columns = ends.transpose(1, 0, 2).reshape(n_values, -1)
-    values = tables.reshape(-1, n_values) @ columns
-    by_segment = values.reshape(n_derivatives, n_phases, n_segments, n_joints).swapaxes(1, 2)
-    rates = steps ** -np.arange(float(n_derivatives))[:, None]
-    return np.asarray((by_segment * rates[:, :, None, None]).reshape(n_derivatives, -1, n_joints))
