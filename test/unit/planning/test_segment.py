@@ -1,15 +1,17 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""The motion program: its integral and its gradient."""
+"""Motions and their running costs: exact ends, derivatives and integrals."""
 
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec
-from support.arm import arm_robot
+from support.arm import JOINTS, arm_primitive, arm_robot
 from support.motion_programs import BASES, compile_motion
 
-from mp_pca_planner.planning.motion import cost_of
+from mp_pca_planner.motion.goal import JointState
+from mp_pca_planner.planning.motion import Motion, cost_of, samples_of
 from mp_pca_planner.planning.objectives import effort
+from mp_pca_planner.primitives.basis import BSplineBasis
 
 
 @pytest.mark.parametrize("name", BASES)
@@ -37,3 +39,39 @@ def test_running_costs_are_those_of_the_motion_and_naturalness_is_zero_at_the_ex
     program.precision = np.eye(z.size)
     assert program.naturalness(program.expected).cost == 0.0
     assert program.naturalness(program.expected + 2.0).cost == pytest.approx(2.0 * z.size)
+
+
+@pytest.fixture(params=["pca", "bspline"])
+def motion(request):
+    rng = np.random.default_rng(0)
+    basis = arm_primitive().basis if request.param == "pca" else BSplineBasis(4)
+    start, goal = (JointState(JOINTS, *rng.normal(size=(3, 4))) for _ in range(2))
+    return Motion(start, goal, 0.83, basis, basis.scales * rng.normal(size=basis.n_weights))
+
+
+def test_the_ends_are_met_continuously(motion):
+    times = np.array([0.0, 1e-7, 0.83 - 1e-7, 0.83])
+    q, v, a = motion.evaluate(times)
+    for near, end in ((1, 0), (2, 3)):
+        for x, bound in ((q, 1e-5), (v, 1e-3), (a, 0.1)):
+            assert np.abs(x[near] - x[end]).max() < bound
+
+
+def test_velocities_and_accelerations_are_time_derivatives(motion):
+    times, step = np.linspace(0.01, 0.82, 40), 1e-6
+    ahead, behind = motion.evaluate(times + step), motion.evaluate(times - step)
+    _, v, a = motion.evaluate(times)
+    for found, k in ((v, 0), (a, 1)):
+        difference = (ahead[k] - behind[k]) / (2.0 * step)
+        np.testing.assert_allclose(found, difference, atol=1e-6 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("period", [0.01, 0.03, 0.83, 5.0, 0.83 / 7])
+def test_samples_cover_the_motion_evenly_and_no_wider_than_asked(motion, period):
+    times, states = samples_of(motion, period)
+    assert times[0] == 0.0 and times[-1] == motion.duration
+    steps = np.diff(times)
+    assert steps.max() <= period * (1.0 + 1e-9)
+    np.testing.assert_allclose(steps, steps[0])
+    assert len(steps) == 1 or steps[0] > 0.5 * period
+    np.testing.assert_allclose(states, motion.evaluate(times), rtol=1e-9, atol=1e-12)
