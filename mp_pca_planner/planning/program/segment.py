@@ -410,5 +410,10 @@ class SegmentProgram:
 
     def effort(self, x: FloatArray) -> float:
         """½∫‖τ‖²dt at x, whether it is an objective or not [N²·m²·s]."""
-        squares = np.square(self.at(x)[0].nodes.efforts).sum(axis=1)
+        if (known := self._known.get(x.tobytes())) is not None:
+            tau = known[0].nodes.efforts
+        else:  # without the derivatives
+            by_row, shape = self._states.at(x)[0], (N_RATES, self.unknowns.n_joints, -1)
+            tau = self._robot.inverse_dynamics(*by_row.reshape(shape).transpose(0, 2, 1)[:3])
+        squares = np.square(tau).sum(axis=1)
         return float(0.5 * self.unknowns.duration_at(x) * self.tables.quadrature @ squares)
