@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from operator import itemgetter
 
 import numpy as np
 
@@ -277,7 +276,7 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
     near = setting.naturalness >= NEAR_EXPECTED
     near &= all(basis.precision is not None for basis in setting.bases)
     links = Chain(junctions, segments) if request.mode else None
-    starts = [links.start] if links else _starts(context, setting, segments[0], near)
+    starts = [links.start] if links else _starts(setting, segments[0], near)
     collision, clear = context.collision, setting.bases[0].is_detour
     among = collision is not None and len(collision.world)
     if collision is not None and among and not (clear or links or setting.is_shortest):
@@ -415,16 +414,11 @@ def _constraints(
     return found
 
 
-def _starts(
-    context: Context, setting: Setting, program: SegmentProgram, is_near: bool
-) -> list[FloatArray]:
+def _starts(setting: Setting, program: SegmentProgram, is_near: bool) -> list[FloatArray]:
     """Unknowns to start from, the cheapest first."""
-    basis, found = setting.bases[0], list[tuple[float, FloatArray]]()
-    for weights in basis.starts[: 1 if is_near else None]:
-        x, cost = program.unknowns.from_weights(weights), 0.0
-        if len(basis.starts) > 1 and not is_near:
-            motion = replace(setting.initial[0], weights=weights)
-            cost = cost_of(context.robot, motion, basis.tables, setting.objectives)
-            cost += program.naturalness(x).cost
-        found.append((cost, x))
-    return [x for _, x in sorted(found, key=itemgetter(0))]
+    n_starts = 1 if is_near else None
+    found = [program.unknowns.from_weights(one) for one in setting.bases[0].starts[:n_starts]]
+    if len(found) == 1:
+        return found
+    costs = program.costs(found) + [program.naturalness(x).cost for x in found]
+    return [found[i] for i in np.argsort(costs, kind="stable")]

@@ -408,12 +408,29 @@ class SegmentProgram:
         pull = self.precision @ deviation
         return Quadratic(0.5 * float(pull @ deviation), pull, self.precision)
 
+    def costs(self, candidates: Sequence[FloatArray]) -> FloatArray:
+        """The running costs of candidates x, without derivatives, shape (n_candidates,)."""
+        nodes = self._at_nodes(candidates)
+        squares = sum(
+            weight * np.sum(objective(nodes).values ** 2, axis=1)
+            for weight, objective in self._objectives
+        )
+        durations = np.array([self.unknowns.duration_at(x) for x in candidates])
+        by_candidate = np.reshape(squares, (len(candidates), self.tables.n_nodes))
+        return np.asarray(0.5 * durations * (by_candidate @ self.tables.quadrature))
+
+    def _at_nodes(self, candidates: Sequence[FloatArray]) -> Nodes:
+        """The nodes of one candidate after the other."""
+        shape = N_RATES, self.unknowns.n_joints, self.tables.n_nodes
+        rows = [self._states.at(x)[0].reshape(shape).transpose(0, 2, 1) for x in candidates]
+        q, v, a, jerk = np.concatenate(rows, axis=1)
+        tau = self._robot.inverse_dynamics(q, v, a)
+        ends = self.unknowns.boundary[0], self.unknowns.boundary[GOAL_POSITION]
+        return Nodes(self._robot, q, v, a, jerk, tau, *ends)
+
     def effort(self, x: FloatArray) -> float:
         """½∫‖τ‖²dt at x, whether it is an objective or not [N²·m²·s]."""
-        if (known := self._known.get(x.tobytes())) is not None:
-            tau = known[0].nodes.efforts
-        else:  # without the derivatives
-            by_row, shape = self._states.at(x)[0], (N_RATES, self.unknowns.n_joints, -1)
-            tau = self._robot.inverse_dynamics(*by_row.reshape(shape).transpose(0, 2, 1)[:3])
+        known = self._known.get(x.tobytes())
+        tau = self._at_nodes([x]).efforts if known is None else known[0].nodes.efforts
         squares = np.square(tau).sum(axis=1)
         return float(0.5 * self.unknowns.duration_at(x) * self.tables.quadrature @ squares)
