@@ -141,9 +141,9 @@ def limits_given(arguments: argparse.Namespace, robot: Robot) -> dict[str, dict[
 def add_targets(parser: argparse._ActionsContainer, place: str) -> None:
     """Add the options on the targets before the goal; they are kept in their order."""
     shared: dict[str, Any] = {"metavar": "TARGET[@T]", "action": "append"}
-    help_text = f"{place} to pass at T s; repeatable"
+    help_text = f"{place} to pass at T s"
     parser.add_argument("--via", **shared, default=[], help=help_text)
-    help_text = "the same to rest at; repeatable"
+    help_text = "the same to rest at; both may be repeated"
     parser.add_argument("--stop", **shared, dest="via", type=Stop, help=help_text)
 
 
@@ -196,11 +196,11 @@ def _add_motion(parser: argparse.ArgumentParser, *, is_brief: bool) -> None:
     help_text = "how to choose the duration (auto: demonstrated below score 3)"
     add("--timing", help_text, choices=TIMINGS, default=AUTO)
     add("--basis", "basis functions", choices=BASES, default=BASES[0])
-    help_text = "1: like the demonstrations … 0: least effort (default: 1; less for unlike goals)"
+    help_text = "1: like the demonstrations, 0: least effort (default: by score)"
     add("--naturalness", help_text, metavar="ρ", type=number(0.0, 1.0))
     add(
         "--demonstrated-margin",
-        "most velocity and acceleration, in demonstrated ones; 0: only limits",
+        "most speed and acceleration, in demonstrated ones; 0: only limits",
         metavar="M",
         type=number(0.0, 1e6),
         default=1.2,

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "timing of each segment to reduce its cost."
     )
     add_request(parser, is_brief=True)
-    help_text = "cost of 1 s, in units of ½∫‖τ‖²dt (default: the duration doesn't change)"
+    help_text = "cost of 1 s, in units of ½∫‖τ‖²dt (default: the duration stays)"
     parser.add_argument("--time-price", metavar="P", type=number(0.0, 1e12), help=help_text)
     parser.add_argument("--name", help="name of the new primitive (default: OLD_refined)")
     add_file(parser, "--output", "FILE.npz", "new primitive to write; numbered for a sequence")

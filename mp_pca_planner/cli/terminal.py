@@ -29,7 +29,7 @@ class HelpFormatter(argparse.HelpFormatter):
     """Help with most options on one line each."""
 
     def __init__(self, prog: str) -> None:
-        super().__init__(prog, max_help_position=30)
+        super().__init__(prog, max_help_position=32)
 
 
 class OneLineParser(argparse.ArgumentParser):

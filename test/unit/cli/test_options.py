@@ -22,7 +22,7 @@ from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.primitives.build import PrimitiveOptions
 
 OF_ROS = {"planner_node", "simulate", "send_goal", "stop", "call", "demo"}
-MAX_LINES = 55
+MAX_LINES = 50
 GOAL_OF_PLAN = ("plan", "FILE", "--robot", "URDF", "--start", "0")
 GOAL = (*GOAL_OF_PLAN[1:], "--goal", "0")
 
