@@ -36,6 +36,9 @@ def test_a_number_that_is_not_finite_is_rejected_by_name_and_place(field):
 
 def test_trajectories_are_saved_and_become_messages_point_by_point(tmp_path):
     motion = Trajectory(["a"], [0.0, 0.25], *np.arange(8.0).reshape(4, 2, 1))
+    columns = ["times", "positions", "velocities", "accelerations"]
+    assert list(motion.columns()) == [*columns, "efforts"]
+    assert list(motion.with_efforts(None).columns()) == columns
     motion.save(tmp_path / "motion.mcap")
     assert (tmp_path / "motion.mcap").stat().st_size > 0
     with pytest.raises(PlannerError, match=r"motion\.txt' must end in \.csv"):
