@@ -136,8 +136,9 @@ class PlannedRequest:
         robot, collision = self.planner.robot, self.planner.collision
         found = [*self.plan.remarks]
         found += self.notes
-        if unlimited := self.planner.limits.unlimited:
-            found.append(f"some joints have no limit of {', '.join(unlimited)}: use --limits")
+        if self.planner.default_accelerations:
+            margin = self.planner.options.demonstrated_margin
+            found.append(f"accelerations of up to {margin:g} times the demonstrated: use --limits")
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
         links += [constraint.frame for constraint in self.planner.options.constraints]
         relevant = robot.relevant_joints(pairs=collision is not None, links=links)
