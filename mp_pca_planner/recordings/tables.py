@@ -257,7 +257,7 @@ def _read_dataset(
         recorded = {name: _names(features[name]) for name in known}
         named = [x for name, own in recorded.items() for x in _renamed(own, rename, name)]
         fps, total = float(info.get("fps") or 0.0), info.get("total_episodes")
-    except (AttributeError, LookupError, TypeError, ValueError):
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
         raise RecordingError(
             f"'{path / _INFO}' does not describe a LeRobot dataset: expected 'codebase_version', "
             "'fps', and 'features' with 'dtype', 'shape' and 'names'"
