@@ -73,12 +73,15 @@ def main() -> None:
 
 
 def write_set(folder: Path, n_short: int, n_long: int) -> None:
-    """Write recordings that are not there yet."""
+    """Write recordings that are not there yet.
+
+    Names that begin with that of the folder would be parts of a split bag.
+    """
     folder.mkdir(exist_ok=True)
-    jobs = [(folder / f"short_{k:05}.mcap", 1, 100.0, k) for k in range(n_short)]
+    jobs = [(folder / f"{k:05}_short.mcap", 1, 100.0, k) for k in range(n_short)]
     # A motion, the way back and two rests take about 3 s.
     n_motions = round(SECONDS / 3.1)
-    jobs += [(folder / f"long_{k:02}.mcap", n_motions, LONG_RATE, k) for k in range(n_long)]
+    jobs += [(folder / f"{k:02}_long.mcap", n_motions, LONG_RATE, k) for k in range(n_long)]
     with Pool(2) as pool:
         pool.starmap(_write, [job for job in jobs if not job[0].exists()])
 
