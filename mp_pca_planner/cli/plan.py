@@ -138,7 +138,9 @@ class PlannedRequest:
         found += self.notes
         if self.planner.default_accelerations:
             margin = self.planner.options.demonstrated_margin
-            found.append(f"accelerations of up to {margin:g} times the demonstrated: use --limits")
+            found.append(
+                f"accelerations keep {margin:g} times the demonstrated ones; --limits takes others"
+            )
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
         links += [constraint.frame for constraint in self.planner.options.constraints]
         relevant = robot.relevant_joints(pairs=collision is not None, links=links)
