@@ -139,7 +139,7 @@ class PlannerNode(Node):
         longest = self._settings.max_solve_time
         self._planner = WorkerProcess(PLANNER, self._woken.trigger, longest)
         self._watcher: WorkerProcess | None = None
-        self._has_obstacles = self._watches = False
+        self._has_obstacles = self._watches = self._is_outdated = False
         self._world = WorldFacts(0)
         self._poses: dict[str, Any] = {}
         measured = MeasuredStates(time.monotonic, self.seconds)
@@ -384,8 +384,14 @@ class PlannerNode(Node):
         else:
             self._watcher.start()
         self._watches = False
-        self._watcher.send(self._set_up_of(0, self._settings))
+        self._set_up_watcher(self._watcher)
         return self._watcher
+
+    def _set_up_watcher(self, watcher: WorkerProcess) -> None:
+        """Send it the set-up, or note that its last one is outdated: it must not fall behind."""
+        self._is_outdated = "set-up" in watcher.waits_for
+        if not self._is_outdated:
+            watcher.send(self._set_up_of(0, self._settings))
 
     def _receive(self) -> None:
         """Handle what the workers say."""
@@ -433,6 +439,8 @@ class PlannerNode(Node):
                 self._planner.send(TakeObstacles())
             self._server.watcher = self._watcher
             self._server.watch_again()
+            if self._is_outdated and self._watcher is not None:
+                self._set_up_watcher(self._watcher)
         elif isinstance(message, TakeObstacles):
             self._planner.send(message)
         elif isinstance(message, InternalError):
@@ -507,7 +515,7 @@ class PlannerNode(Node):
             model = NodeModel(robot, done.model, settings)
         self._server.use(model, done.joint_names)
         if self._watcher is not None:
-            self._watcher.send(self._set_up_of(0, self._settings))
+            self._set_up_watcher(self._watcher)
         self._use_controller()
         self._log_readiness()
 

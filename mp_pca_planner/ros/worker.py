@@ -18,7 +18,7 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -153,6 +153,11 @@ class WorkerProcess:
     def backlog(self) -> int:
         """Messages that wait to be sent."""
         return self._outbox.qsize()
+
+    @property
+    def waits_for(self) -> Set[object]:
+        """What it has to answer: keys of requests, and ``set-up``."""
+        return self._due.keys()
 
     def send(self, message: object) -> None:
         """Send a message; it never waits."""
