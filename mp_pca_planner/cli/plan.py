@@ -139,7 +139,8 @@ class PlannedRequest:
         if self.planner.default_accelerations:
             margin = self.planner.options.demonstrated_margin
             found.append(
-                f"accelerations keep {margin:g} times the demonstrated ones; --limits takes others"
+                f"accelerations are limited to {margin:g} times the demonstrated, as the URDF has "
+                "no limits of them; --limits gives others"
             )
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
         links += [constraint.frame for constraint in self.planner.options.constraints]

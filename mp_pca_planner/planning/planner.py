@@ -128,7 +128,8 @@ class Planner:
             raise PrimitiveError(
                 f"primitive '{next(iter(self.primitives.names))}' moves "
                 f"{quote_names(self.primitives.joint_names)}, but the planner was set up for "
-                f"{quote_names(self.robot.joint_names)}"
+                f"{quote_names(self.robot.joint_names)}; 'rename' and --rename give demonstrations "
+                "the names of a robot"
             )
         self.remarks: tuple[str, ...] = ()
         if isinstance(collision, CollisionModel):

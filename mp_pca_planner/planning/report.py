@@ -272,8 +272,9 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
     elif best.has_clearances:
         notes.append("bodies that would collide otherwise are kept apart")
     if context.options.basis == "pca" and correction > 0.0:
+        advice = "" if is_detour else ": record some near this goal"
         rms = f"RMS {correction:.2g} rad or m"
-        notes.append(f"shaped beyond the demonstrations ({rms}): record some near this goal")
+        notes.append(f"shaped beyond the demonstrations ({rms}){advice}")
     return notes
 
 
