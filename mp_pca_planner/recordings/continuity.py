@@ -33,7 +33,7 @@ _MAX_TURN_ERROR = 1.0
 _MIN_JUMP = 0.05
 _JUMP_RATIO = 10.0
 # A jump is faster than this [/s] and longer than this many times the steps before and after it. A
-# spike, which returns in the next sample, need not be as fast.
+# spike, which returns in the next sample, and a step after repeated positions need not be as fast.
 _JUMP_SPEED = 20.0
 _JUMP_ISOLATION = 5.0
 # Joints that repeat their positions exactly before a jump were not measured if they moved at more
@@ -272,5 +272,30 @@ def _jumps(piece: Samples) -> list[int]:
             (steps > _jump_length(position))
             & (steps > _JUMP_SPEED * np.diff(piece.times))
             & (steps > _JUMP_ISOLATION * beside)
-        )
+        ) | _thaws(piece.times, position)
     return (np.flatnonzero(jumps) + 1).tolist()
+
+
+def _thaws(times: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
+    """Steps of a joint that moved, repeated its position exactly, and makes up for that at once.
+
+    At low rates such a step is not too fast for a motor. A joint that is read less often than it is
+    sent also repeats positions, but then the steps before and after are as fast.
+    """
+    rows = np.arange(times.size)
+    speeds = np.abs(np.diff(position)) / np.diff(times)
+    held = np.maximum.accumulate(np.append(0, np.where(speeds > 0.0, rows[1:], 0)))
+    since = held[:-1]  # the first sample of the repeated ones
+    window = np.searchsorted(times, times[since] - _FROZEN_WINDOW)
+    earlier = np.minimum(window, np.maximum(since - 1, 0))
+    span = np.maximum(times[since] - times[earlier], times[1] - times[0])
+    beside = np.maximum(np.append(speeds[1:], np.inf), speeds[since - 1])
+    least = max(_MIN_JUMP, NOISE_DEVIATIONS * noise_deviation(position))
+    thaws: NDArray[np.bool_] = (
+        (since > 0)
+        & (times[:-1] - times[since] >= _FROZEN_WINDOW)
+        & (np.abs(position[since] - position[earlier]) > _FROZEN_SPEED * span)
+        & (np.abs(np.diff(position)) > least)
+        & (speeds > _JUMP_ISOLATION * beside)
+    )
+    return thaws

@@ -92,6 +92,8 @@ def late(positions: np.ndarray, rate: float) -> JointStates:
 NAN = put(put(MOTION, ([7, 8, 20, 21], [0, 0, 1, 0]), np.nan), (20, 1), np.inf)
 NAN[21, 0] = np.finfo(float).max
 FROZEN = put(MOTION, slice(140, 180), MOTION[140])
+SLOW = reaching([0.1, 1.1], rate=30)
+THIRTIETHS = EPOCH + np.arange(len(SLOW)) * (S // 30)
 COARSE = np.round(MOTION / np.deg2rad(0.5)) * np.deg2rad(0.5)
 COARSE = shifted(COARSE, (slice(280, None), 1), 0.7)
 JUMPING = shifted(MOTION, (slice(150, None), 0), 4.0)
@@ -120,6 +122,20 @@ CASES = {
         states(FROZEN),
         {"jumps": 1, "frozen": 39},
         [MOTION[:141], MOTION[180:]],
+    ),
+    # Too slow a jump for a motor is not needed after repeated positions.
+    **{
+        f"{what} at 30 Hz": (states(stale, THIRTIETHS), repairs, [stale[:last], stale[52:]])
+        for what, columns, repairs, last in (
+            ("frozen", slice(None), {"jumps": 1, "frozen": 9}, 43),
+            ("joint frozen", 0, {"jumps": 1}, 52),
+        )
+        for stale in [put(SLOW, (slice(42, 52), columns), SLOW[42, columns])]
+    },
+    "joint that is read at 3 Hz": (
+        states(np.repeat(SLOW[::10], 10, axis=0), THIRTIETHS),
+        {},
+        [np.repeat(SLOW[::10], 10, axis=0)],
     ),
     "rest of a coarse encoder": (states(COARSE), {"jumps": 1}, [COARSE[:280], COARSE[280:]]),
     "jump that is no turn": (states(JUMPING), {"jumps": 1}, [JUMPING[:150], JUMPING[150:]]),
