@@ -291,13 +291,15 @@ class Execution:
         )
 
     def rest_of_goal(self) -> Goal | None:
-        """The goal for all joints, without a duration; None for a stop or a sequence.
+        """The goal for all joints, without a duration; None for a stop or several targets.
 
         Joints that the goal doesn't name keep the position that they were to have.
         """
-        if self.planned is None or isinstance(self.planned.goal, SequenceGoal):
+        if self.planned is None:
             return None
         goal, end = self.planned.goal, self.planned.trajectory
+        if isinstance(goal, SequenceGoal) and len(goal.targets) > 1:
+            return None
         if isinstance(goal, PoseGoal):
             return replace(goal, duration=None)
         last = (end.positions[-1], end.velocities[-1], end.accelerations[-1])

@@ -46,8 +46,12 @@ def clearance(node, world, since):
     return plain_distances(world, path).min()
 
 
-def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node):
-    node.ask(GOAL, duration=4.0)
+@pytest.mark.parametrize("is_sequence", [False, True])  # a goal with a duration is one of a target
+def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node, is_sequence):
+    if is_sequence:
+        node.ask_sequence(GOAL, times=(4.0,))
+    else:
+        node.ask(GOAL, duration=4.0)
     node.run(0.8)
     world, came = ball_at(place_on_motion(node, 0.6)), node.now
     node.use_world(world)
