@@ -191,7 +191,7 @@ class Robot:
     ) -> Robot:
         """Read the robot description from a URDF file (see the class)."""
         path = Path(path)
-        with reading(f"the URDF file {str(path)!r:.100}", RobotError):
+        with reading(f"the URDF file {str(path)!r}", RobotError):
             urdf = read_text(path)
         robot = cls(urdf, joint_names, locked=locked, source=f"URDF file '{path}'")
         robot.path = path
