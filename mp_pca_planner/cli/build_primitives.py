@@ -94,7 +94,7 @@ def _add_cutting(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--segment", choices=["auto", "none"], default="auto", help=help_text)
     help_text = "cut at rests alone, or at valleys of the speed, too (the default)"
     group.add_argument("--cut", choices=CUTS, help=help_text)
-    help_text = "shortest rest that cuts [s] (default: 0.6)"
+    help_text = "shortest rest that cuts [s] (default: 0.6); episodes aren't cut"
     group.add_argument("--min-rest", metavar="S", type=seconds, help=help_text)
     help_text = "shortest motion [s] (default: 0.25)"
     group.add_argument("--min-motion", metavar="S", type=seconds, help=help_text)

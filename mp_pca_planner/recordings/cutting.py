@@ -183,6 +183,7 @@ def cut_motions(
     if is_whole:
         spans = [(piece, trim(piece, thresholds)) for piece in pieces]
         large = [Cut(piece, *span) for piece, span in spans if span is not None]
+        notes = _rests_at_ends(large)
     else:
         every = [
             Cut(piece, *span)
@@ -198,6 +199,17 @@ def cut_motions(
             )
     moved = _without_rest(large, recording.pieces, least_of_set)
     return moved, (*notes, *_hesitations(moved)), {"rest": len(large) - len(moved)}
+
+
+def _rests_at_ends(cuts: Sequence[Cut]) -> tuple[str, ...]:
+    """A note on the rests that are cut at the ends of pieces."""
+    rests = [
+        (x.piece.times[-1] - x.piece.times[0]) - (x.last - x.first) / x.piece.rate for x in cuts
+    ]
+    n = sum(rest > 0.5 / x.piece.rate for rest, x in zip(rests, cuts, strict=True))
+    if not n:
+        return ()
+    return (f"rests cut at the ends of {n} of {len(cuts)} motions: {max(rests):.2g} s at most",)
 
 
 def _hesitations(cuts: Sequence[Cut]) -> tuple[str, ...]:

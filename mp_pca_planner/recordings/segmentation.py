@@ -262,14 +262,15 @@ def find_motions(
 def trim(piece: SmoothPiece, thresholds: SpeedThresholds) -> Span | None:
     """First and last step of the motion of a piece; None if it doesn't move.
 
-    Encoders that flicker at rest show speeds, but no speed of the means over a short time.
+    Encoders that flicker at rest show speeds, but no speed of the means over a short time. Rests
+    at the ends separate no motions, so that they need no length but that time.
     """
     runs = _moving_runs(joint_speed(piece.velocities), thresholds, min_rest_steps=0)
     if not runs:
         return None
     first, last = runs[0][0], runs[-1][1]
     calm = _moving_runs(_speed_of_means(piece), thresholds, min_rest_steps=0)
-    least = SegmentationOptions().min_rest * piece.rate
+    least = _FLICKER_TIME * piece.rate
     if calm and calm[0][0] - first > least:
         first = calm[0][0]
     if calm and last - calm[-1][1] > least:
