@@ -28,6 +28,7 @@ from ..exceptions import (
     RecordingError,
     RobotError,
     UnusableRecordingError,
+    listed,
     quote_names,
     unknown_name,
 )
@@ -368,6 +369,11 @@ def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> Re
             counts["cut_off"] = len(cuts) - len(whole) + n_short
             cuts = whole
         recording = recording.noted(*notes, repairs=counts)
+        moving = [cut.piece for cut in cuts]
+        still = [recording.episode_at(x.times[0] + 1e-6) for x in pieces if x not in moving]
+        if recording.episodes and still:
+            names = listed([str(name) for name in still])
+            recording = recording.noted(f"episodes without motion: {names}")
     if not cuts:
         raise RecordingError("no motion was found in it")
     motions = tuple(

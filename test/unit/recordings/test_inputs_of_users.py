@@ -185,6 +185,13 @@ def test_short_noisy_rests_are_cut_and_said(tmp_path: Path) -> None:
     assert "rests cut at the ends of 6 of 6 motions" in found.report
 
 
+def test_episodes_without_motion_are_named(tmp_path: Path) -> None:
+    episodes = [q[:1].repeat(len(q), 0) if k == 2 else q for k, q in enumerate(reaches(6))]
+    found = mp.load_demonstrations(write_csv(tmp_path / "t.csv", NAMES, episodes))
+    assert [x.episode for x in found] == [0, 1, 3, 4, 5]
+    assert "episodes without motion: 2" in found.report
+
+
 # Robots
 
 
