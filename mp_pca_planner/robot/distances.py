@@ -249,7 +249,8 @@ class BodyPairs:
         turned, centres = (values[:, bodies.joints] for values in poses)
         centres = centres + (turned @ bodies.centres[:, :, None])[..., 0]
         if known is None:
-            apart = _distances(centres[:, self._firsts], centres).reshape(len(centres), -1)
+            apart = _distances(centres[:, self._firsts], centres)
+            apart = apart.reshape(len(centres), self._firsts.size * len(bodies.names))
             known = np.take(apart, self._entries, axis=1)
             known -= self._radii
         axes, every = turned @ bodies.rotations, known.reshape(-1)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
 
 from mp_pca_planner.exceptions import GoalError
+from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.context import Budget
@@ -221,6 +222,19 @@ def test_poses_are_reached_on_the_way_and_at_the_end(mode: str, turned: bool) ->
                 assert (ways[0].inv() * ways[1]).magnitude() < 1e-6
         else:
             assert np.array_equal(q, target.positions)
+
+
+def test_bodies_that_meet_between_poses_are_found_and_avoided() -> None:
+    robot, (start, *ends) = arm_robot(), configurations(3)
+    goal = SequenceGoal(tuple(wrist_pose(q + 0.1) for q in ends))
+    meets, careful = (
+        sequence_planner(robot, [arm_primitive()], robot.limits(), collision=collision)
+        for collision in (None, CollisionModel(robot))
+    )
+    referee = CollisionModel(robot)
+    assert referee.collisions(meets.plan(goal, start).trajectory)
+    plan = careful.plan(goal, start)
+    assert plan.is_executable and not referee.collisions(plan.trajectory)
 
 
 def test_optimiser_moves_configurations_along_their_poses() -> None:
