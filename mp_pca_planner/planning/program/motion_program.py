@@ -253,9 +253,10 @@ class MotionProgram:
         )
 
     def equalities_at(self, x: FloatArray) -> FloatArray:
-        """Errors of the targets alone."""
+        """Errors of the targets alone [m, rad]; infinite if there is no motion."""
         parts, errors = self.parts(x), [np.zeros(0)]
-        assert parts is not None
+        if parts is None:
+            return np.full(1, np.inf)
         for segment, (own, _) in zip(self.segments, parts, strict=True):
             if segment.target is not None:
                 errors.append(segment.target.errors(own))

@@ -237,6 +237,14 @@ def test_bodies_that_meet_between_poses_are_found_and_avoided() -> None:
     assert plan.is_executable and not referee.collisions(plan.trajectory)
 
 
+def test_beyond_the_range_of_durations_no_pose_is_reached() -> None:
+    program = chained(True, with_limits=False)
+    for change in (-1e3, 1e3):
+        x = program.starts[0] + change
+        assert np.isnan(program.evaluate(x).cost)
+        assert np.abs(program.equalities_at(x)).sum() == np.inf
+
+
 def test_optimiser_moves_configurations_along_their_poses() -> None:
     goal, start = with_poses()
     free = planner().plan(goal, start)
