@@ -419,7 +419,11 @@ class GoalPlanner:
             found = found or self._solved(request, model)
             if isinstance(found, Planned) or found.is_preempted:
                 return found
-        return self._displaced(request, target, running, model, began) or found
+        if (moved := self._displaced(request, target, running, model, began)) is None:
+            return found
+        # The plan of this pose is not the motion that is executed.
+        self.plans.pop(request.key, None)
+        return moved
 
     def _displaced(
         self,

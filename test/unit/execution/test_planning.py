@@ -25,7 +25,7 @@ from mp_pca_planner.execution.planning import (
     unknown_positions,
 )
 from mp_pca_planner.files import config_file
-from mp_pca_planner.motion.goal import JointGoal, JointState, SequenceGoal
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.planning.objectives import effort, time
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.robot.model import Robot
@@ -265,6 +265,18 @@ def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPl
     assert found.primitives == first.primitives
     assert found.values["effort_cost"] == found.trajectory.effort_cost
     np.testing.assert_array_equal(found.trajectory.positions[-1], goal.state.positions)
+
+
+def test_plan_of_a_pose_is_not_kept_if_the_motion_is_displaced_to_it(planner: GoalPlanner) -> None:
+    first = planner.plan(request(measured={"grip": 0.02}))
+    assert isinstance(first, Planned)
+    running = under_way(first)
+    wrist = arm_robot().frame_positions(GOAL.state.positions[None], ["wrist"])[0, 0]
+    for key, change, is_continued in ((2, 0.01, True), (3, 0.15, False)):
+        goal = PoseGoal(Pose("wrist", wrist - [change, 0.0, 0.0]))
+        found = planner.plan(PlanRequest(key, goal, on(running), {}, running))
+        assert isinstance(found, Planned) and ("continued" in found.message) == is_continued
+        assert (key in planner.plans) != is_continued
 
 
 def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
