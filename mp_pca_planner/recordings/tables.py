@@ -269,7 +269,7 @@ def _read_dataset(
     for column in columns:
         if column not in vectors:
             raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
-    indices, times, positions, notes = _read_parquet(path, columns, fps)
+    indices, times, positions, notes = _read_parquet(path, columns, fps, chosen)
     n_values, column = positions.shape[1], ",".join(columns)
     of_joints = {name: [*names_of_positions(own), *own] for name, own in recorded.items()}
     notes += notes_on_rename(rename, of_joints)
@@ -282,7 +282,8 @@ def _read_dataset(
         notes += left_out
     with reading(f"the column 'episode_index' of '{path}'", RecordingError):
         names: list[int | str] = [int(x) for x in indices.tolist()]
-    notes += _missing_episodes(total, names)
+    if chosen is None:
+        notes += _missing_episodes(total, names)
     values, names = _chosen_episodes(path, np.column_stack([times, positions]), names, chosen)
     times, episodes = _one_after_the_other(names, values[:, 0], pause)
     return _joint_states(column, named, times, values[:, 1:], notes), episodes
@@ -302,21 +303,30 @@ def _missing_episodes(total: object, names: Sequence[int | str]) -> tuple[str, .
 
 
 def _read_parquet(
-    path: Path, columns: Sequence[str], fps: float
+    path: Path, columns: Sequence[str], fps: float, chosen: Sequence[int | str] | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
-    """Episode, time [s] and values of each frame, episode by episode, and notes on the times."""
+    """Episode, time [s] and values of each frame, episode by episode, and notes on the files."""
     parquet = require("pyarrow.parquet", "lerobot", "reading a LeRobot dataset")
     files = sorted(path.glob("data/*/*.parquet"))
     if not files:
         raise RecordingError(f"'{path}' holds no data/*/*.parquet: download the whole dataset")
+    if isinstance(chosen, Sequence):  # of version 2, which has a file for each episode
+        stems = {f"episode_{one!s:0>6}" for one in chosen}
+        own = [file for file in files if file.stem in stems]
+        files = own if 0 < len(own) == len(stems) else files
     parts = []
+    damaged: list[str] = []
     for file in files:
-        with reading(f"'{file}'", RecordingError), open_regular(file) as stored:
-            opened = parquet.ParquetFile(stored)
-            known = [x for x in (*_TIMING, *columns) if x in opened.schema_arrow.names]
-            _check_size(opened.metadata, known, os.fstat(stored.fileno()).st_size)
-            table = opened.read(columns=known)
-            parts.append(_frames(table, columns))
+        try:
+            with reading(f"'{file}'", RecordingError), open_regular(file) as stored:
+                opened = parquet.ParquetFile(stored)
+                known = [x for x in (*_TIMING, *columns) if x in opened.schema_arrow.names]
+                _check_size(opened.metadata, known, os.fstat(stored.fileno()).st_size)
+                parts.append(_frames(opened.read(columns=known), columns))
+        except RecordingError as error:
+            damaged.append(f"left out: {error}")
+            if len(damaged) == len(files):
+                raise
     if len({part.shape[1] for part in parts}) > 1:
         raise RecordingError(
             f"the files of '{path}' differ in the length of {quote_names(columns)}"
@@ -325,14 +335,14 @@ def _read_parquet(
     frames = frames[np.argsort(frames[:, 0], kind="stable")]
     same_episode = np.diff(frames[:, 0]) == 0.0
     if (np.diff(frames[:, 1]) > 0.0)[same_episode].any():
-        return frames[:, 0], frames[:, 1], frames[:, 3:], ()
+        return frames[:, 0], frames[:, 1], frames[:, 3:], tuple(damaged)
     if not (fps > 0.0 and (np.diff(frames[:, 2]) > 0.0)[same_episode].any()):
         raise RecordingError(
             f"the column 'timestamp' of '{path}' is missing or constant, and '{_INFO}' and the "
             "column 'frame_index' give no other times: add one of them"
         )
     note = f"timestamps are missing or constant: times are frame_index / fps ({fps:g} Hz)"
-    return frames[:, 0], frames[:, 2] / fps, frames[:, 3:], (note,)
+    return frames[:, 0], frames[:, 2] / fps, frames[:, 3:], (note, *damaged)
 
 
 def _frames(table: Any, columns: Sequence[str]) -> FloatArray:

@@ -310,6 +310,20 @@ def test_what_a_dataset_lacks_and_what_is_not_read_of_it_is_noted(tmp_path: Path
     assert [x.episode for x in mp.load_demonstrations(tmp_path / "one", episodes=[3])] == [3]
 
 
+def test_a_damaged_file_costs_its_own_episodes(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "set", "v2.1", list(JOINT_NAMES))
+    file = tmp_path / "set/data/chunk-000/episode_000002.parquet"
+    file.write_bytes(file.read_bytes()[:500])
+    found = mp.load_demonstrations(tmp_path / "set")
+    assert [one.episode for one in found] == [0, 1, 3, 4]
+    assert "left out: " in found.report and file.name in found.report
+    assert "missing in the data: 2;" in found.report
+    chosen = mp.load_demonstrations(tmp_path / "set", episodes=[3, 1, 3])
+    assert [one.episode for one in chosen] == [1, 3] and file.name not in chosen.report
+    with pytest.raises(RecordingError, match=r"episode_000002\.parquet"):
+        mp.load_demonstrations(tmp_path / "set", episodes=[2])
+
+
 # Arrays
 
 
