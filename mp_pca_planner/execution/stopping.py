@@ -17,8 +17,9 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import GoalError
 from ..motion.goal import JointState
+from ..motion.interpolation import quintics
 from ..motion.trajectory import Trajectory
-from ..motion.validation import check_limits, nearest_start
+from ..motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start, reached_bounds
 from ..planning.search.stop_and_go import brakes
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -32,7 +33,10 @@ LATENCY = 0.02
 # Durations of stops along a path [s]: 0.05 to 88 s; the shortest that the limits allow is used.
 _STOPPING_TIMES: FloatArray = 0.05 * 1.2 ** np.arange(42.0)
 # Durations of stops at a point, in the shortest that kinematics allow, and that at least [s].
-_PROLONGED, _SHORTEST = 1.2 ** np.arange(24.0), 0.05
+_PROLONGED, _SHORTEST = 1.2 ** np.arange(42.0), 0.05
+# Phases at which stops at a point are compared with limits, before the one found is checked.
+_PHASES: FloatArray = np.linspace(0.0, 1.0, 21)
+_ROUNDING = 1e-9  # of positions [rad or m]
 
 Stop = tuple[str, PublishedMotion]
 """What the robot does, as the begin of a sentence, and the motion to publish."""
@@ -139,7 +143,8 @@ def _silent_stop(error: GoalError, tracker: Tracker, robot: Robot, limits: Joint
         """Where a constant deceleration along the path ends."""
         return motion.state(place + 0.5 * time).positions
 
-    said, stop = _stop_at_point(possible, end_after, now, robot, limits)
+    # The command is at `place`: a point where it was seen would move a robot that is not held.
+    said, stop = _stop_at_point(possible, end_after, now, robot, limits, held=0)
     return f"{said}; it is not known whether the robot stops: {error}", stop
 
 
@@ -149,12 +154,18 @@ def _stop_at_point(
     now: float,
     robot: Robot,
     limits: JointLimits,
+    held: int = -1,
 ) -> Stop:
-    """Stop at a single point, within the limits from each of some possible commands."""
+    """Stop at a single point, within the limits from each of some possible commands.
+
+    Else, from the first one alone; else, the robot is sent to the position of the one held.
+    """
     stop = stop_at_point(possible, end_after, robot, limits)
     if stop is None:
+        stop = stop_at_point(possible[:1], end_after, robot, limits)
+    if stop is None:
         # A controller does the same when its goal is cancelled.
-        stop = hold(possible[-1].joint_names, possible[-1].positions)
+        stop = hold(possible[held].joint_names, possible[held].positions)
         said = "no stop within the limits was found: the robot is sent to hold its position"
     else:
         said = f"the robot is sent to a single point, at rest within {stop.duration:.3g} s"
@@ -184,27 +195,62 @@ def stop_at_point(
         The quintic from the first state to the point; None if no duration keeps the limits.
     """
     names, v = possible[0].joint_names, possible[0].velocities
-    speed, zero = np.abs(v), np.zeros_like(v)
+    slack = 1.0 + LIMIT_TOLERANCE
+    most = slack * np.array([limits.velocity, limits.acceleration, limits.jerk])
+    if any(np.any(np.abs(state.velocities) > most[0]) for state in possible):
+        return None
     # Peaks of the quintic to the end of an even deceleration.
+    speed = np.abs(v)
     peaks = np.max(1.5 * speed / limits.acceleration), np.sqrt(np.max(6.0 * speed / limits.jerk))
-    # Controllers lead there by a quintic, or by a cubic if they have no accelerations.
-    for time in max(_SHORTEST, *map(float, peaks)) * _PROLONGED:
-        # From slightly outside the limits, a stop may only lead inwards.
-        end = nearest_start(end_after(time), limits)
-        stops = [
-            Trajectory(names, [0.0, time], [s.positions, end], [s.velocities, zero], accelerations)
-            for s in possible
-            for accelerations in ([s.accelerations, zero], _cubic(s, end, time))
-        ]
-        if not any(check_limits(stop, robot, limits).violations for stop in stops):
-            return stops[0]
+    durations = max(_SHORTEST, *map(float, peaks)) * _PROLONGED
+    # From slightly outside the limits, a stop may only lead inwards.
+    ends = nearest_start(np.array([end_after(time) for time in durations]), limits)
+    samples = _ways(possible, ends, durations)
+    path, greatest = samples[0], np.abs(samples[1:]).max(axis=(1, 2))
+    fits = np.all(greatest <= most[:, None], axis=(0, 2))
+    lower, upper = reached_bounds(path, limits, path[0] - nearest_start(path[0], limits))
+    outside = (path < lower - _ROUNDING) | (path > upper + _ROUNDING)
+    fits &= ~outside.any(axis=(0, 1, 3))
+    # A few samples show what most durations break: the check takes several times longer, and the
+    # node waits meanwhile.
+    for k in np.flatnonzero(fits):
+        tau = robot.inverse_dynamics(*samples[:3, :, :, k].reshape(3, -1, len(v)))
+        if np.any(np.abs(tau) > slack * limits.effort):
+            continue
+        # Between close points, most of a stop is far from its limits, and need not be sampled.
+        ways = (
+            Trajectory(names, durations[k] * _PHASES, *samples[:3, :, way, k])
+            for way in range(samples.shape[2])
+        )
+        if not any(check_limits(way, robot, limits).violations for way in ways):
+            q, zero = [possible[0].positions, ends[k]], np.zeros_like(v)
+            a = [possible[0].accelerations, zero]
+            return Trajectory(names, [0.0, durations[k]], q, [v, zero], a)
     return None
 
 
-def _cubic(state: JointState, end: FloatArray, time: float) -> list[FloatArray]:
-    """Accelerations at both ends of the cubic from a state to rest."""
+def _ways(possible: Sequence[JointState], ends: FloatArray, durations: FloatArray) -> FloatArray:
+    """How controllers lead to the ends: by quintics, or by cubics if they have no accelerations.
+
+    Positions and their first three derivatives, shape (4, n_phases, n_ways, n_durations, n_joints)
+    """
+    time, zero = durations[:, None], np.zeros_like(ends)
+    columns = [
+        [zero + state.positions, time * state.velocities, time**2 * a, ends, zero, time**2 * last]
+        for state in possible
+        for a, last in ((state.accelerations, zero), _cubic(state, ends, time))
+    ]
+    at_ends = np.array(columns).swapaxes(0, 1)
+    values = quintics(_PHASES, at_ends.reshape(6, -1), 3).reshape(
+        4, len(_PHASES), *at_ends.shape[1:]
+    )
+    return np.asarray(values / time ** np.arange(4.0)[:, None, None, None, None])
+
+
+def _cubic(state: JointState, end: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Accelerations at both ends of the cubics from a state to rest."""
     mean, v = (end - state.positions) / time, state.velocities
-    return [(6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time]
+    return (6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time
 
 
 def stop_on_path(

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from functools import cache
 
 import numpy as np
@@ -18,6 +19,7 @@ from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.states import MeasuredStates
 from mp_pca_planner.execution.stopping import (
+    LATENCY,
     find_stop,
     stop_at_point,
     stop_on_path,
@@ -136,6 +138,56 @@ def test_stop_at_a_point_is_as_short_as_an_acceleration_allows(speed):
 def test_stop_at_a_point_does_not_exist_where_none_keeps_the_limits():
     state = JointState(JOINTS, LIMITS.upper - 1e-3, np.full(4, 1.5))
     assert stop_at_point([state], braking_from(state), ROBOT, LIMITS) is None
+
+
+def test_stop_that_does_not_exist_is_given_up_at_once():
+    slow = JointState(JOINTS, START, [0.5, 0.0, 0.0, 0.0])
+    fast = JointState(JOINTS, START, [2.1, 0.0, 0.0, 0.0])  # than its limit
+    weak = ROBOT.limits({name: {"max_effort": 0.1} for name in JOINTS})  # for its weight
+    for state, limits in ((fast, LIMITS), (slow, weak)):
+        spent = []
+        for _ in range(3):
+            began = time.process_time()
+            assert stop_at_point([state, slow], braking_from(state), ROBOT, limits) is None
+            spent.append(time.process_time() - began)
+        assert min(spent) < LATENCY
+
+
+def silent_stop(now, seen, limits):
+    """The stop of a robot on its motion that was seen last at a time."""
+    clock = seen
+    measured = MeasuredStates(lambda: clock, lambda: clock)
+    tracker = Tracker(measured, lambda: clock)
+    tracker.expect(JOINTS)
+    tracker.publish(curved())
+    measured.receive(JOINTS, curved().state(seen).positions)
+    clock = now
+    return find_stop(GoalError("its states are old"), tracker, ROBOT, limits, Settings())
+
+
+def test_stop_of_a_silent_robot_takes_as_long_as_its_limits_need():
+    # From where it was seen, a quintic to the end has a peak velocity of 1.875 times the mean.
+    limits = ROBOT.limits({name: {"max_velocity": 0.05} for name in JOINTS})
+    _, stop = silent_stop(1.6, 0.2, limits)
+    distance = np.abs(curved().end - curved().state(0.2).positions).max()
+    least = 1.875 * distance / 0.05
+    assert least <= stop.sent.duration <= 1.21 * least
+    np.testing.assert_allclose(stop.end, curved().end, atol=1e-9)
+
+
+def test_stop_of_a_silent_robot_is_near_its_command_if_none_is_allowed_from_elsewhere():
+    # Gravity at the place where it was seen exceeds the limit of effort.
+    seen, now = curved().state(0.2).positions, curved().state(1.6)
+    still = np.zeros((1, 4))
+    at_seen, at_end = (
+        np.abs(ROBOT.inverse_dynamics(q[None], still, still))[0] for q in (seen, now.positions)
+    )
+    k = (at_seen / at_end).argmax()
+    bound = 0.5 * (at_seen + at_end)[k]
+    _, stop = silent_stop(1.6, 0.2, ROBOT.limits({JOINTS[k]: {"max_effort": bound}}))
+    np.testing.assert_allclose(stop.sent.positions, [now.positions] * 2, atol=1e-9)
+    _, stop = silent_stop(1.6, 0.2, ROBOT.limits({JOINTS[k]: {"max_effort": 0.5 * at_end[k]}}))
+    np.testing.assert_allclose(stop.sent.positions, [now.positions], atol=1e-9)
 
 
 def test_stop_of_a_silent_robot_is_allowed_from_wherever_it_may_have_been_held():
