@@ -318,9 +318,16 @@ class MeasuredStates:
         return MeasuredState(JointState(self.joint_names, q, reported), v, time, age)
 
     def _newest_sources(self) -> list[_Source | None]:
-        """The source that has each joint, and was heard last; None for a joint without one."""
-        having = [
-            [one for one in self._sources.values() if name in one.joint_names]
-            for name in self.joint_names
-        ]
-        return [max(some, key=lambda one: one.newest.received, default=None) for some in having]
+        """The source of each joint; None for a joint without one."""
+        return [self._source_of(name) for name in self.joint_names]
+
+    def _source_of(self, name: str) -> _Source | None:
+        having = [one for one in self._sources.values() if name in one.joint_names]
+        last = max((one.newest.received for one in having), default=0.0)
+
+        # A second publisher of some joints does not replace the complete state.
+        def rank(one: _Source) -> tuple[bool, int, float]:
+            received = one.newest.received
+            return last - received <= _WINDOW, len(one.joint_names), received
+
+        return max(having, key=rank, default=None)

@@ -222,6 +222,19 @@ def test_each_joint_has_its_own_age(world: World) -> None:
     assert world.newest.positions.tolist() == [0.0, 0.0]
 
 
+def test_complete_messages_count_before_a_second_publisher_of_some_joints(world: World) -> None:
+    for _ in range(60):
+        world.pass_time(0.005)
+        world.receive(a=1.0, b=2.0)
+        world.pass_time(0.005)
+        world.receive(a=0.0)
+        assert world.newest.positions.tolist() == [1.0, 2.0] and world.newest.at_rest
+    for _ in range(35):  # the complete ones end
+        world.pass_time(0.01)
+        world.receive(a=0.0)
+    assert world.newest.positions.tolist() == [0.0, 2.0]
+
+
 def test_positions_of_further_joints_are_kept_however_old(world: World) -> None:
     world.receive(a=0.0, b=0.0, finger=0.02)
     world.pass_time(60.0)
