@@ -282,20 +282,16 @@ def _thaws(times: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
     At low rates such a step is not too fast for a motor. A joint that is read less often than it is
     sent also repeats positions, but then the steps before and after are as fast.
     """
-    rows = np.arange(times.size)
     speeds = np.abs(np.diff(position)) / np.diff(times)
-    held = np.maximum.accumulate(np.append(0, np.where(speeds > 0.0, rows[1:], 0)))
-    since = held[:-1]  # the first sample of the repeated ones
-    window = np.searchsorted(times, times[since] - _FROZEN_WINDOW)
-    earlier = np.minimum(window, np.maximum(since - 1, 0))
-    span = np.maximum(times[since] - times[earlier], times[1] - times[0])
-    beside = np.maximum(np.append(speeds[1:], np.inf), speeds[since - 1])
+    moved = np.where(speeds > 0.0, np.arange(speeds.size) + 1, 0)
+    since = np.append(0, np.maximum.accumulate(moved)[:-1])  # the first of the repeated samples
+    before, after = speeds[since - 1], np.append(speeds[1:], np.inf)
     least = max(_MIN_JUMP, NOISE_DEVIATIONS * noise_deviation(position))
     thaws: NDArray[np.bool_] = (
         (since > 0)
+        & (before > _FROZEN_SPEED)
         & (times[:-1] - times[since] >= _FROZEN_WINDOW)
-        & (np.abs(position[since] - position[earlier]) > _FROZEN_SPEED * span)
         & (np.abs(np.diff(position)) > least)
-        & (speeds > _JUMP_ISOLATION * beside)
+        & (speeds > _JUMP_ISOLATION * np.maximum(before, after))
     )
     return thaws
