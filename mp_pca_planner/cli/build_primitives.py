@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import read_values
 from ..exceptions import PrimitiveError, RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
@@ -26,21 +25,18 @@ from ..primitives.timing import ALIGNMENTS
 from ..recordings.cutting import segments_table
 from ..recordings.demonstration import Demonstration
 from ..recordings.load import facts_of_robot, load_recordings
-from ..recordings.reading import scale_of_calibration
 from ..recordings.recording_set import RecordingSet
 from ..recordings.segmentation import CUTS, SegmentationOptions
-from ..renaming import read_rename
 from ..robot.model import Robot
 from .common import check_output, make_folder, primitive_lines, print_json, progress_bar
 from .options import (
-    add_bag_topic,
     add_file,
-    add_rename,
     add_report,
     name_list,
     seconds,
     whole,
 )
+from .recording_options import add_bag_topic, add_units, reading_options
 from .terminal import DONE, complain, say
 
 
@@ -81,12 +77,7 @@ def _add_joints(group: argparse._ArgumentGroup) -> None:
     help_text = "joints to use, in this order (default: those that move)"
     group.add_argument("--joints", metavar="a,b,c", type=name_list, help=help_text)
     add_file(group, "--robot", "URDF", "robot of the recordings, whose joints are used")
-    help_text = "recorded positions are in degrees"
-    group.add_argument("--degrees", action="store_true", help=help_text)
-    add_rename(group, "new name of joints, * for any text (left_*=* strips a prefix)")
-    scale: dict[str, Any] = {"metavar": "JOINT=FACTOR", "action": "append", "default": []}
-    help_text = "factor to rad or m; or LeRobot's calibration FILE.json"
-    group.add_argument("--scale", **scale, help=help_text)
+    add_units(group)
 
 
 def _add_cutting(group: argparse._ArgumentGroup) -> None:
@@ -94,7 +85,7 @@ def _add_cutting(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--segment", choices=["auto", "none"], default="auto", help=help_text)
     help_text = "cut at rests alone, or at valleys of the speed, too (the default)"
     group.add_argument("--cut", choices=CUTS, help=help_text)
-    help_text = "shortest rest that cuts [s] (default: 0.6); episodes aren't cut"
+    help_text = "shortest rest that cuts, but episodes [s] (default: 0.6)"
     group.add_argument("--min-rest", metavar="S", type=seconds, help=help_text)
     help_text = "shortest motion [s] (default: 0.25)"
     group.add_argument("--min-motion", metavar="S", type=seconds, help=help_text)
@@ -182,11 +173,7 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
     with progress_bar("reading", "B") as progress:
         return load_recordings(
             arguments.bags,
-            topic=arguments.topic,
             joints=arguments.joints if robot is None else robot.joint_names,
-            degrees=arguments.degrees,
-            rename=read_rename(arguments.rename),
-            scale=_scale(arguments.scale),
             moving_only=robot is not None and not arguments.joints,
             segment=arguments.segment,
             segments_csv=arguments.segments,
@@ -197,10 +184,9 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             dask=arguments.dask,
             same_joints=True,
             markers=_marker_source(arguments),
-            state_field=arguments.field,
             max_gap=arguments.max_gap,
-            salvage=arguments.recover,
             progress=progress,
+            **reading_options(arguments),
             **facts_of_robot(robot),
         )
 
@@ -311,17 +297,6 @@ def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:
             "--segments and with --segment none"
         )
     return SegmentationOptions(**given)
-
-
-def _scale(texts: Sequence[str]) -> dict[str, float]:
-    """Factors of joints; a name alone is that of a calibration file."""
-    factors: dict[str, float] = {}
-    for text in texts:
-        if "=" in text:
-            factors |= read_values(text, "--scale", "joint")
-        else:
-            factors |= scale_of_calibration(text)
-    return factors
 
 
 def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:

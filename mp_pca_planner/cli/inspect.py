@@ -1,6 +1,6 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""`inspect`: the content of bags and primitive files."""
+"""`inspect`: the content of recordings and primitive files."""
 
 from __future__ import annotations
 
@@ -15,15 +15,18 @@ from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.reading import inspect_recording
 from .common import fact_lines, primitive_lines, print_json
-from .options import add_bag_topic, add_json
+from .options import add_json
+from .recording_options import add_bag_topic, add_units, reading_options
 from .terminal import DONE, PROGRAM, REFUSED, complain, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.description = "Show the contents of bags and primitive files."
-    parser.add_argument("files", metavar="FILE", nargs="+", help="bag, folder of bags, or .npz")
+    parser.description = "Show the contents of recordings and primitive files."
+    help_text = "bag, .csv, LeRobot dataset, folder of these, or .npz"
+    parser.add_argument("files", metavar="FILE", nargs="+", help=help_text)
     add_bag_topic(parser)
+    add_units(parser)
     add_json(parser)
 
 
@@ -54,9 +57,9 @@ def _contents(name: str, arguments: argparse.Namespace) -> tuple[list[dict[str, 
         law = f"  control law: {facts['control_statement']}"
         efforts = "of rigid bodies, and of rotors, damping and friction where the robot has them"
         return [facts], [*primitive_lines(name, primitive), f"  efforts of plans: {efforts}", law]
-    options = {"state_field": arguments.field, "salvage": arguments.recover}
+    options = reading_options(arguments)
     paths = find_recordings([name])
-    found = [asdict(inspect_recording(path, arguments.topic, **options)) for path in paths]
+    found = [asdict(inspect_recording(path, **options)) for path in paths]
     lines = [line for facts in found for line in (*fact_lines(facts), "")]
     return found, lines[:-1]
 

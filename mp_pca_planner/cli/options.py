@@ -232,13 +232,3 @@ def _add_collisions(parser: argparse.ArgumentParser) -> None:
 
 SCENE = "obstacles: a planning scene of MoveIt, .scene or YAML"
 """What a file of obstacles is."""
-
-
-def add_bag_topic(parser: argparse._ActionsContainer) -> None:
-    """Add the options on the messages of recordings."""
-    help_text = "of the bags (default: the only JointState one), or column of LeRobot"
-    parser.add_argument("--topic", help=help_text)
-    help_text = "field of the topic's messages that is a JointState"
-    parser.add_argument("--field", metavar="a.b", help=help_text)
-    help_text = "read a damaged .mcap or .bag up to the damage"
-    parser.add_argument("--recover", "--salvage", action="store_true", help=help_text)

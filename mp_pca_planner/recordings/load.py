@@ -101,6 +101,7 @@ def load_demonstrations(
             Whether positions are recorded in degrees. Otherwise they are in rad (or m).
         scale : mapping of str to float, or path
             Factors by joint from recorded values to rad (or m), or a calibration file of LeRobot.
+            `degrees` doesn't convert these joints: of degrees the factor is ±0.01745.
         topic : str
             The topic of a bag, or the column of a LeRobot dataset ('observation.state'). Several,
             separated by commas, are taken together.
@@ -391,20 +392,20 @@ def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> Re
             Segment(x.start_time, x.end_time, x.label, extent(x.positions)) for x in motions
         ),
         thresholds=thresholds,
-        notes=(*recording.all_notes, *_absurd(motions), *_beyond_limits(motions, options)),
+        notes=(*recording.all_notes, *_absurd(motions, options), *_beyond_limits(motions, options)),
         overview=cutting.overview(pieces) if options.overviews else None,
         **{name: getattr(recording, name) for name in FACTS},
     )
     return RecordingSet(motions, (report,))
 
 
-def _absurd(motions: Sequence[Demonstration]) -> tuple[str, ...]:
+def _absurd(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:
     """A note if a joint moves absurdly far."""
     ranges = np.max([np.ptp(motion.positions, axis=0) for motion in motions], axis=0)
     if ranges.max() <= ABSURD_EXTENT:
         return ()
     name = motions[0].joint_names[ranges.argmax()]
-    return (f"joint '{name}' moves over {ranges.max():.3g} {ABSURD}",)
+    return (f"joint '{name}' moves over {ranges.max():.3g} {ABSURD[options.degrees]}",)
 
 
 def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:

@@ -342,8 +342,8 @@ def inspect_recording(
     path: str | Path,
     topic: str | None = None,
     *,
-    state_field: str | None = None,
     salvage: bool = False,
+    **options: Any,
 ) -> RecordingInspection:
     """Inspect a recording; defects that make it unusable are reported, not raised.
 
@@ -353,10 +353,10 @@ def inspect_recording(
         The recording.
     topic :
         Topic of the joint states; by default the only one.
-    state_field :
-        The field of the topic's messages that is a JointState; needs `topic`.
     salvage :
         Inspects the messages before the damage of a damaged recording.
+    **options :
+        Other fields of :class:`LoadOptions`, such as `degrees`.
 
     Raises
     ------
@@ -374,8 +374,7 @@ def inspect_recording(
         if inspection.format not in FORMATS:
             with bags.open_bag(recording, salvage=salvage) as bag:
                 inspection = replace(inspection, topics=bag.topics)
-        options = LoadOptions(topic=topic, state_field=state_field, salvage=salvage)
-        clean = read_recording(recording, options)
+        clean = read_recording(recording, LoadOptions(topic, salvage=salvage, **options))
         facts = vars(clean) | {"duration": clean.duration, "notes": clean.all_notes}
         refusal = None
     except UnusableRecordingError as error:

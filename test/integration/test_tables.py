@@ -125,6 +125,10 @@ def test_a_csv_file_is_built_inspected_and_refused_in_degrees(tmp_path: Path) ->
     words = (degrees, "--robot", URDF, "--output", tmp_path / "deg.npz")
     assert "not in degrees" in refusal(*words)
     assert build(*words, "--degrees")["n_motions"] == facts["n_motions"]
+    name = JOINT_NAMES[0]
+    options = ("--degrees", "--rename", f"{name}=first", "--scale", "first=-0.01745")
+    (found,) = commands.result("inspect", degrees, *options)["files"]
+    assert found["refusal"] is None and found["joint_names"] == ["first", *JOINT_NAMES[1:]]
 
 
 @pytest.mark.parametrize(

@@ -305,6 +305,11 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
     in_degrees = mp.load_demonstrations(folder, degrees=True, prismatic=["b"])
     assert in_degrees.reports[0].repairs == {}
     assert "not converted from degrees: 'b', 'gripper'" in in_degrees.report
+    with pytest.warns(UserWarning, match="make its --scale") as caught:
+        mp.load_demonstrations(folder, degrees=True, scale={"b": -1.0})
+    assert not any("convert degrees (--degrees" in str(one.message) for one in caught)
+    refused = inspect_recording(folder, degrees=True, rename={"a": "elbow"})
+    assert refused.refusal is None and "elbow" in refused.joint_names
 
 
 # Folders and files
