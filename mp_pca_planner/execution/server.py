@@ -303,13 +303,13 @@ class MotionServer:
                 self._failed(attempt, f"the planner has ended ({message.reason})")
             self._go_on()
 
-    def watcher_died(self, reason: str) -> None:
+    def stop_unwatched(self, reason: str) -> None:
         """Stop the robot along its path: nobody looks out for obstacles."""
         execution = self.execution
         if execution is None or execution.is_stop:
             return
         if self.tracker.clock() < execution.motion.began + execution.motion.duration:
-            self._stop_for(f"the watcher of obstacles has ended ({reason})")
+            self._stop_for(reason)
 
     def watch_again(self) -> None:
         """Have the watcher check the running motion, as it starts anew."""

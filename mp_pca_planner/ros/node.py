@@ -138,7 +138,8 @@ class PlannerNode(Node):
         self._woken = self.create_guard_condition(self._receive)
         longest = self._settings.max_solve_time
         self._planner = WorkerProcess(PLANNER, self._woken.trigger, longest)
-        self._watcher: WorkerProcess | None = None
+        # From the start, because the first obstacle may be near a moving robot.
+        self._watcher = WorkerProcess(WATCHER, self._woken.trigger)
         self._has_obstacles = self._watches = self._is_outdated = False
         self._world = WorldFacts(0)
         self._poses: dict[str, Any] = {}
@@ -187,8 +188,7 @@ class PlannerNode(Node):
     def destroy_node(self) -> None:
         """End the workers, then the node."""
         self._planner.close()
-        if self._watcher is not None:
-            self._watcher.close()
+        self._watcher.close()
         super().destroy_node()
 
     def seconds(self) -> float:
@@ -339,30 +339,26 @@ class PlannerNode(Node):
         self._action.watch()
         self._server.tick()
         for worker in (self._planner, self._watcher):
-            if worker is not None:
-                worker.check()
+            worker.check()
         others = self._tracker.measured.others
         if others != self._others and self._server.is_idle and self._server.model is not None:
             self._others = dict(others)
             self._planner.send(Positions(self._others))
-            if self._watcher is not None:
-                self._watcher.send(Positions(self._others))
+            self._watcher.send(Positions(self._others))
 
     def _poll_obstacles(self) -> None:
         """Hand the markers that have arrived to the workers."""
-        watcher = self._watcher
-        if watcher is None and self._markers.has_publisher:
-            watcher = self._start_watcher()
-        if max(self._planner.backlog, watcher.backlog if watcher else 0) > _MOST_MARKERS:
+        if max(self._planner.backlog, self._watcher.backlog) > _MOST_MARKERS:
             return
         for content, stamp, is_late in self._markers.poll():
             message = Markers(content, stamp, is_late, self.seconds())
             self._has_obstacles = True
             self._planner.send(message)
-            (watcher or self._start_watcher()).send(message)
-            watcher = self._watcher
+            self._watcher.send(message)
             if not self._watches:
-                self._server.watcher_died("it is being started")
+                self._server.stop_unwatched("the watcher of obstacles is being started")
+            elif self._server.watcher is None:
+                self._use_watcher()
 
     def _follow_frames(self) -> None:
         """Look up the frames of obstacles that are neither links nor fixed."""
@@ -373,31 +369,26 @@ class PlannerNode(Node):
         if not _is_same(poses, self._poses):
             self._poses = poses
             for worker in (self._planner, self._watcher):
-                if worker is not None:
-                    worker.send(Frames(poses))
+                worker.send(Frames(poses))
 
     # Workers.
 
-    def _start_watcher(self) -> WorkerProcess:
-        if self._watcher is None:
-            self._watcher = WorkerProcess(WATCHER, self._woken.trigger)
-        else:
-            self._watcher.start()
-        self._watches = False
-        self._set_up_watcher(self._watcher)
-        return self._watcher
-
-    def _set_up_watcher(self, watcher: WorkerProcess) -> None:
+    def _set_up_watcher(self) -> None:
         """Send it the set-up, or note that its last one is outdated: it must not fall behind."""
-        self._is_outdated = "set-up" in watcher.waits_for
+        self._is_outdated = "set-up" in self._watcher.waits_for
         if not self._is_outdated:
-            watcher.send(self._set_up_of(0, self._settings))
+            self._watcher.send(self._set_up_of(0, self._settings))
+
+    def _use_watcher(self) -> None:
+        """Have the running motion watched; without obstacles there is nothing to watch for."""
+        self._server.watcher = self._watcher
+        self._server.watch_again()
 
     def _receive(self) -> None:
         """Handle what the workers say."""
         for message in self._planner.receive():
             self._on_planner(message)
-        for message in self._watcher.receive() if self._watcher is not None else ():
+        for message in self._watcher.receive():
             self._on_watcher(message)
 
     def _on_planner(self, message: object) -> None:
@@ -422,7 +413,7 @@ class PlannerNode(Node):
             self._keeping.set_result(message)
         elif isinstance(message, Preview):
             self._preview.show(message.content)
-        elif isinstance(message, TakeObstacles) and self._watcher is not None:
+        elif isinstance(message, TakeObstacles):
             self._watcher.send(message)
             self._watches = True
             self._server.watch_again()
@@ -437,10 +428,10 @@ class PlannerNode(Node):
                 self._watches = True
             elif not self._watches:
                 self._planner.send(TakeObstacles())
-            self._server.watcher = self._watcher
-            self._server.watch_again()
-            if self._is_outdated and self._watcher is not None:
-                self._set_up_watcher(self._watcher)
+            if self._has_obstacles:
+                self._use_watcher()
+            if self._is_outdated:
+                self._set_up_watcher()
         elif isinstance(message, TakeObstacles):
             self._planner.send(message)
         elif isinstance(message, InternalError):
@@ -449,8 +440,12 @@ class PlannerNode(Node):
             self.n_restarts += 1
             self._server.watcher = None
             self.get_logger().error(f"the watcher of obstacles has ended: {message.reason}")
-            self._server.watcher_died(message.reason)
-            self._start_watcher()
+            if self._has_obstacles:
+                reason = f"the watcher of obstacles has ended ({message.reason})"
+                self._server.stop_unwatched(reason)
+            self._watches = False
+            self._watcher.start()
+            self._set_up_watcher()
         else:
             self._server.answer(message)
 
@@ -463,7 +458,7 @@ class PlannerNode(Node):
         waiting, self._set_ups = self._set_ups, {}
         self._planner.start()
         self._planner.send(self._set_up_of(0, self._settings))
-        if self._has_obstacles and self._watcher is not None and self._watches:
+        if self._has_obstacles and self._watches:
             self._watcher.send(TakeObstacles())
         elif self._has_obstacles:
             reason = "the obstacles were lost as a worker has ended: publish them again"
@@ -514,8 +509,7 @@ class PlannerNode(Node):
             robot = robot.with_drives(done.model.drives)
             model = NodeModel(robot, done.model, settings)
         self._server.use(model, done.joint_names)
-        if self._watcher is not None:
-            self._set_up_watcher(self._watcher)
+        self._set_up_watcher()
         self._use_controller()
         self._log_readiness()
 

@@ -58,11 +58,6 @@ class MarkerSubscription:
         self._known: set[bytes] = set()
         self._discovered = 0.0
 
-    @property
-    def has_publisher(self) -> bool:
-        """Whether somebody publishes on the topic."""
-        return self._lasting is not None
-
     def poll(self) -> list[MarkerMessage]:
         """Return the messages that have arrived; a message may be returned twice."""
         now = time.monotonic()

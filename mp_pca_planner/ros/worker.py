@@ -238,6 +238,8 @@ def run(role: str, connection: Connection, cancelled: Any) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     with suppress(OSError):
         os.nice(_NICE)
+    with suppress(OSError):  # where processes are listed
+        Path("/proc/self/comm").write_text(role)
     with suppress(EOFError, OSError):
         _Worker(role, connection, cancelled).work()
 

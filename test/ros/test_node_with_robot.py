@@ -71,6 +71,21 @@ def test_motions_continued_and_stopped_neither_jump_nor_exceed_limits(
     assert verdict.is_clean, verdict
 
 
+@pytest.mark.slow
+def test_first_obstacle_of_a_node_leaves_a_clear_motion_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_domain(monkeypatch, 86)
+    with benched(tmp_path) as bench:
+        bench.set(duration=6.0)
+        moving = bench.send(GOAL)
+        wait_for_obstacles(bench, "1", "none", ball(np.array([0.0, 0.0, -3.0])))
+        assert bench.execution(moving)["outcome"] == "arrived"
+        moving = bench.begin_slowly(START)
+        wait_for_obstacles(bench, "1", "none", ball(hand(START)))
+        assert bench.execution(moving)["outcome"] == "stopped"
+
+
 @pytest.fixture(scope="module")
 def shared_bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     with pytest.MonkeyPatch.context() as patch:

@@ -200,9 +200,9 @@ def children_of(node: Popen[str]) -> list[int]:
 
 
 def planner_of(node: Popen[str]) -> int:
-    """The process in which a node plans: its first child that was spawned."""
-    commands = {child: Path(f"/proc/{child}/cmdline").read_bytes() for child in children_of(node)}
-    return next(child for child, command in commands.items() if b"spawn_main" in command)
+    """The process in which a node plans, once it is up."""
+    names = {child: Path(f"/proc/{child}/comm").read_text() for child in children_of(node)}
+    return next(child for child, name in names.items() if name == "planner\n")
 
 
 def processor_time(node: Popen[str]) -> float:

@@ -344,14 +344,14 @@ def test_goal_whose_planner_dies_is_refused_and_the_next_one_served(node):
 def test_robot_stops_along_its_path_when_nobody_looks_out_for_obstacles(node):
     node.ask(GOAL)
     node.run(0.4)
-    node.server.watcher_died("out of memory")
+    node.server.stop_unwatched("the watcher has ended")
     (said,) = node.logged
-    assert "watcher of obstacles has ended (out of memory)" in said and "on its path" in said
+    assert "the watcher has ended" in said and "on its path" in said
     node.run(3.0)
     node.assert_smooth()
     assert node.outcomes == ["stopped"]
     assert np.abs(node.commanded - GOAL).max() > 0.05
-    node.server.watcher_died("out of memory")
+    node.server.stop_unwatched("the watcher has ended")
     assert len(node.sent) == 2
 
 
