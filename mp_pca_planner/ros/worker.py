@@ -52,6 +52,8 @@ _NICE = 5
 _CANCEL_TIME, _ANSWER_TIME, _SET_UP_TIME = 2.0, 3.0, 60.0
 # Longest time without a message in which a worker looks at lifetimes [s].
 _IDLE = 0.05
+# Longest time for which a goal waits while obstacles keep arriving [s].
+_TAKING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +338,8 @@ class _Worker:
         """Take the obstacles that have arrived; other messages wait."""
         from .markers import Frames, Markers
 
-        while self._connection.poll(0):
+        end = time.monotonic() + _TAKING
+        while time.monotonic() < end and self._connection.poll(0):
             message = self._connection.recv()
             if isinstance(message, Markers | Frames):
                 self._guarded(message)

@@ -23,13 +23,14 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
-from std_msgs.msg import Header
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import ColorRGBA, Header
 from support.arm import arm_primitive
 from support.domains import set_domain
 from support.hostile_meshes import soup, write_stl
 from support.nodes import START, URDF, ros_node
 from support.patience import HANG
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray, MeshFile, UVCoordinate
 
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.planning import assemble_model
@@ -104,6 +105,44 @@ def test_points_of_lists_are_moved_and_those_of_triangles_scaled_before() -> Non
     scale = Vector3(x=2.0, y=3.0, z=4.0)
     (mesh,) = to_obstacle(*read(box(type=Marker.TRIANGLE_LIST, points=POINTS, scale=scale))).shapes
     np.testing.assert_allclose(mesh.vertices, [[0, 0, 0], [2, 0, 0], [0, 3, 0]])
+
+
+def test_markers_are_read_whole_whatever_lists_and_texts_surround_their_points() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        sent, points = list[Marker](), list[np.ndarray]()
+        for number in range(3):
+            frame, ns, texture, kind, text, mesh, file = (
+                "x" * n for n in rng.integers(0, 9, 7).tolist()
+            )
+            n_points, n_colors, n_uv, n_image, n_file = rng.integers(0, 4, 5).tolist()
+            points.append(rng.normal(size=(n_points, 3)))
+            one = box(number, ns=ns, texture_resource=texture, text=text, mesh_resource=mesh)
+            one.header.frame_id, one.lifetime = frame, Duration(sec=number)
+            one.points = [Point(x=x, y=y, z=z) for x, y, z in points[-1].tolist()]
+            one.colors = [ColorRGBA(g=0.5)] * n_colors
+            one.uv_coordinates = [UVCoordinate(u=0.5)] * n_uv
+            one.texture = CompressedImage(format=kind, data=[7] * n_image)
+            one.mesh_file = MeshFile(filename=file, data=[8] * n_file)
+            sent.append(one)
+        for expected, numbers, found in zip(sent, points, read(*sent), strict=True):
+            np.testing.assert_array_equal(np.reshape(found.points, (-1, 3)), numbers)
+            for one in (expected, found):
+                one.points, one.colors = [], one.colors[:1]
+                one.uv_coordinates = one.uv_coordinates[:1]
+            assert found == expected
+
+
+def test_reading_large_meshes_does_not_cost_time_per_point() -> None:
+    def seconds(n_points: int) -> float:
+        content, times = written(box(points=[Point()] * n_points)), list[float]()
+        for _ in range(5):
+            begin = time.process_time()
+            read_markers(content)
+            times.append(time.process_time() - begin)
+        return min(times)
+
+    assert seconds(60_000) < 100 * seconds(1)
 
 
 # Keeping

@@ -8,6 +8,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TypeVar
@@ -125,3 +126,24 @@ def test_obstacles_of_one_worker_are_avoided_by_another(
     assert answer_of(second, WorldFacts).n_obstacles == 1
     second.send(request(1))
     assert "ball" in answer_of(second, Rejected).reason
+
+
+def test_goal_is_answered_while_obstacles_keep_coming(
+    workers: Callable[[], WorkerProcess],
+) -> None:
+    worker, stamps = workers(), count(1)
+    boxes = [Marker(id=k, type=Marker.CUBE) for k in range(1000)]
+    for one in boxes:
+        one.scale.x = one.scale.y = one.scale.z = 0.01
+        one.pose.position.z = 3.0
+    content = bytes(serialize_message(MarkerArray(markers=boxes)))
+    worker.send(request(1))
+    deadline = time.monotonic() + 5.0
+    while time.monotonic() < deadline:
+        if worker.backlog < 5:
+            worker.send(Markers(content, next(stamps), False, 0.0))
+        answers = [one for one in worker.receive() if isinstance(one, Planned | Rejected)]
+        if answers:
+            return
+        time.sleep(0.002)
+    raise AssertionError("no answer")
