@@ -21,7 +21,7 @@ from .options import DEMONSTRATED, OPTIMAL, REAL_TIME
 from .plan import ALREADY_THERE, INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
 from .request import Request
 from .resolve import in_order
-from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate
+from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate, at_rest
 from .search.detours import missing_planner
 from .search.stop_and_go import brakes
 
@@ -238,16 +238,14 @@ def _end_in_collision(context: Context, request: Request) -> str:
     model = context.collision
     if model is None:
         return ""
-    names, fixed = context.robot.joint_names, [("the start", request.start)]
+    fixed = [("the start", request.start)]
     if request.pose is None:
         fixed.append(("the goal", request.goal))
     for number, segment in enumerate(request.segments[:-1], start=1):
         if segment.pose is None:
             fixed.append((f"target {number}", segment.goal))
-    zero = np.zeros((1, len(names)))
     for name, state in fixed:
-        still = Trajectory(names, [0.0], [state.positions], zero, zero)
-        if found := model.collisions(still, precisely=False):
+        if found := at_rest(context, state):
             advice = ": move the robot or the obstacle first" if state is request.start else ""
             if found[0].links[1] not in model.world.names:
                 advice = "; if they may touch, name the two links in an SRDF file (srdf)"

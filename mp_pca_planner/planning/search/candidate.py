@@ -145,6 +145,16 @@ def collides(context: Context, trajectory: Trajectory) -> bool:
     return model is not None and bool(model.collisions(trajectory, precisely=False))
 
 
+def at_rest(context: Context, state: JointState, moment: float = 0.0) -> tuple[Collision, ...]:
+    """Collisions of the robot at rest in a state, at a moment [s], if that is checked."""
+    names = context.robot.joint_names
+    zero = np.zeros((1, len(names)))
+    still = Trajectory(names, [0.0], [state.positions], zero, zero)
+    model = context.collision
+    found = model.collisions(still, precisely=False) if model is not None else ()
+    return tuple([replace(x, time=moment, first_time=moment, last_time=moment) for x in found])
+
+
 def least_violation(found: Sequence[Candidate]) -> Candidate:
     """The first of the candidates with the least violation."""
     return min(found, key=attrgetter("violation"))

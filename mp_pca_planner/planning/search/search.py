@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...motion.goal import JointState
 from ...motion.validation import LimitCheck
+from ..configurations import POSE_TOLERANCE
 from ..context import Budget, Context
 from ..motion import cost_of, rank_of
 from ..objectives import effort
@@ -36,6 +38,7 @@ from .candidate import (
     SLOW,
     Candidate,
     Violation,
+    at_rest,
     attempt,
     checked,
     collides,
@@ -168,6 +171,8 @@ class Case:
         Whether paths around bodies may help: those of single segments.
     starts_at_path : bool
         Whether paths are tried before descent from the expected motion.
+    is_blocked : bool
+        Whether bodies collide at an end of a single segment that is fixed.
     earlier : Candidate or None
         The best candidate of earlier requests.
     found : list of Candidate
@@ -180,6 +185,7 @@ class Case:
     joined: Candidate | None
     may_detour: bool
     starts_at_path: bool
+    is_blocked: bool
     earlier: Candidate | None
     found: list[Candidate]
 
@@ -203,16 +209,23 @@ def first_case(
         joined = _joined(context, request, bases, budget)
         objectives = context.options.objectives
         first = Setting(bases, joined.motions, request.naturalness, objectives)
-        return Case(context, request, first, joined, False, False, earlier, [])
+        return Case(context, request, first, joined, False, False, False, earlier, [])
     first, collision = expected_setting(context, request), context.collision
     may_detour = collision is not None and bool(collision.pairs)
     is_natural = request.naturalness >= NEAR_EXPECTED or request.timing == DEMONSTRATED
-    starts_at_path = False
-    if collision is not None and may_detour and request.duration_is_free and not is_natural:
-        motion = replace(first.initial[0], duration=request.duration)
-        positions = motion.evaluate(request.duration * first.bases[0].tables.phases)[0]
-        starts_at_path = collision.collide_anywhere(positions)
-    return Case(context, request, first, None, may_detour, starts_at_path, earlier, [])
+    starts_at_path = is_blocked = False
+    if collision is not None:
+        is_blocked = collision.collide_anywhere(np.array([x.positions for x in _fixed(request)]))
+        if may_detour and request.duration_is_free and not (is_natural or is_blocked):
+            motion = replace(first.initial[0], duration=request.duration)
+            positions = motion.evaluate(request.duration * first.bases[0].tables.phases)[0]
+            starts_at_path = collision.collide_anywhere(positions)
+    return Case(context, request, first, None, may_detour, starts_at_path, is_blocked, earlier, [])
+
+
+def _fixed(request: Request) -> list[JointState]:
+    """The ends of a single segment that are not unknowns."""
+    return [request.start] if request.pose is not None else [request.start, request.goal]
 
 
 def _joined(
@@ -232,6 +245,20 @@ def _joined(
                 break
             durations = longer
     return least_violation(found)
+
+
+def blocked(case: Case, budget: Budget) -> Candidate | None:
+    """The expected motion, if bodies collide at an end: its other collisions take long to find."""
+    if not case.is_blocked:
+        return None
+    context, request, first = case.context, case.request, case.first
+    found = checked(replace(context, collision=None), request, first.bases, first.initial)
+    ends = zip(_fixed(request), (0.0, found.duration), strict=False)
+    met = tuple([one for end, moment in ends for one in at_rest(context, end, moment)])
+    excess, _, strayed, missed = found.violation
+    depth = sum([POSE_TOLERANCE + one.penetration for one in met])
+    violation = excess, depth, strayed, missed
+    return replace(found, collisions=met, violation=violation, is_valid=False, is_hopeless=True)
 
 
 def path_first(case: Case, budget: Budget) -> Candidate | None:
@@ -256,7 +283,7 @@ def descent(case: Case, budget: Budget) -> Candidate | None:
         candidate = attempt(context, request, setting, within)
         found.append(candidate)
         violations.append(candidate.violation)
-        if candidate.is_valid or candidate.is_hopeless or request.mode:
+        if candidate.is_valid or request.mode:
             break
         if leads and (within.is_over() or candidate.meets_bodies):
             within = budget
@@ -288,7 +315,7 @@ def path_after(case: Case, budget: Budget) -> Candidate | None:
         return None
     last = case.found[-1]
     # Collisions of a motion outside the limits are not known yet.
-    if last.is_hopeless or not (last.meets_bodies or collides(case.context, last.trajectory)):
+    if not (last.meets_bodies or collides(case.context, last.trajectory)):
         return None
     return along_path(case.context, case.request, budget)
 
@@ -309,6 +336,7 @@ def slow(case: Case, budget: Budget) -> Candidate | None:
 
 
 ORDER: tuple[Callable[[Case, Budget], Candidate | None], ...] = (
+    blocked,
     path_first,
     descent,
     path_after,
@@ -347,7 +375,7 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
                 solution = replace(candidate.solution, iterations=passes)
                 candidate = replace(candidate, solution=solution)
             case.found.append(candidate)
-            if candidate.is_valid:
+            if candidate.is_valid or case.is_blocked:
                 break
         rivals = [least_violation(case.found)] if case.found else []
         if best is not None:  # slow motions and detours have no costs yet

@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Self-collision is checked where the robot has collision shapes, unless it is turned off."""
 
+import numpy as np
 import pytest
 from support.chain import ACROSS_BASE, CHAIN, NAMES, chain, fold
 
 from mp_pca_planner.exceptions import RobotError
 from mp_pca_planner.motion.collision import CollisionModel
+from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -24,6 +26,17 @@ def test_a_motion_across_the_base_goes_around_it_unless_that_is_turned_off():
     assert careless.is_executable and referee.collisions(careless.trajectory)
     assert not careful.is_executable or not referee.collisions(careful.trajectory)
     assert careful.is_executable, careful.message
+
+
+@pytest.mark.parametrize("timing", ["auto", "demonstrated", "shortest"])
+@pytest.mark.parametrize("end", ["start", "goal"])
+def test_an_end_in_collision_is_told_before_any_search(end, timing):
+    referee, middle = CollisionModel(chain()), np.array([0.0, 2.1, 2.09])
+    assert referee.collides(middle)
+    ends = {"start": ACROSS_BASE[0], "goal": ACROSS_BASE[1], end: middle}
+    plan = Planner(chain(), fold(), options=PlannerOptions(timing=timing)).plan(**ends)
+    assert not plan.is_executable and f"the {end} is in collision" in plan.message
+    assert plan.iterations == 0
 
 
 def test_shapes_that_overlap_in_the_demonstrations_are_left_out_by_name():
