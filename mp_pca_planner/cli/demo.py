@@ -150,19 +150,26 @@ def _pipeline(folder: Path) -> int:
 def _children(*commands: Sequence[str]) -> Iterator[None]:
     """Run commands of this package, and end them with the block; their stdout is discarded.
 
-    A signal raises KeyboardInterrupt in the block.
+    A signal raises KeyboardInterrupt in the block, one that comes earlier at its begin.
     """
-    processes = list[subprocess.Popen[bytes]]()
+    processes, received = list[subprocess.Popen[bytes]](), list[int]()
+
+    def note(number: int, _: object) -> None:
+        received.append(number)
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
     try:
+        for number in _SIGNALS:
+            signal.signal(number, note)
         for words in commands:
             command = [sys.executable, "-m", __package__.partition(".")[0], *words]
             processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL))
         for number in _SIGNALS:
             signal.signal(number, interrupt)
+        if received:
+            raise KeyboardInterrupt
         yield
     finally:
         for number in _SIGNALS:  # one is enough
