@@ -292,16 +292,18 @@ def _load_all(
     progress: Callable[[int, int], None] | None,
 ) -> list[Loaded]:
     """Load recordings, by the workers of a pool if there is one."""
-    sizes = [bags.stored_size(task.path) if progress else 0 for task in tasks]
+    sizes, done = [bags.stored_size(task.path) if progress else 0 for task in tasks], 0
+    total = sum(sizes)
     ready: Iterable[Loaded] = map(load_one, tasks)
     if pool is not None:
         ready = pool.map(load_one, tasks, chunksize=min(MAX_CHUNK, 1 + len(tasks) // N_CHUNKS))
     loaded: list[Loaded] = []
     try:
-        for one in ready:
+        for size, one in zip(sizes, ready, strict=True):
             loaded.append(one)
+            done += size
             if progress is not None:
-                progress(sum(sizes[: len(loaded)]), sum(sizes))
+                progress(done, total)
     except BrokenExecutor:
         raise RecordingError(
             "a process that reads recordings died: it was killed, or memory ran out; use fewer "
@@ -370,11 +372,12 @@ def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> Re
             counts["cut_off"] = len(cuts) - len(whole) + n_short
             cuts = whole
         recording = recording.noted(*notes, repairs=counts)
-        moving = [cut.piece for cut in cuts]
-        still = [recording.episode_at(x.times[0] + 1e-6) for x in pieces if x not in moving]
-        if recording.episodes and still:
-            names = listed([str(name) for name in still])
-            recording = recording.noted(f"episodes without motion: {names}")
+        if recording.episodes:
+            moving = {id(cut.piece) for cut in cuts}
+            still = [x.times[0] for x in pieces if id(x) not in moving]
+            names = listed([str(recording.episode_at(time + 1e-6)) for time in still])
+            notes = (f"episodes without motion: {names}",) if still else ()
+            recording = recording.noted(*notes)
     if not cuts:
         raise RecordingError("no motion was found in it")
     motions = tuple(

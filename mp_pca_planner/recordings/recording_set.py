@@ -28,8 +28,8 @@ NORMALISED = (
 
 ABSURD = tuple(
     f"rad (or m), and over {ABSURD_EXTENT:g} is absurd: choose the joints (--joints, joints=), or "
-    f"{mend}"
-    for mend in (
+    f"{remedy}"
+    for remedy in (
         "convert degrees (--degrees, degrees=True)",
         "make its --scale (scale=) the whole factor to rad, which --degrees doesn't convert",
     )
