@@ -30,10 +30,11 @@ from .tracking import TooLateError, Tracker, Where, continued
 LATENCY = 0.02
 """Time to find a stop, from whose end on it begins [s]."""
 
-# Durations of stops along a path [s]: 0.05 to 88 s; the shortest that the limits allow is used.
-_STOPPING_TIMES: FloatArray = 0.05 * 1.2 ** np.arange(42.0)
-# Durations of stops at a point, in the shortest that kinematics allow, and that at least [s].
-_PROLONGED, _SHORTEST = 1.2 ** np.arange(42.0), 0.05
+# The shortest stop [s], and durations of stops in the shortest one: the first that the limits allow
+# is used.
+_SHORTEST, _PROLONGED = 0.05, 1.2 ** np.arange(42.0)
+# Durations of stops along a path [s]: 0.05 to 88 s.
+_STOPPING_TIMES: FloatArray = _SHORTEST * _PROLONGED
 # Phases at which stops at a point are compared with limits, before the one found is checked.
 _PHASES: FloatArray = np.linspace(0.0, 1.0, 21)
 _ROUNDING = 1e-9  # of positions [rad or m]

@@ -212,7 +212,7 @@ class Step:
     damping : float
         Value added to the diagonal of the Hessian to limit the step.
     is_negligible : bool
-        Whether the objective decreases by hardly anything.
+        Whether the objective decreases by too little to go on.
     """
 
     change: FloatArray

@@ -360,7 +360,7 @@ class BodyPairs:
             Largest distance of interest [m]; without any up to this, the result is None.
         """
         least, found = reach, None
-        # The least distance in a few of them tells which bounds of the others matter.
+        # The least distance in a few of them decides which bounds of the others matter.
         for some in (q[::_FEW_OF], q):
             poses = self.poses(some)
             bounds = self.bounds(poses, least)[:, pairs].ravel()

@@ -155,6 +155,11 @@ def at_rest(context: Context, state: JointState, moment: float = 0.0) -> tuple[C
     return tuple([replace(x, time=moment, first_time=moment, last_time=moment) for x in found])
 
 
+def depth_of(collisions: Sequence[Collision]) -> float:
+    """How much bodies collide, for the comparison of candidates: more than nothing for each."""
+    return sum([POSE_TOLERANCE + one.penetration for one in collisions])
+
+
 def least_violation(found: Sequence[Candidate]) -> Candidate:
     """The first of the candidates with the least violation."""
     return min(found, key=attrgetter("violation"))
@@ -201,7 +206,7 @@ def checked(
         errors.append(float(np.abs(missed).max()))
     violation = (
         check.worst_excess if check.violations else 0.0,
-        sum([POSE_TOLERANCE + one.penetration for one in collisions]),
+        depth_of(collisions),
         sum([excess for _, excess in strayed]),
         0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
     )

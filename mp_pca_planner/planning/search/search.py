@@ -15,7 +15,6 @@ import numpy as np
 
 from ...motion.goal import JointState
 from ...motion.validation import LimitCheck
-from ..configurations import POSE_TOLERANCE
 from ..context import Budget, Context
 from ..motion import cost_of, rank_of
 from ..objectives import effort
@@ -42,6 +41,7 @@ from .candidate import (
     attempt,
     checked,
     collides,
+    depth_of,
     least_violation,
     sampled,
 )
@@ -256,8 +256,7 @@ def blocked(case: Case, budget: Budget) -> Candidate | None:
     ends = zip(_fixed(request), (0.0, found.duration), strict=False)
     met = tuple([one for end, moment in ends for one in at_rest(context, end, moment)])
     excess, _, strayed, missed = found.violation
-    depth = sum([POSE_TOLERANCE + one.penetration for one in met])
-    violation = excess, depth, strayed, missed
+    violation = excess, depth_of(met), strayed, missed
     return replace(found, collisions=met, violation=violation, is_valid=False, is_hopeless=True)
 
 
