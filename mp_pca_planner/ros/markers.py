@@ -67,7 +67,7 @@ def read_markers(content: bytes) -> list[Marker]:
     with reading("the message of markers", WorldError):
         markers = list(deserialize_message(content, MarkerArray).markers)
     for marker, own in zip(markers, points, strict=False):
-        marker._points = own
+        marker._points = own  # its setter takes lists of Point alone
     return markers
 
 
@@ -154,12 +154,13 @@ def _file_mesh(
     marker: Marker, scale: FloatArray, folders: Sequence[Path], meshes: dict[str, _KeptMesh]
 ) -> Mesh:
     """The mesh of the file of a marker."""
-    kept = meshes.pop(_name(marker), None)
+    name = _name(marker)
+    kept = meshes.pop(name, None)
     found = find_mesh(marker.mesh_resource, folders)
     if kept is None or kept[0] is not found or kept[1] != scale.tobytes():
         mesh = Mesh(scaled(found.vertices, scale), found.triangles)
         kept = found, scale.tobytes(), mesh
-    meshes[_name(marker)] = kept
+    meshes[name] = kept
     while len(meshes) > INPUT_LIMITS.kept_meshes:
         del meshes[next(iter(meshes))]
     return kept[2]
@@ -390,12 +391,12 @@ class Obstacles:
             if not marker.ns:
                 self._cleared = stamp
             return
-        self._changed.pop(_name(marker), None)
-        self._changed[_name(marker)] = stamp
-        self._ends.pop(_name(marker), None)
-        lifetime = to_seconds(marker.lifetime)
+        name, lifetime = _name(marker), to_seconds(marker.lifetime)
+        self._changed.pop(name, None)
+        self._changed[name] = stamp
+        self._ends.pop(name, None)
         if marker.action == Marker.ADD and lifetime > 0.0:
-            self._ends[_name(marker)] = time.monotonic() + lifetime
+            self._ends[name] = time.monotonic() + lifetime
 
     def _apply_marker(self, marker: Marker) -> None:
         name = _name(marker)
