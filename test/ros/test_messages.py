@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Header
 from support.arm import JOINTS, arm_primitive
-from support.nodes import GOAL, START, URDF
+from support.nodes import GOAL, GRIPPER_URDF, START
 from support.patience import NODE_EVER
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -55,16 +55,9 @@ NAN, INF = float("nan"), float("inf")
 STAMP = Time(sec=5, nanosec=7)
 
 
-FINGER = """
-  <joint name="finger" type="prismatic">
-    <parent link="wrist"/><child link="finger_link"/><axis xyz="1 0 0"/>
-    <limit lower="0" upper="0.04" velocity="0.1" effort="10"/>
-  </joint>
-  <link name="finger_link"/>
-</robot>"""
 CAMERA = f"camera: 0.5 0 1 0 0 {0.5**0.5} {0.5**0.5}"  # turned by 90° about z
 SETTINGS = Settings(max_solve_time=NODE_EVER, end_effector_frame="wrist", fixed_frames=(CAMERA,))
-ASSEMBLED = assemble_model(URDF.replace("</robot>", FINGER), [arm_primitive()], SETTINGS)
+ASSEMBLED = assemble_model(GRIPPER_URDF, [arm_primitive()], SETTINGS)
 MODEL = NodeModel(ASSEMBLED.robot, ASSEMBLED.facts, SETTINGS)
 
 

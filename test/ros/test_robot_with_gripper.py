@@ -12,18 +12,18 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from support.arm import JOINTS, arm_primitive
 from support.domains import set_domain
-from support.nodes import GOAL, PATIENCE, START, URDF, NodeClient, goal_message, running_node, words
+from support.nodes import (
+    GOAL,
+    GRIPPER_URDF,
+    PATIENCE,
+    START,
+    NodeClient,
+    goal_message,
+    running_node,
+    words,
+)
 
 from mp_pca_planner.primitives.file import save_primitive
-
-FINGER = """
-  <joint name="finger" type="prismatic">
-    <parent link="wrist"/><child link="finger_link"/><axis xyz="1 0 0"/>
-    <limit lower="0" upper="0.04" velocity="0.1" effort="10"/>
-  </joint>
-  <link name="finger_link"/>
-</robot>"""
-GRIPPER_URDF = URDF.replace("</robot>", FINGER)
 
 
 @pytest.mark.slow

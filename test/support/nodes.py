@@ -46,6 +46,16 @@ from mp_pca_planner.ros.nodes import LATCHED
 MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
 URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+GRIPPER_URDF = URDF.replace(
+    "</robot>",
+    """
+  <joint name="finger" type="prismatic">
+    <parent link="wrist"/><child link="finger_link"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.04" velocity="0.1" effort="10"/>
+  </joint>
+  <link name="finger_link"/>
+</robot>""",
+)
 # Fresh processes: ROS does not survive a fork.
 PROCESSES = multiprocessing.get_context("spawn")
 
