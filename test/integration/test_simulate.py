@@ -146,9 +146,8 @@ def test_options_count_and_faults_are_parameters(tmp_path):
     with simulated(*options, **chosen) as (user, printed):
         assert list(user.states[0].name) == list(primitive.joint_names)
         starts = primitive.boundary_states[:, 0]
-        assert (
-            np.abs(starts - user.states[0].position).max(axis=1).min() < 2e-3
-        )  # the payload makes it sag
+        # The payload makes it sag, by 5.5 mrad at rest; other starts are 116 mrad away.
+        assert np.abs(starts - user.states[0].position).max(axis=1).min() < 0.02
         assert "expected a number from 0 to 1" in user.set("speed_scaling", 2.0)
         assert user.set("payload", 0.0) == ""
         user.states.clear()
