@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from paper_method import N_COMPONENTS, PAPER, CaseStudy
-from prediction import BSPLINES, PLANNED
+from prediction import BSPLINES, LEAST_EFFORT, PLANNED
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.exceptions import printable
@@ -61,7 +61,8 @@ def _chains(study: CaseStudy, robot: Robot, frames: Sequence[str]) -> dict[str, 
     """Origins of the frames, shape (n_frames, n_points, 3), by the label of the motion."""
     n_frames = 61
     chosen = np.linspace(0, 1000, n_frames).round().astype(int)
-    positions = {name: study.raised[name].positions[chosen] for name in (BSPLINES, PAPER, PLANNED)}
+    names = (BSPLINES, PAPER, LEAST_EFFORT, PLANNED)
+    positions = {name: study.raised[name].positions[chosen] for name in names}
     positions["demonstrated"] = study.raising.time_normalised(n_frames)
     return {name: robot.frame_positions(q, frames) for name, q in positions.items()}
 

@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
     simulation = ["simulate", "--robot", urdf, "--primitive", str(primitive)]
     with suppress(KeyboardInterrupt), _children(node, simulation):
         say("The node and a simulated robot run until Ctrl-C. In another terminal:")
-        say(f"   mp-pca send_goal --wait 30 {goal}")
+        say(f"   mp-pca send_goal {goal}")
         threading.Event().wait()
     return DONE
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Sequence
 
 from ..arrays import read_numbers, read_values
 from ..exceptions import GoalError
-from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..motion.goal import JointState, Pose, SequenceGoal
 from ..planning.options import AUTO
 from ..robot.model import Robot
 from .options import Stop, seconds
@@ -85,10 +85,8 @@ def start_positions(arguments: argparse.Namespace, robot: Robot) -> dict[str, fl
     return q
 
 
-def planned_goal(
-    arguments: argparse.Namespace, robot: Robot
-) -> JointGoal | PoseGoal | SequenceGoal:
-    """The goal of `plan`; with ``--via`` or ``--stop``, a sequence.
+def planned_goal(arguments: argparse.Namespace, robot: Robot) -> SequenceGoal:
+    """The targets of `plan`, of which the last is the goal.
 
     Raises
     ------
@@ -108,18 +106,12 @@ def planned_goal(
 
     option = "--goal" if arguments.goal_pose is None else "--goal-pose"
     text = arguments.goal if arguments.goal_pose is None else arguments.goal_pose
-    duration, primitive = arguments.duration, arguments.primitive
-    if not arguments.via:
-        end = read(text, option)
-        if isinstance(end, Pose):
-            return PoseGoal(end, duration, primitive)
-        return JointGoal(end, duration, primitive)
-    if arguments.timing != AUTO:
+    if arguments.via and arguments.timing != AUTO:
         raise GoalError(
             f"--timing {arguments.timing} can't be given with --via: sequences are timed like the "
             "demonstrations, or by --duration or @T"
         )
-    return sequence_goal(arguments, read, (option, text), duration)
+    return sequence_goal(arguments, read, (option, text), arguments.duration)
 
 
 def sequence_goal(
@@ -139,12 +131,12 @@ def sequence_goal(
     goal : (str, str)
         Name of the goal's option, and its text.
     duration : float, optional
-        Time of the goal [s], where its text has none.
+        Time of the goal [s], if its text has none.
 
     Raises
     ------
     GoalError
-        If a text can't be read or the times don't increase.
+        If a text can't be read, the times don't increase, or the goal has two.
     """
     targets, times = [], []
     for option, text in [*(("--via", via) for via in arguments.via), goal]:
@@ -154,6 +146,8 @@ def sequence_goal(
             times.append(seconds(moment) if at else None)
         except argparse.ArgumentTypeError as error:
             raise GoalError(f"{option} '{text}': after @, {error}") from None
+    if times[-1] and duration:
+        raise GoalError(f"{goal[0]} '{goal[1]}' has a time already: remove @T or --duration")
     times[-1] = times[-1] or duration
     stops = (*(isinstance(via, Stop) for via in arguments.via), False)
     return SequenceGoal(tuple(targets), tuple(times), arguments.primitive, stops)

@@ -171,8 +171,8 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
     help_text = "start [rad or m]; may also name joints that stay there"
     ends.add_argument("--start", metavar="VALUES", required=True, help=help_text)
     goal = ends.add_mutually_exclusive_group(required=True)
-    help_text = "goal [rad or m]; joints that are not named stay"
-    goal.add_argument("--goal", metavar="VALUES", action=Once, help=help_text)
+    help_text = "goal [rad or m], to reach at T s; joints that are not named stay"
+    goal.add_argument("--goal", metavar="VALUES[@T]", action=Once, help=help_text)
     help_text = "pose in the base frame [m, quaternion]; 3 numbers: position only"
     goal.add_argument("--goal-pose", metavar="'X Y Z …'", action=Once, help=help_text)
     help_text = "link of --goal-pose (default: the last that most joints move)"
@@ -190,7 +190,7 @@ def _add_motion(parser: argparse.ArgumentParser, *, is_brief: bool) -> None:
     help_text = "primitive to use (default: the nearest)"
     motion.add_argument("--primitive", metavar="NAME", help=help_text)
     duration = number(1e-3, 600.0, "s")
-    motion.add_argument("--duration", metavar="T", type=duration, help="duration [s]")
+    motion.add_argument("--duration", metavar="T", type=duration, help="duration [s], as @T")
     help_text = "optimise, or join predicted segments (real_time)"
     add("--mode", help_text, choices=MODES, default=OPTIMAL)
     help_text = "how to choose the duration (auto: demonstrated below score 3)"

@@ -117,7 +117,7 @@ class PlannedRequest:
     frame : str
         The link whose positions are reported.
     notes : tuple of str
-        Remarks on collisions that are not checked, and on the limits file.
+        Remarks on collisions that are not checked, and on limits.
     """
 
     planner: Planner
@@ -134,14 +134,7 @@ class PlannedRequest:
     def remarks(self) -> list[str]:
         """What is unusual about the motion, and joints whose position was not given."""
         robot, collision = self.planner.robot, self.planner.collision
-        found = [*self.plan.remarks]
-        found += self.notes
-        if self.planner.default_accelerations:
-            margin = self.planner.options.demonstrated_margin
-            found.append(
-                f"accelerations are limited to {margin:g} times the demonstrated, as the URDF has "
-                "no limits of them; --limits gives others"
-            )
+        found = [*self.plan.remarks, *self.notes]
         links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
         links += [constraint.frame for constraint in self.planner.options.constraints]
         relevant = robot.relevant_joints(pairs=collision is not None, links=links)
@@ -199,8 +192,13 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     planner = Planner(robot, primitives, limits, options, collision or False)
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
     frame = arguments.frame or robot.end_effector
-    notes = tuple(filter(None, (*remarks, limits_file_note(arguments.limits))))
-    return PlannedRequest(planner, plan, frame, notes)
+    notes = [*remarks, limits_file_note(arguments.limits)]
+    if planner.default_accelerations and not any(goal.times):
+        notes.append(
+            f"accelerations are limited to {arguments.demonstrated_margin:g} times the "
+            "demonstrated, as the URDF has no limits of them; --limits gives others"
+        )
+    return PlannedRequest(planner, plan, frame, tuple(filter(None, notes)))
 
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:

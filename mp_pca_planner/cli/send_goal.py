@@ -30,8 +30,8 @@ _MARGIN = 30.0  # s from the end of the motion to its report, where --wait is no
 _DESCRIPTION = """\
 Send a goal configuration, a sequence of them, or a pose to the running planner node.
 
-The command prints the node's report, then waits until the robot has arrived. The status is 0 if it
-arrived, and 2 if the goal was rejected. It is 1 if the robot did not arrive, the node did not
+The command waits for a node that has just started, prints its report, and waits until the robot has
+arrived. The status is 0 if it arrived, and 2 if the goal was rejected. It is 1 if the robot did not arrive, the node did not
 answer, or a newer goal or a stop came. With --wait 0, or a node without execution reports, status 0
 means that the motion was published."""
 
@@ -72,14 +72,15 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     """Send a goal, and print the node's report and what became of the motion."""
     from diagnostic_msgs.msg import DiagnosticStatus
 
-    from ..ros.client import READY, is_served, report_values
+    from ..ros.client import WAITING, is_served, report_values
 
     # The stamp distinguishes the report from those of other goals.
     stamp = message.header.stamp
     stamp.sec, stamp.nanosec = divmod(time.time_ns(), 10**9)
-    client.wait_for_node(arguments.wait or arguments.timeout, with_trajectory=False)
-    if arguments.wait:
-        client.wait_for_diagnostics(lambda values: values["text"] == READY, arguments.wait)
+    longest = arguments.wait or arguments.timeout
+    client.wait_for_node(longest, with_trajectory=False)
+    # A node that has just started waits for its robot first.
+    client.wait_for_diagnostics(lambda found: not found["text"].startswith(WAITING), longest)
     answer = client.send(message, arguments.timeout, with_trajectory=False)
     found = answer.report
     facts: dict[str, Any] = {"message": found.message, **answer.values}

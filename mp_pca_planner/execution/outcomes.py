@@ -109,7 +109,7 @@ class Execution:
     planned : Planned or None
         The motion as planned; None for a stop.
     reason : str
-        Why the robot is stopped.
+        Why the robot is stopped or makes a detour.
     is_reported : bool
         Whether the outcome was reported.
     """
@@ -226,7 +226,8 @@ class Execution:
         if following.is_over and following.at_rest:
             if self._controller == ACCEPTED and late < START_DELAY:
                 return None  # the result of the controller comes a little later
-            return self._end(MotionOutcome.ARRIVED, f"arrived: the largest error is {away}")
+            text = f"arrived: the largest error is {away}"
+            return self._end(MotionOutcome.ARRIVED, "; ".join(filter(None, [text, self.reason])))
         is_at_start = not self._has_left(following.place) and self._has_left(math.inf)
         is_waiting = self._how is How.HELD and is_at_start and duration > START_DELAY
         if is_waiting and self._would_have_left(now):

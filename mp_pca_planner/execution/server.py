@@ -503,7 +503,8 @@ class MotionServer:
             self._failed(attempt, str(error))
             return
         self._may_cancel, reason = True, self._verdict.reason
-        execution = Execution(attempt.request.name, motion, planned)
+        detour = f"it took a detour, because {reason}" if attempt.is_detour else ""
+        execution = Execution(attempt.request.name, motion, planned, detour)
         self._publish(execution, is_detour=attempt.is_detour)
         self.statistics.served(type(planned.goal), planned.solve_time, now - attempt.began)
         if attempt.is_detour:

@@ -64,4 +64,6 @@ class Watcher:
         first = min(ahead, key=lambda one: one.first_time)
         link, obstacle = first.links
         reason = f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
+        if first.first_time <= self._place:
+            reason = f"a new obstacle is on the robot ('{link}' is in collision with '{obstacle}')"
         return Verdict(watch.number, max(first.first_time, self._place), reason)

@@ -336,8 +336,8 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     Parameters
     ----------
     value : Goal, Pose, JointState, mapping, array or sequence of these
-        A goal is returned unchanged. One target becomes a goal to reach at rest; several become a
-        sequence, passed without a stop.
+        One target becomes a goal to reach at rest; several become a sequence, passed without a
+        stop. A sequence of one target becomes the goal of that target; others are not changed.
     joint_names : sequence of str
         The joints of an array, n_joints of them.
     duration : float, optional
@@ -348,20 +348,25 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
     GoalError
         If the value is none of these, or a duration is given for a finished goal.
     """
-    if isinstance(value, Goal):
-        if duration is not None:
-            raise GoalError(
-                f"a {type(value).__name__} has its own duration or times: remove `duration`"
-            )
-        return value
-    if _is_several(value):
+    if isinstance(value, Goal) and duration is not None:
+        raise GoalError(
+            f"a {type(value).__name__} has its own duration or times: remove `duration`"
+        )
+    if not isinstance(value, Goal) and _is_several(value):
         _check_count(len(value))
         targets = [
             target if isinstance(target, Pose) else as_state(target, joint_names, f"target {i}")
             for i, target in enumerate(value, 1)
         ]
         times = (*(None for _ in targets[1:]), duration)
-        return SequenceGoal(tuple(targets), times)
+        value = SequenceGoal(tuple(targets), times)
+    if isinstance(value, SequenceGoal) and len(value.targets) == 1:
+        (only,), (duration,), primitive = value.targets, value.times, value.primitive
+        if isinstance(only, Pose):
+            return PoseGoal(only, duration, primitive)
+        return JointGoal(JointState(only.joint_names, only.positions), duration, primitive)
+    if isinstance(value, Goal):
+        return value
     if isinstance(value, Pose):
         return PoseGoal(value, duration)
     return JointGoal(as_state(cast(StateLike, value), joint_names, "the goal"), duration)

@@ -268,7 +268,7 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
     if is_detour:
         notes.append("a detour, because the predicted motion collides")
     elif best.has_clearances:
-        notes.append("bodies that would collide otherwise are kept apart")
+        notes.append("shaped to avoid a collision")
     if context.options.basis == "pca" and correction > 0.0:
         advice = "" if is_detour else ": record some near this goal"
         rms = f"RMS {correction:.2g} rad or m"

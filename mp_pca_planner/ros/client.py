@@ -42,6 +42,8 @@ DEPTH = 10_000
 READY = "ready for goals"
 """Sentence in the diagnostics of a node that has all it needs."""
 
+WAITING = "waiting for "
+"""Begin of the sentence in the diagnostics of a node that waits for its robot."""
 
 _TOPIC_NAMES = {topic.message_type: topic.name for topic in GOAL_TOPICS}
 
@@ -121,8 +123,8 @@ def _unreadiness(text: str) -> str:
     """What a node with a sentence in its diagnostics failed to do."""
     if text in ("", READY):
         return "published no such diagnostics"
-    is_alone = text.startswith(("waiting for a robot", "waiting for joint_states"))
-    hint = "; is the driver of the robot, or 'mp-pca simulate', running?" * is_alone
+    hint = "; is the driver of the robot, or 'mp-pca simulate', running?"
+    hint *= text.startswith(WAITING)
     return f"is not ready ({text}{hint})"
 
 

@@ -692,7 +692,8 @@ class PlannerNode(Node):
         is_heard = self._tracker.controller.is_fresh(self.seconds())
         is_due = time.monotonic() - self._began > _CONTROLLER_TIME and measured.age is not None
         if is_due and not is_heard and self._server.model is not None:
-            why = "no message has come on" if HAS_CONTROL_MSGS else "install control_msgs to hear"
+            install = "install control_msgs, or make it by scripts/control_messages.py, to hear"
+            why = "no message has come on" if HAS_CONTROL_MSGS else install
             topic = self._controller[0] if self._controller else "controller_state"
             logger.warning(
                 f"without the controller's state ({why} '{topic}'), the command of a moving robot "

@@ -64,6 +64,7 @@ def test_running_motion_leads_around_a_new_obstacle_without_a_jump(node, is_sequ
     assert clearance(node, world, came) >= MARGIN
     # The goal is the same, and gets one report.
     assert node.outcomes == ["arrived"] and node.statuses == ["served"]
+    assert "detour" in node.execution_reports[0][1].message
 
 
 def test_robot_stops_before_an_obstacle_that_covers_the_goal_until_a_new_goal(node):

@@ -178,7 +178,7 @@ def test_plans_sequences_and_refinements_keep_the_margin_from_obstacles_on_their
         if plan.is_executable:
             n_around += 1
             assert clearance(plan.trajectory, world) >= 0.01
-            assert "kept apart" in plan.message
+            assert "shaped to avoid" in plan.message
             assert plan.facts["start_error"] == plan.goal_error == 0.0
             if k == 3:
                 limits = robot.limits()

@@ -13,7 +13,7 @@ from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, se
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.motion.goal import JointState, Pose, SequenceGoal
+from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.options import MODES, OPTIMAL, REAL_TIME, SolverOptions
@@ -181,7 +181,12 @@ def test_targets_where_the_robot_is_already_are_passed() -> None:
     with pytest.raises(GoalError, match="target 2 position of joint 'elbow'"):
         planner().plan(SequenceGoal((near, JointState(["elbow"], [9.0]))), start)
     # A single one is a goal like any other.
-    assert len(planner().plan(SequenceGoal((near,)), start).motions) == 1
+    (one, same) = (
+        planner().plan(goal, start)
+        for goal in (SequenceGoal((there,), (2.0,)), JointGoal(there, 2.0))
+    )
+    assert np.array_equal(one.trajectory.positions, same.trajectory.positions)
+    assert one.in_span_score == same.in_span_score
 
 
 def wrist_pose(q: np.ndarray, *, turned: bool = False) -> Pose:
