@@ -145,6 +145,11 @@ class Execution:
         """Whether the motion stops the one before, which then gets no report of its own."""
         return self.planned is None
 
+    @property
+    def is_repeated(self) -> bool:
+        """Whether this is a stop that was sent again."""
+        return self._wait > _FIRST_WAIT
+
     def replaced(self) -> ExecutionReport | None:
         """The report on the motion when that of a newer goal replaces it; None if it had one.
 

@@ -641,13 +641,13 @@ class MotionServer:
         except GoalError as error:
             return error
 
-    def _stop(self, reason: str, time_left: float = math.inf) -> str:
+    def _stop(self, reason: str, time_left: float = math.inf, *, leaves_path: bool = False) -> str:
         model = self._last_model
         if model is None:
             raise GoalError("the robot model is not known yet, and no motion was published")
         where = self._where(model)
         arguments = (self.tracker, model.robot, model.limits, model.settings, time_left)
-        said, motion = find_stop(where, *arguments)
+        said, motion = find_stop(where, *arguments, leaves_path=leaves_path)
         self._publish(Execution.of_stop(self.execution, motion, reason))
         return said
 
@@ -655,7 +655,8 @@ class MotionServer:
         """Stop the robot without being asked to; whatever prevents that is logged."""
         self.cancel(reason)
         try:
-            said = self._stop(reason, time_left)
+            leaves_path = again and self.execution is not None and self.execution.is_repeated
+            said = self._stop(reason, time_left, leaves_path=leaves_path)
         except PlannerError as error:
             said = f"the robot was not stopped: {error}"
         if not again:

@@ -50,6 +50,8 @@ def find_stop(
     limits: JointLimits,
     settings: Settings,
     time_left: float = np.inf,
+    *,
+    leaves_path: bool = False,
 ) -> Stop:
     """Find a stop.
 
@@ -64,6 +66,9 @@ def find_stop(
     time_left : float
         Time until the robot would hit something on its path [s]: where the stop along the path
         takes longer, the quickest one is used.
+    leaves_path : bool
+        Whether the path is left. A controller that gets stops along it only when they are over
+        rejects them, and takes a single point.
 
     Raises
     ------
@@ -75,7 +80,8 @@ def find_stop(
         return _silent_stop(where, tracker, robot, limits)
     following, command, now = where.following, where.command, where.now
     names = where.measured.state.joint_names
-    if following is not None and following.is_running and following.motion.is_path_known:
+    is_on_path = following is not None and following.motion.is_path_known and following.is_running
+    if is_on_path and not leaves_path:
         try:
             return _stop_along(where, robot, limits, settings, time_left, stamp=may_stamp)
         except TooLateError:

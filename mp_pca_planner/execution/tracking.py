@@ -48,6 +48,8 @@ _LAST = 0.05
 _LEAD = 0.35
 # How far states may be ahead of their time, as stamps and clocks are rounded [s].
 _AHEAD = 0.002
+# Motions that a robot may follow in place of the newest one, as messages are lost or on their way.
+_MOST_BEFORE = 4
 # Samples of the last moments of a motion, and of a whole path.
 _N_MOMENTS, _N_PLACES = 20, 200
 # A robot's own lag is known from so many observations, at this speed [rad/s or m/s] or more; it
@@ -265,28 +267,35 @@ class Tracker:
         self.measured, self.clock = measured, clock
         self.controller = ControllerStates()
         self.motion: PublishedMotion | None = None
-        self._previous: PublishedMotion | None = None
+        # Motions before it that the robot may follow instead, the newest first.
+        self._before: list[PublishedMotion] = []
+        # Whether it was seen to.
+        self._is_lossy = False
         self._lags: deque[float] = deque(maxlen=_MOST_LAGS)
         self._observed = -math.inf
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Set the joints whose state is needed; states and motions of others are forgotten."""
         self.measured.expect(joint_names)
-        self.motion = self._previous = None
+        self._forget()
 
     def publish(self, motion: PublishedMotion) -> None:
         """Record that a motion was published."""
-        old, self.motion = self.motion, motion
-        if old is None or motion.began >= motion.time:
+        if self.motion is not None:
+            self._before = [self.motion, *self._before[: _MOST_BEFORE - 1]]
+        if motion.began >= motion.time and not motion.sent.velocities[0].any():
             # A robot at rest stays there if the controller does not take the motion.
             held = hold(motion.sent.joint_names, motion.sent.positions[0])
-            old = PublishedMotion(held, motion.time)
-        self._previous = old
+            self._before = [PublishedMotion(held, motion.time)]
+        self.motion = motion
 
     def give_up(self) -> None:
         """Record that the controller has not taken the motion that was published last."""
-        if self._previous is not None:
-            self.motion, self._previous = self._previous, None
+        if self._before:
+            self.motion = self._before.pop(0)
+
+    def _forget(self) -> None:
+        self.motion, self._before, self._is_lossy = None, [], False
 
     def where(self, settings: Settings) -> Where:
         """Where the robot is.
@@ -303,14 +312,14 @@ class Tracker:
             away = np.abs(command.state.positions - measured.positions)
             command = command if np.all(away <= _BELIEVED + lag) else None
         if self.motion is not None and now < self.motion.began - 1.0:
-            self.motion = self._previous = None  # time was set back
+            self._forget()  # time was set back
         following = self._followed(now, measured, command, settings)
         return Where(now, measured, command, following)
 
     def _followed(
         self, now: float, measured: MeasuredState, command: StatedCommand | None, settings: Settings
     ) -> Following | None:
-        """How the newest motion is followed, or the one before if the robot is on that instead."""
+        """How the newest motion is followed, or one before if the robot is on that instead."""
         if self.motion is None:
             return None
         longest = settings.servo_lag
@@ -321,17 +330,21 @@ class Tracker:
         found = _follow(self.motion, *arguments)
         if found.how is How.ON_TIME and command is None:
             self._observe_lag(found, measured, settings)
-        if self._previous is None:
-            return found
         is_known = (How.ON_TIME, How.SCALED)
-        before = _follow(self._previous, *arguments)
+        before = [_follow(motion, *arguments) for motion in self._before]
+        possible = [one for one in before if one.how in is_known]
         if found.how in is_known:
-            if before.how not in is_known:
-                self._previous = None
+            self._before = [one.motion for one in possible]
+            self._is_lossy = self._is_lossy and bool(possible)
+            if self._is_lossy and measured.at_rest:  # perhaps at the end of one before
+                return min((found, *possible), key=lambda one: one.distance)
             return found
-        if before.is_over and not measured.at_rest and found.how is How.BEHIND:
+        if not possible:
+            return found
+        if possible[0].is_over and not measured.at_rest and found.how is How.BEHIND:
             return found  # it has left the end of the one before
-        return before if before.how in is_known else found
+        self._is_lossy = True
+        return possible[0]
 
     def _observe_lag(
         self, following: Following, measured: MeasuredState, settings: Settings

@@ -583,6 +583,20 @@ def test_stop_that_is_lost_is_sent_until_the_robot_rests(either, wait, loss):
     assert len(either.sent) == n_sent
 
 
+@pytest.mark.parametrize("left", [0.6, 0.75, 1.1])
+def test_goal_after_stops_that_were_all_lost_begins_where_the_motion_ended(node, left):
+    node.ask(GOAL, duration=3.0)
+    node.run(3.0 - left)
+    node.robot.faults.drop = 1.0
+    node.stop()  # as it is repeated, stops end near the end of the motion
+    node.run(2.5)
+    node.robot.faults.drop = 0.0
+    node.ask(HALF)
+    node.run(4.0)
+    assert node.verdict().is_clean
+    node.assert_rests_at(HALF)
+
+
 SLOW = {name: {"max_velocity": 0.2, "max_acceleration": 3.0, "max_jerk": 60.0} for name in JOINTS}
 
 
