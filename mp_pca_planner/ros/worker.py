@@ -47,9 +47,8 @@ PLANNER, WATCHER = "planner", "watcher"
 # Most memory of a worker [bytes], and its priority: the node goes first.
 _MEMORY = 6 << 30
 _NICE = 5
-# Time after which a cancelled request must be answered, any other one, beside the time for its
-# solution, and a set-up [s].
-_CANCEL_TIME, _ANSWER_TIME, _SET_UP_TIME = 2.0, 3.0, 60.0
+# Time after which a request must be answered, beside the time for its solution, and a set-up [s].
+_ANSWER_TIME, _SET_UP_TIME = 2.0, 60.0
 # Longest time without a message in which a worker looks at lifetimes [s].
 _IDLE = 0.05
 # Longest time for which a goal waits while obstacles keep arriving [s].
@@ -174,7 +173,7 @@ class WorkerProcess:
         """Ask the planner to end its work on a request, and on all before."""
         self._cancelled.value = max(self._cancelled.value, key)
         if key in self._due:
-            self._due[key] = min(self._due[key], time.monotonic() + _CANCEL_TIME)
+            self._due[key] = min(self._due[key], time.monotonic() + _ANSWER_TIME)
 
     def receive(self) -> list[object]:
         """The messages that have come."""
