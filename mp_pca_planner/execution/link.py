@@ -266,12 +266,15 @@ class Verdict:
         That of the motion.
     place : float
         Where on it that begins [s]; infinite if nothing is in its way.
+    last : float
+        Where the last collision on it ends [s].
     reason : str
         One sentence on it.
     """
 
     number: int
     place: float = math.inf
+    last: float = math.inf
     reason: str = ""
 
 

@@ -618,7 +618,7 @@ class MotionServer:
             return
         if on_it is not None and on_it.is_running:
             left = (verdict.place - on_it.place) / max(on_it.rate, 0.01)
-            if left < 0.0 and verdict.place < on_it.place - 0.1:
+            if verdict.last < on_it.place:
                 return  # it has passed
         elif following is not None and following.at_rest:
             left = 0.0  # when a held robot moves on is unknown

@@ -66,4 +66,5 @@ class Watcher:
         reason = f"a new obstacle is on the path ('{link}' would hit '{obstacle}')"
         if first.first_time <= self._place:
             reason = f"a new obstacle is on the robot ('{link}' is in collision with '{obstacle}')"
-        return Verdict(watch.number, max(first.first_time, self._place), reason)
+        last = max(one.last_time for one in ahead)
+        return Verdict(watch.number, max(first.first_time, self._place), last, reason)

@@ -104,10 +104,10 @@ class VirtualPlanner:
 
 
 class VirtualWatcher:
-    """A watcher that answers at once."""
+    """A watcher that answers at once, or after a delay [s]."""
 
     def __init__(self, node: VirtualNode, model: Model) -> None:
-        self._node, self.core = node, Watcher()
+        self._node, self.core, self.delay = node, Watcher(), 0.0
         self.core.model = model
 
     def send(self, message: object) -> None:
@@ -122,7 +122,7 @@ class VirtualWatcher:
     def look(self) -> None:
         """Check the motion again, if the world or the motion is another."""
         if (verdict := self.core.look()) is not None:
-            self._node.at(0.0, lambda: self._node.server.answer(verdict))
+            self._node.at(self.delay, lambda: self._node.server.answer(verdict))
 
 
 class VirtualNode:

@@ -144,6 +144,18 @@ def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node
     assert node.outcomes[-1] in ("stopped", "arrived", "not_followed")
 
 
+def test_robot_stops_in_an_obstacle_of_which_a_busy_machine_hears_late(node):
+    node.ask(GOAL, duration=4.0)
+    node.run(0.5)
+    node.use_world(World([Obstacle("far", Sphere(0.1, (3.0, 0.0, 0.0)))]))
+    node.run(1.0)
+    node.watcher.delay = 0.3
+    node.use_world(ball_at(node.commanded, radius=0.1))
+    node.run(6.0)
+    assert node.outcomes == ["stopped"]
+    assert "on the robot ('lower_arm' is in collision with 'ball')" in node.logged[0]
+
+
 def test_goal_whose_motion_would_begin_behind_an_obstacle_is_refused(node):
     node._planning_time = 1.2, 1.2
     node.ask_sequence(HALF, START)  # sequences are expected to take as long
