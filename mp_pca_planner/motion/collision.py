@@ -248,13 +248,15 @@ class CollisionModel:
         """Whether any pair is in collision in any of some configurations.
 
         In a new world this is faster than the first call of `collides`, which makes data of all
-        pairs.
+        pairs; of links alone, these are made once.
 
         Parameters
         ----------
         q : array, shape (n_configurations, n_joints)
             Positions of the robot's joints in its order.
         """
+        if not len(self.world):
+            return any(map(self.collides, q))
         poses = self.body_pairs.poses(q)
         entries = np.nonzero(~(self.body_pairs.bounds(poses, CONTACT) > CONTACT))
         return bool(np.any(~(self.body_pairs.distances(poses, *entries) >= CONTACT)))

@@ -19,9 +19,8 @@ from .configurations import POSE_TOLERANCE
 from .context import Budget, Context
 from .options import DEMONSTRATED, OPTIMAL, REAL_TIME
 from .plan import ALREADY_THERE, INFEASIBLE, SOLVED, STOPPED_EARLY, Plan
-from .request import Request
 from .resolve import in_order
-from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate, at_rest
+from .search.candidate import JOINED, OPTIMISED, SLOW, Candidate
 from .search.detours import missing_planner
 from .search.stop_and_go import brakes
 
@@ -176,6 +175,8 @@ def _refusal(context: Context, best: Candidate, budget: Budget, score: float) ->
             "the request is too far from the demonstrations: its in-span score is "
             f"{score:.2f}, and at most {most:g} is accepted (max_in_span_score)"
         )
+    if best.blocked:
+        return best.blocked
     why, kind = best.refusal, "within the limits"
     if not why and (why := _met(context, best)):
         has_world = context.collision is not None and len(context.collision.world)
@@ -189,12 +190,10 @@ def _refusal(context: Context, best: Candidate, budget: Budget, score: float) ->
         why = f"the nearest motion misses a target by {missed:.3g} rad or m"
     if not why:
         return ""
-    if cause := _end_in_collision(context, best.request):
-        return cause
     message = f"{_searched(budget, kind)}: {why}"
     if not (best.request.mode or best.request.duration_is_free):
         message += "; without a duration, timing 'shortest' finds the shortest one"
-    if best.meets_bodies and not best.is_hopeless and (missing := missing_planner()):
+    if best.meets_bodies and (missing := missing_planner()):
         message += f"; {missing}"
     return message
 
@@ -233,26 +232,6 @@ def _met(context: Context, best: Candidate) -> str:
     return met
 
 
-def _end_in_collision(context: Context, request: Request) -> str:
-    """Text on the first configuration of a request that is in collision; empty if none is."""
-    model = context.collision
-    if model is None:
-        return ""
-    fixed = [("the start", request.start)]
-    if request.pose is None:
-        fixed.append(("the goal", request.goal))
-    for number, segment in enumerate(request.segments[:-1], start=1):
-        if segment.pose is None:
-            fixed.append((f"target {number}", segment.goal))
-    for name, state in fixed:
-        if found := at_rest(context, state):
-            advice = ": move the robot or the obstacle first" if state is request.start else ""
-            if found[0].links[1] not in model.world.names:
-                advice = "; if they may touch, name the two links in an SRDF file (srdf)"
-            return f"{name} is in collision: {found[0].at_rest}{advice}"
-    return ""
-
-
 def _concessions(context: Context, best: Candidate, correction: float) -> list[str]:
     """What was done for the goal beyond a usual motion."""
     request, notes = best.request, []
@@ -282,8 +261,8 @@ def _collision_words(model: CollisionModel | None, best: Candidate) -> str:
         return "self-collision is not checked"
     if best.check.violations:
         return "not checked, because limits are violated"
-    if best.collisions:
-        return str(best.collisions[0])
+    if best.blocked or best.collisions:
+        return best.blocked or str(best.collisions[0])
     kind = "bodies" if len(model.world) else "links"
     text = f"none; {len(model.pairs)} pairs of {kind} were checked"
     return text if model.checks_links else f"{text}; self-collision is not checked"
@@ -310,11 +289,13 @@ def _of_predictions(context: Context, best: Candidate) -> tuple[float, str, floa
         primitive, model = segment.primitive, segment.primitive.model
         start, goal = motion.start.positions, motion.goal.positions
         ends = np.array(model.turned(start, goal, context.robot.continuous))
-        own = segment.expected.in_span_score
+        expected = segment.expected
+        own = expected.in_span_score
         if not is_resolved:
             own = model.in_span_score(ends[0], ends[1], motion.duration if is_fixed else None)
         score = max(score, own)
-        expected = model.predict(ends[0], ends[1], motion.duration)
+        if not (is_resolved and motion.duration == expected.duration):
+            expected = model.predict(ends[0], ends[1], motion.duration)
         error = np.maximum(error, primitive.prediction_error(expected))
         demonstrated = primitive.boundary_states[:, [0, 3]]
         low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
@@ -334,9 +315,10 @@ def _of_predictions(context: Context, best: Candidate) -> tuple[float, str, floa
 
 def _correction(best: Candidate) -> float:
     """RMS of what B-splines add to components [rad or m], the largest of the segments."""
-    found, phases = 0.0, np.linspace(0.0, 1.0, 101)
+    found = 0.0
     for basis, motion in zip(best.bases, best.motions, strict=True):
         if basis.n_components < motion.weights.size:
+            phases = np.linspace(0.0, 1.0, 101)
             only, shape = motion.weights.copy(), basis.tables.basis.shape
             only[: basis.n_components] = 0.0
             added = shape(only, phases) - shape(0.0 * only, phases)

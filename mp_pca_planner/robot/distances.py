@@ -209,7 +209,7 @@ class BodyPairs:
     @cached_property
     def collide(self) -> Callable[[FloatArray], bool]:
         """Whether any pair is in collision in a configuration."""
-        return self.check(np.zeros(len(self.margins)))
+        return self.check(np.full(len(self.margins), CONTACT))
 
     def check(self, distances: FloatArray, *, hulls: bool = False) -> Callable[[FloatArray], bool]:
         """The check for pairs nearer than margins and distances of shape (n_pairs,).

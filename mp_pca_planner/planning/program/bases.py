@@ -17,6 +17,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...lazy import LazyModule
+from ...motion.goal import JointState
 from ...motion.interpolation import quintics
 from ...primitives.basis import BSplineBasis, SumBasis
 from ...primitives.primitive import MovementPrimitive
@@ -74,6 +75,17 @@ class MotionBasis:
     n_components: int
     starts: tuple[FloatArray, ...]
     is_detour: bool = False
+
+    def motion(
+        self,
+        start: JointState,
+        goal: JointState,
+        duration: float,
+        weights: FloatArray | None = None,
+    ) -> Motion:
+        """A motion with this basis, the expected one unless weights are given."""
+        weights = self.expected if weights is None else weights
+        return Motion(start, goal, float(duration), self.tables.basis, weights)
 
     @classmethod
     def fixed(cls, tables: Tables) -> MotionBasis:
@@ -193,9 +205,7 @@ class BasisStore:
         Velocities, accelerations and jerks, shape (3, n_phases, n_joints).
         """
         s = np.append(0.0, np.append(self._phases, 1.0))
-        line = Motion(
-            segment.start, segment.goal, segment.duration, basis.tables.basis, basis.expected
-        )
+        line = basis.motion(segment.start, segment.goal, segment.duration)
         shapes = basis.tables.basis.shapes(basis.expected, s, 3)
         return np.asarray((quintics(s, line.boundary, 3) + shapes)[1:])
 

@@ -127,7 +127,7 @@ def first_setting(
     """
     options, usual = context.options, request.duration
     is_timed = shortest or (request.duration_is_free and request.timing == FREE)
-    expected = Motion(request.start, request.goal, usual, basis.tables.basis, basis.expected)
+    expected = basis.motion(request.start, request.goal, usual)
     if request.duration_is_free:
         margin = 1.0 if is_timed else SCALING_MARGIN
         states = node_states(expected, basis.tables)
@@ -171,8 +171,8 @@ def expected_cost(context: Context, request: Request) -> float:
 def lasting(setting: Setting, duration: float) -> Setting:
     """The setting with the expected motion of a given duration."""
     basis, motion = setting.bases[0], setting.initial[0]
-    initial = Motion(motion.start, motion.goal, duration, basis.tables.basis, basis.expected)
-    return replace(setting, initial=(initial,), is_timed=False)
+    initial = (basis.motion(motion.start, motion.goal, duration),)
+    return replace(setting, initial=initial, is_timed=False)
 
 
 def joined_motion(
@@ -196,7 +196,7 @@ def joined_motion(
     """
     ends = pairwise(_passing_states(request, durations, share))
     return tuple(
-        Motion(here, there, float(duration), basis.tables.basis, basis.expected)
+        basis.motion(here, there, duration)
         for (here, there), duration, basis in zip(ends, durations, bases, strict=True)
     )
 

@@ -77,14 +77,14 @@ class Candidate:
         Duration of all segments [s].
     is_valid : bool
         Whether it may be executed and reaches the targets.
-    is_hopeless : bool
-        Whether bodies collide at an end of the motion that is fixed.
     has_clearances : bool
         Whether there were clearance constraints.
     strayed : tuple of str
         Path constraints that it violates.
     refusal : str
         Why a controller must not execute it, collisions aside; empty if it may.
+    blocked : str
+        Which end or target that is fixed is in collision, so that nothing helps; empty if none is.
     corners : array, shape (n_corners, n_joints), or None
         Corners of a collision-free path, if one is known but no valid motion near it.
     n_stops : int
@@ -105,10 +105,10 @@ class Candidate:
     violation: Violation
     duration: float
     is_valid: bool
-    is_hopeless: bool
     has_clearances: bool = False
     strayed: tuple[str, ...] = ()
     refusal: str = ""
+    blocked: str = ""
     corners: FloatArray | None = None
     n_stops: int = 0
     how: str = OPTIMISED
@@ -143,16 +143,6 @@ def collides(context: Context, trajectory: Trajectory) -> bool:
     """Whether bodies collide, if that is checked."""
     model = context.collision
     return model is not None and bool(model.collisions(trajectory, precisely=False))
-
-
-def at_rest(context: Context, state: JointState, moment: float = 0.0) -> tuple[Collision, ...]:
-    """Collisions of the robot at rest in a state, at a moment [s], if that is checked."""
-    names = context.robot.joint_names
-    zero = np.zeros((1, len(names)))
-    still = Trajectory(names, [0.0], [state.positions], zero, zero)
-    model = context.collision
-    found = model.collisions(still, precisely=False) if model is not None else ()
-    return tuple([replace(x, time=moment, first_time=moment, last_time=moment) for x in found])
 
 
 def depth_of(collisions: Sequence[Collision]) -> float:
@@ -210,8 +200,6 @@ def checked(
         sum([excess for _, excess in strayed]),
         0.0 if max(errors) <= POSE_TOLERANCE else max(errors),
     )
-    duration = sum(map(attrgetter("duration"), motions))
-    end = float(trajectory.times[-1]) if request.pose is None else np.inf
     return Candidate(
         request,
         bases,
@@ -223,9 +211,8 @@ def checked(
         collisions,
         tuple(errors),
         violation,
-        duration,
+        sum(map(attrgetter("duration"), motions)),
         is_valid=not any(violation),
-        is_hopeless=any(one.first_time == 0.0 or one.last_time >= end for one in collisions),
         strayed=tuple(name for name, _ in strayed),
         refusal=refusal,
     )
@@ -340,17 +327,13 @@ def _motions_at(
             states[i] = JointState(state.joint_names, q, *state.values[1:]), time
     motions, parts = [], zip(pairwise(states), setting.bases, weights, strict=True)
     for ((here, began), (there, ended)), basis, own in parts:
-        motions.append(Motion(here, there, ended - began, basis.tables.basis, own))
+        motions.append(basis.motion(here, there, ended - began, own))
     return tuple(motions)
 
 
 def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
-    """What was found in each segment, with times from its start.
-
-    Nothing is done about collisions at an end that is fixed.
-    """
+    """What was found in each segment, with times from its start."""
     trajectory, check, parts, ended = candidate.trajectory, candidate.check, [], 0.0
-    collisions = () if candidate.is_hopeless else candidate.collisions
     for motion in candidate.motions:
         began, ended = ended, ended + motion.duration
         # At a target, a violation may belong to either segment.
@@ -359,7 +342,7 @@ def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
         violations = [one for one in check.violations if first <= one.time <= last]
         touched = [one for one in check.touched if first <= one.time <= last]
         phases = (trajectory.times[own] - began) / (ended - began)
-        within = [one.within(began, ended) for one in collisions]
+        within = [one.within(began, ended) for one in candidate.collisions]
         parts.append(
             Findings(
                 ended - began,

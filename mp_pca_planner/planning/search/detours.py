@@ -167,7 +167,7 @@ def _along(context: Context, request: Request, basis: MotionBasis, duration: flo
 
 
 def _motion(request: Request, basis: MotionBasis, duration: float) -> Motion:
-    return Motion(request.start, request.goal, duration, basis.tables.basis, basis.expected)
+    return basis.motion(request.start, request.goal, duration)
 
 
 def paths(

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from ...motion.goal import JointState
+from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck
 from ..context import Budget, Context
 from ..motion import cost_of, rank_of
@@ -37,7 +38,6 @@ from .candidate import (
     SLOW,
     Candidate,
     Violation,
-    at_rest,
     attempt,
     checked,
     collides,
@@ -167,12 +167,6 @@ class Case:
         The first setting.
     joined : Candidate or None
         The expected motion of several segments, within the limits if possible.
-    may_detour : bool
-        Whether paths around bodies may help: those of single segments.
-    starts_at_path : bool
-        Whether paths are tried before descent from the expected motion.
-    is_blocked : bool
-        Whether bodies collide at an end of a single segment that is fixed.
     earlier : Candidate or None
         The best candidate of earlier requests.
     found : list of Candidate
@@ -183,49 +177,44 @@ class Case:
     request: Request
     first: Setting
     joined: Candidate | None
-    may_detour: bool
-    starts_at_path: bool
-    is_blocked: bool
     earlier: Candidate | None
     found: list[Candidate]
+
+    @property
+    def may_detour(self) -> bool:
+        """Whether paths around bodies may help: those of single segments."""
+        collision = self.context.collision
+        return not self.request.mode and collision is not None and bool(collision.pairs)
+
+    @cached_property
+    def starts_at_path(self) -> bool:
+        """Whether a path comes before descent: the expected motion collides at a quadrature node.
+
+        Descent from there takes longer. It stays nearer to the demonstrations, so it comes first
+        where their timing or naturalness is asked for.
+        """
+        request, collision = self.request, self.context.collision
+        is_natural = request.naturalness >= NEAR_EXPECTED or request.timing == DEMONSTRATED
+        if collision is None or not self.may_detour or is_natural or not request.duration_is_free:
+            return False
+        motion = replace(self.first.initial[0], duration=request.duration)
+        times = request.duration * self.first.bases[0].tables.phases
+        return collision.collide_anywhere(motion.evaluate(times)[0])
 
 
 def first_case(
     context: Context, request: Request, earlier: Candidate | None, budget: Budget
 ) -> Case:
-    """A request before anything was tried, and the best candidate of earlier requests.
-
-    Segments are joined within the budget. A path comes before descent where the expected motion is
-    in collision at a quadrature node: descent from there takes longer. It stays nearer to the
-    demonstrations, so it comes first where their timing or naturalness is asked for.
-    """
-    if request.mode:
-        bases = tuple(
-            [
-                context.bases.basis(one, request.naturalness, is_time_scaled=False)
-                for one in request.segments
-            ]
-        )
-        joined = _joined(context, request, bases, budget)
-        objectives = context.options.objectives
-        first = Setting(bases, joined.motions, request.naturalness, objectives)
-        return Case(context, request, first, joined, False, False, False, earlier, [])
-    first, collision = expected_setting(context, request), context.collision
-    may_detour = collision is not None and bool(collision.pairs)
-    is_natural = request.naturalness >= NEAR_EXPECTED or request.timing == DEMONSTRATED
-    starts_at_path = is_blocked = False
-    if collision is not None:
-        is_blocked = collision.collide_anywhere(np.array([x.positions for x in _fixed(request)]))
-        if may_detour and request.duration_is_free and not (is_natural or is_blocked):
-            motion = replace(first.initial[0], duration=request.duration)
-            positions = motion.evaluate(request.duration * first.bases[0].tables.phases)[0]
-            starts_at_path = collision.collide_anywhere(positions)
-    return Case(context, request, first, None, may_detour, starts_at_path, is_blocked, earlier, [])
-
-
-def _fixed(request: Request) -> list[JointState]:
-    """The ends of a single segment that are not unknowns."""
-    return [request.start] if request.pose is not None else [request.start, request.goal]
+    """A request before anything was tried, its segments joined within the budget."""
+    if not request.mode:
+        return Case(context, request, expected_setting(context, request), None, earlier, [])
+    naturalness = request.naturalness
+    bases = tuple(
+        context.bases.basis(one, naturalness, is_time_scaled=False) for one in request.segments
+    )
+    joined = _joined(context, request, bases, budget)
+    first = Setting(bases, joined.motions, naturalness, context.options.objectives)
+    return Case(context, request, first, joined, earlier, [])
 
 
 def _joined(
@@ -248,16 +237,34 @@ def _joined(
 
 
 def blocked(case: Case, budget: Budget) -> Candidate | None:
-    """The expected motion, if bodies collide at an end: its other collisions take long to find."""
-    if not case.is_blocked:
+    """The expected motion, if an end or a target in collision is fixed: nothing else is tried."""
+    context, request, model = case.context, case.request, case.context.collision
+    if model is None:
         return None
-    context, request, first = case.context, case.request, case.first
-    found = checked(replace(context, collision=None), request, first.bases, first.initial)
-    ends = zip(_fixed(request), (0.0, found.duration), strict=False)
-    met = tuple([one for end, moment in ends for one in at_rest(context, end, moment)])
-    excess, _, strayed, missed = found.violation
-    violation = excess, depth_of(met), strayed, missed
-    return replace(found, collisions=met, violation=violation, is_valid=False, is_hopeless=True)
+    fixed = [("the start", request.start)]
+    for number, segment in enumerate(request.segments, start=1):
+        if segment.pose is None:
+            is_last = number == len(request.segments)
+            fixed.append(("the goal" if is_last else f"target {number}", segment.goal))
+    if not model.collide_anywhere(np.array([state.positions for _, state in fixed])):
+        return None
+    zero = np.zeros((1, context.robot.n_joints))
+    for name, state in fixed:
+        still = Trajectory(state.joint_names, [0.0], [state.positions], zero, zero)
+        if met := model.collisions(still, precisely=False):
+            advice = ": move the robot or the obstacle first" if state is request.start else ""
+            if met[0].links[1] not in model.world.names:
+                advice = "; if they may touch, name the two links in an SRDF file (srdf)"
+            unchecked = replace(context, collision=None)
+            found = checked(unchecked, request, case.first.bases, case.first.initial)
+            excess, _, strayed, missed = found.violation
+            return replace(
+                found,
+                violation=(excess, depth_of(met), strayed, missed),
+                is_valid=False,
+                blocked=f"{name} is in collision: {met[0].at_rest}{advice}",
+            )
+    return None
 
 
 def path_first(case: Case, budget: Budget) -> Candidate | None:
@@ -326,9 +333,8 @@ def joined(case: Case, budget: Budget) -> Candidate | None:
 
 def slow(case: Case, budget: Budget) -> Candidate | None:
     """A motion with rests, within the limits, where there is no other for any request so far."""
-    is_hopeless = bool(case.found) and least_violation(case.found).is_hopeless
     has_fallback = case.earlier is not None and case.earlier.is_valid
-    if has_fallback or is_hopeless or budget.is_cancelled():
+    if has_fallback or budget.is_cancelled():
         return None
     paths = (one.corners for one in case.found if one.corners is not None)
     return slow_motion(case.context, case.request, next(paths, None), budget)
@@ -374,7 +380,7 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
                 solution = replace(candidate.solution, iterations=passes)
                 candidate = replace(candidate, solution=solution)
             case.found.append(candidate)
-            if candidate.is_valid or case.is_blocked:
+            if candidate.is_valid or candidate.blocked:
                 break
         rivals = [least_violation(case.found)] if case.found else []
         if best is not None:  # slow motions and detours have no costs yet
