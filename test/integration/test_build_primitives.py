@@ -127,18 +127,6 @@ def test_shortest_rest_and_motion_decide_on_the_cuts(tmp_path: Path) -> None:
     assert merged["n_motions"] == 1
 
 
-def test_a_standing_arm_is_refused_alone_and_left_out_beside_others(
-    bags: Path, tmp_path: Path
-) -> None:
-    noise = np.deg2rad(0.05) * np.random.default_rng(0).normal(size=(6000, 2))
-    still = write_bag(tmp_path / "still", "mcap", stamped(reaching([0.3], rest=60.0) + noise))
-    built = build(bags, still, "--output", tmp_path / "p.npz")
-    assert built["n_motions"] == 8 and "still" in [x["recording"] for x in built["refused"]]
-    for segment in ("auto", "none"):
-        line = refusal(still, "--output", tmp_path / "q.npz", "--segment", segment)
-        assert "it holds no motion" in line
-
-
 def test_damaged_recording_and_longest_gap_through_the_command(tmp_path: Path) -> None:
     messages = stamped(np.tile(reaching([0.1, 1.1, 0.1]), (4, 1)))
     path = write_bag(tmp_path / "x", "mcap", messages[:210] + messages[290:])

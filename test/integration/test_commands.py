@@ -3,10 +3,7 @@
 """The offline commands, run as their users run them."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -102,30 +99,6 @@ def test_inspect_shows_what_it_can_and_refuses_the_rest(recording, primitive, tm
     assert "name=/joint_states, type=sensor_msgs/msg/JointState" in done.stdout
     assert "shoulder1, shoulder2, shoulder3, elbow" in done.stdout
     assert re.search("^rate +100$", done.stdout, re.MULTILINE)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
-def test_output_to_a_full_disk_is_told_in_one_line(primitive):
-    command = [sys.executable, "-m", "mp_pca_planner", "inspect", primitive]
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert "can't be written: No space left" in line
-
-
-def test_real_human_motions_are_explained_by_four_components_a_joint(shared_data, tmp_path):
-    human = shared_data / "human_arm"
-    options = ["--segments", human / "motions.csv", "--coupling", "joint", "--components", "4"]
-    options += ["--output", tmp_path / "h.npz"]
-    facts = result("build_primitives", human / "joint_states", *options)
-    assert facts["n_motions"] == 141
-    assert all(sum(shares) > 0.99 for shares in facts["explained_variance_ratio"].values())
-    # Figures of the table in the README of the recordings, from another program.
-    np.testing.assert_allclose(
-        facts["angle_variance_ratio"]["shoulder1"], [0.560, 0.420, 0.017, 0.002], atol=1e-3
-    )
 
 
 # plan

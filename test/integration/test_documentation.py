@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The README and the pages of ``doc/``: their programs, commands, links and the reference."""
 
-import ast
 import json
 import os
 import re
@@ -115,52 +114,6 @@ def test_commands_of_the_page_are_accepted(
 
 
 # Names
-
-
-def test_every_command_topic_and_service_is_described() -> None:
-    described = {command for page in PAGES for command, *_ in commands_of(page)}
-    assert set(COMMANDS) - {"sequence"} <= described
-    policy = text_of(ROOT / "config/sros2_policy.xml")
-    names = set(re.findall(r"<(?:topic|service)>(~/\w+)</", policy))
-    # Services that every node has.
-    own = {name for name in names if "_parameter" not in name} - {"~/get_type_description"}
-    guide = text_of(ROOT / "doc/guides/node.md")
-    assert own and {name for name in own if f"`{name}`" not in guide} == set()
-
-
-def messages_of_the_code() -> str:
-    """All texts in the sources; what is inserted into them is left out."""
-    texts = [(ROOT / "scripts/in_venv").read_text(encoding="utf-8").replace('"\n', " ")]
-    for source in sorted((ROOT / "mp_pca_planner").rglob("*.py")):
-        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.JoinedStr):
-                parts = [part.value for part in node.values if isinstance(part, ast.Constant)]
-                texts.append("".join(map(str, parts)))
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                texts.append(node.value)
-    return "\n".join(texts)
-
-
-def test_messages_that_are_explained_are_those_of_the_code() -> None:
-    page = text_of(ROOT / "doc/troubleshooting.md")
-    explained = re.findall(r'^### "(.*)"$', page, re.MULTILINE)
-    code = messages_of_the_code()
-    assert len(explained) > 10
-    assert [message for message in explained if message not in code] == []
-
-
-def test_the_page_on_the_code_names_what_is_there() -> None:
-    package = ROOT / "mp_pca_planner"
-    modules = [path.relative_to(ROOT).as_posix() for path in package.rglob("*")]
-    code = "\n".join(path.read_text(encoding="utf-8") for path in package.rglob("*.py"))
-    words = set(re.findall(r"\w+", code))
-    text = re.sub(r"^```.*?^```", "", text_of(CODE_PAGE), flags=re.MULTILINE | re.DOTALL)
-    for name in re.findall(r"`([^`]+)`", text) + re.findall(r"[\w/]+\.py", text):
-        if name.endswith(("/", ".py")):
-            path = "/" + name.strip("./")
-            assert any(x.endswith(path) for x in modules), name
-        else:
-            assert set(re.findall(r"\w+", name)) <= words, name
 
 
 def test_the_command_on_the_page_of_the_code_works(

@@ -68,9 +68,3 @@ def test_a_chosen_finger_stays(urdf: Path, tmp_path: Path) -> None:
     assert mp.load_demonstrations(bag, robot=urdf, joints=names)[0].joint_names == tuple(names)
     robot = mp.Robot.from_file(urdf)
     assert mp.load_demonstrations(bag, robot=robot)[0].joint_names == robot.joint_names
-
-
-def test_a_finger_that_moves_in_one_recording_stays_in_all(urdf: Path, tmp_path: Path) -> None:
-    bags = [record(tmp_path / f"{x}.mcap", x, seed) for seed, x in enumerate(["still", "moving"])]
-    found = mp.load_demonstrations(bags, robot=urdf)
-    assert {one.joint_names for one in found} == {(*JOINT_NAMES, "finger")}

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from support.arm import JOINTS, arm_demonstrations
 
-from mp_pca_planner.cli.goal_arguments import joint_values
 from mp_pca_planner.cli.main import main
 from mp_pca_planner.files import config_file
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -76,8 +75,3 @@ def test_degrees_are_read(command: str, run: Run) -> None:
     expected = {"shoulder1": -60.0, "shoulder2": 5.0, "shoulder3": 30.0, "elbow": -50.0}
     assert facts["goal"] == pytest.approx({n: math.radians(x) for n, x in expected.items()})
     assert facts["vias"][0]["elbow"] == pytest.approx(math.radians(-30.0), abs=1e-6)
-
-
-def test_metres_stay_metres_with_degrees() -> None:
-    values = joint_values("finger=0.02,elbow=90", ["elbow", "finger"], "--goal", angles=["elbow"])
-    assert values == {"finger": 0.02, "elbow": pytest.approx(math.pi / 2)}

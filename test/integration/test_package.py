@@ -54,20 +54,6 @@ print(*sorted(name for name in sys.modules if name.startswith("rclpy") or "_msgs
     assert result.stdout.strip() == ""
 
 
-def test_node_starts_without_the_slowest_parts_of_scipy() -> None:
-    pytest.importorskip("rclpy", reason="no ROS 2 here")
-    # Each takes as long to import as much of the rest; a goal may need them, the start doesn't.
-    slow = ("interpolate", "optimize", "signal", "spatial", "special", "stats")
-    code = f"""
-import sys
-import {PACKAGE}.ros.node
-print(*[name for name in {slow} if "scipy." + name in sys.modules])
-"""
-    result = run_python(code)
-    assert result.returncode == 0, result.stderr
-    assert result.stdout.strip() == ""
-
-
 # Commands
 
 

@@ -99,22 +99,6 @@ def test_columns_that_are_no_positions_are_no_joints(
     assert all(f"'{name}'" in note for name in others if name)
 
 
-def test_columns_are_joints_where_nothing_better_is_there_or_where_they_are_chosen(
-    tmp_path: Path,
-) -> None:
-    def joints(names: Sequence[str], **chosen: Any) -> tuple[str, ...]:
-        positions = np.tile(RECORDING.positions, len(names) // len(JOINT_NAMES))
-        return mp.load_demonstrations(write_csv(tmp_path / "t.csv", names, positions), **chosen)[
-            0
-        ].joint_names
-
-    actions = tuple(f"action.{name}" for name in JOINT_NAMES)
-    assert joints(actions) == actions
-    assert joints([f"{x}{k}" for x in ("q", "dq") for k in range(4)]) == ("q0", "q1", "q2", "q3")
-    named = ("elbow_vel", *JOINT_NAMES[1:])
-    assert joints(named, joints=named) == named
-
-
 def test_a_csv_file_is_built_inspected_and_refused_in_degrees(tmp_path: Path) -> None:
     table, output = write_csv(tmp_path / "table.csv"), tmp_path / "reach.npz"
     facts = build(table, "--robot", URDF, "--output", output)
@@ -402,36 +386,6 @@ def test_arrays_that_are_cut_are_warned_of_once_from_the_line_of_the_caller() ->
     with pytest.warns(UserWarning, match="5 of 5 motions begin or end while they move") as found:
         mp.MovementPrimitive.fit(cut, times=[0.01 * np.arange(len(one)) for one in cut])
     assert [Path(one.filename).name for one in found] == ["test_tables.py"]
-
-
-def by_share_of_path(q: np.ndarray) -> np.ndarray:
-    """Positions at the shares of a minimum-jerk motion of the path."""
-    path = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)))
-    s = np.linspace(0.0, 1.0, 101)
-    shares = 10 * s**3 - 15 * s**4 + 6 * s**5
-    return np.column_stack([np.interp(shares, path / path[-1], x) for x in q.T])
-
-
-def test_held_out_errors_are_distances_of_paths_and_are_summarised() -> None:
-    motions = generate_motions(12, 5)
-    reach = mp.MovementPrimitive.fit(motions[1:])
-    start, goal = motions[0].positions[[0, -1]]
-    predicted = reach.predict(start, goal, motions[0].duration)
-    shapes = [by_share_of_path(x.positions) for x in (motions[0], predicted)]
-    expected = np.sqrt(np.mean(np.subtract(*shapes) ** 2))
-    np.testing.assert_allclose(reach.errors(motions[:1]), expected, rtol=0.02)
-    arrays = reach.errors([motions[0].positions], times=[motions[0].times])
-    np.testing.assert_allclose(arrays, expected, rtol=0.2)
-    other = Demonstration.from_arrays(list("abcd"), motions[0].times, motions[0].positions)
-    with pytest.raises(PrimitiveError, match="not those of primitive"):
-        reach.errors([other])
-    facts, text = reach.summary(), str(reach)
-    assert 0.0 < facts["left_out_error"] < 0.9 * facts["minimum_jerk_error"]
-    goals = np.array([motion.positions[-1] for motion in motions[1:]])
-    found = np.array([facts["goals"][name] for name in reach.joint_names]).T
-    np.testing.assert_allclose(found, [goals.min(axis=0), goals.max(axis=0)], atol=1e-9)
-    assert f"left-out motions: {facts['left_out_error']:.3g} rad" in text
-    assert all(f"  {name}: starts " in text for name in reach.joint_names)
 
 
 @pytest.mark.parametrize(

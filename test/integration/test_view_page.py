@@ -29,14 +29,6 @@ if chromium_path() is None:
 PICTURES = os.environ.get("VIEW_PICTURES")  # folder for screenshots
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-# Left and upper edge of the panel, and width and height of the scene [pixels].
-EDGES = """() => {
-  let panel = document.querySelector(".mp-page");
-  while (!panel.parentElement.querySelector("canvas")) panel = panel.parentElement;
-  const box = panel.getBoundingClientRect(); return [box.left, box.top]; }"""
-SCENE = """() => {
-  const box = document.querySelector("canvas[data-engine]").getBoundingClientRect();
-  return [box.width, box.height]; }"""
 
 FOUND = "text=Motion found"
 
@@ -129,25 +121,6 @@ def test_the_page_loads_without_errors_and_without_the_internet(browser, page):
     keep(tab, "plan")
     assert errors == []
     assert {url for url in requests if not url.startswith((page.url, f"blob:{page.url}"))} == set()
-    tab.close()
-
-
-@pytest.mark.parametrize("size", [SIZE, (390, 844)])
-def test_the_panel_covers_neither_the_robot_nor_its_handle(browser, page, size):
-    tab = opened(browser, page, size=size)
-    until(page.server.get_clients)
-    width, height = size
-    (panel_left, panel_top), scene = tab.evaluate(EDGES), tab.evaluate(SCENE)
-    assert scene == ([panel_left, height] if width > height else [width, panel_top])
-    points = [page.stage.shapes.corners(q) for q in page.plan.motion.positions[[0, -1]]]
-    visible = np.concatenate([*points, page.plan.handle.position[None]])
-
-    def is_in_the_scene() -> bool:
-        places = np.array([on_screen(page, point) for point in visible])
-        return bool(np.all((places > 0.0) & (places < scene)))
-
-    until(is_in_the_scene)  # the view follows the size of the window
-    keep(tab, f"plan_{width}")
     tab.close()
 
 

@@ -41,30 +41,6 @@ def test_import_loads_nothing_but_the_package_itself() -> None:
     assert done.stdout.strip() == "set()"
 
 
-@pytest.mark.parametrize("name", mp.__all__)
-def test_public_name_is_there_with_a_docstring(name: str) -> None:
-    assert getattr(mp, name).__doc__
-    assert name in dir(mp)
-
-
-def test_a_printed_plan_is_a_table_of_what_matters() -> None:
-    demonstrations, _, robot, planner = planned()
-    plan = planner.plan(start=demonstrations[0].positions[0], goal={"elbow": -0.6})
-    lines = str(plan).splitlines()
-    assert lines[0] == f"Plan: solved, {plan.duration:.2f} s by 'raise_arm'"
-    assert f"score {plan.in_span_score:.1f}" in lines[1]
-    assert any("pairs of links were checked" in line for line in lines)
-    assert "some joints have no limit of" in str(plan)
-    for j, name in enumerate(robot.joint_names):
-        (row,) = (line.split() for line in lines if line.split()[0] == name)
-        ends = plan.trajectory.positions[[0, -1], j]
-        fastest = np.abs(plan.trajectory.velocities[:, j]).max()
-        np.testing.assert_allclose([float(x) for x in row[1:]], [*ends, fastest], atol=5.1e-4)
-    checked = mp.Planner(robot, planner.primitives, world=mp.World())
-    again = checked.plan(start=demonstrations[0].positions[0], goal={"elbow": -0.6})
-    assert "pairs of links were checked" in str(again)
-
-
 def test_predictions_far_from_the_demonstrations_warn_with_their_score() -> None:
     _, primitive, _, _ = planned()
     start, goal = primitive.boundary_states[0, [0, 3]]
@@ -166,22 +142,6 @@ def test_list_of_targets_is_a_sequence_through_all_of_them() -> None:
     assert plan.mode == "optimal" and len(plan.motions) == 3
     np.testing.assert_allclose(plan.motions[0].goal.positions, b)
     np.testing.assert_allclose(plan.trajectory.positions[-1], a, atol=1e-9)
-
-
-def test_pose_is_reached() -> None:
-    demonstrations, _, robot, planner = planned()
-    start, end = demonstrations[0].positions[[0, -1]]
-    there = robot.frame_positions(end[None], ["wrist"])[0, 0]
-    plan = planner.plan(start=start, goal=mp.Pose("wrist", there))
-    reached = robot.frame_positions(plan.trajectory.positions[-1:], ["wrist"])[0, 0]
-    np.testing.assert_allclose(reached, there, atol=1e-4)
-
-
-def test_report_counts_repairs_and_rejections(tmp_path: Path) -> None:
-    (tmp_path / "empty.mcap").write_bytes(b"")
-    demonstrations = mp.load_demonstrations([recording(), tmp_path / "empty.mcap"], robot=URDF)
-    assert f"{len(demonstrations)} motions in 1 usable recording(s)" in demonstrations.report
-    assert "rejected empty" in demonstrations.report
 
 
 @pytest.mark.parametrize(

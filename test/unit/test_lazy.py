@@ -5,8 +5,6 @@
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
-import pytest
-
 from mp_pca_planner.lazy import LazyModule
 
 
@@ -22,10 +20,3 @@ def test_module_is_imported_by_its_first_name_once_in_all_threads(tmp_path, monk
     with ThreadPoolExecutor(8) as threads:
         values = set(threads.map(lambda _: late.value, range(8)))
     assert values == {sys.modules.pop("imported_late").value} and count.read_text() == "x"
-
-
-def test_missing_modules_and_names_raise_what_an_import_raises():
-    with pytest.raises(ModuleNotFoundError, match="no_such_module"):
-        _ = LazyModule("no_such_module").value
-    with pytest.raises(AttributeError, match="no_such_name"):
-        _ = LazyModule("math").no_such_name

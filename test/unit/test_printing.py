@@ -17,7 +17,7 @@ import pytest
 from support.bags import reaching, stamped, write_bag
 
 import mp_pca_planner.cli.main as program
-from mp_pca_planner.exceptions import MissingDependencyError, PlannerError, printable
+from mp_pca_planner.exceptions import PlannerError, printable
 
 HOSTILE = "\x1b]0;owned\x07\nroot# \u202ecba\udcff"
 
@@ -151,8 +151,3 @@ def test_joints_called_as_mathematics_are_drawn_as_they_are_called(tmp_path: Pat
 
 
 # Hints
-
-
-def test_hint_names_this_python_and_the_extra() -> None:
-    text = str(MissingDependencyError("module", "plot", "drawing"))
-    assert f"{sys.executable} -m pip install 'mp_pca_planner[plot]'" in text

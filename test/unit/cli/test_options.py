@@ -14,12 +14,7 @@ from support.arm import arm_primitive
 from support.commands import refusal
 
 from mp_pca_planner.cli.main import COMMANDS, main, parse
-from mp_pca_planner.control.closed_loop import ErrorModel
 from mp_pca_planner.files import config_file
-from mp_pca_planner.input_limits import INPUT_LIMITS
-from mp_pca_planner.planning.objectives import OBJECTIVES
-from mp_pca_planner.planning.options import PlannerOptions
-from mp_pca_planner.primitives.build import PrimitiveOptions
 
 OF_ROS = {"planner_node", "simulate", "send_goal", "stop", "call", "demo"}
 MAX_LINES = 50
@@ -48,24 +43,6 @@ def test_sequence_is_another_name_of_plan() -> None:
     plan, sequence = parse("plan", words), parse("sequence", words)
     assert plan.via == ["2@0.5", "3", "-4"] and plan.goal == "-1,1"
     assert vars(plan) | {"command": "sequence"} == vars(sequence)
-
-
-def test_defaults_and_choices_are_those_of_the_library(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    planning, errors, building = PlannerOptions(), ErrorModel(), PrimitiveOptions()
-    longest = INPUT_LIMITS.duration
-    plan = parse("plan", [*GOAL, "--duration", f"{longest}"])
-    assert (plan.basis, plan.naturalness, plan.timing, plan.duration) == (
-        *(planning.basis, planning.naturalness, planning.timing, longest),
-    )
-    verify = parse("verify", GOAL)
-    assert (verify.inertia_error, verify.start_error) == (errors.inertia, errors.position)
-    build = parse("build_primitives", ["BAG", "--output", "p.npz"])
-    assert (build.coupling, build.variance) == (building.coupling, building.variance)
-    with pytest.raises(SystemExit):
-        parse("plan", ["--help"])
-    assert ", ".join(OBJECTIVES) in " ".join(capsys.readouterr().out.split())
 
 
 def test_arguments_for_ros_are_passed_on_as_they_are() -> None:

@@ -15,7 +15,6 @@ from support.worlds import ball_beside, least_distance
 
 from mp_pca_planner.exceptions import LearningError, PlannerError, TrajectoryError
 from mp_pca_planner.learning.refined_motion import (
-    AMPLITUDE,
     N_PARAMETERS,
     RefinedMotion,
     evaluate_warp,
@@ -63,15 +62,6 @@ def planned(i=0, j=3):
     )
     assert plan.is_executable
     return plan
-
-
-def test_no_parameters_leave_a_motion_as_it_is():
-    segments = joined_motions()
-    times = np.linspace(0.0, segments[0].duration, 50)
-    for mine, its in zip(
-        RefinedMotion(segments).evaluate(times), segments[0].evaluate(times), strict=True
-    ):
-        np.testing.assert_allclose(mine, its, atol=1e-9)
 
 
 @pytest.mark.parametrize("n_segments", [2, 17])
@@ -194,17 +184,6 @@ def test_limits_hold_that_the_free_optimum_breaks():
     assert found.original_cost > found.cost > free.cost
 
 
-def test_joined_segments_trade_time_within_the_whole():
-    first, second = joined_motions()
-    rest = JointState(JOINTS, first.goal.positions)
-    slow = Motion(first.start, rest, 1.8, first.basis, first.weights)
-    fast = Motion(rest, second.goal, 0.8, second.basis, second.weights)
-    found = refine([slow, fast], ROBOT, LIMITS)
-    assert found.cost < found.original_cost
-    assert found.motion.duration == pytest.approx(2.6, rel=1e-6)
-    assert abs(found.motion.durations[0] - 1.8) > 1e-3
-
-
 def test_time_that_costs_is_spared():
     plan = planned()
     cheap, dear = (refine([plan.motion], ROBOT, LIMITS, time_price=x) for x in (10.0, 300.0))
@@ -245,22 +224,6 @@ def test_family_expects_the_refined_motion_for_the_same_request():
     times = np.linspace(0.0, refined.duration, 101)
     np.testing.assert_allclose(expects.evaluate(times)[0], refined.evaluate(times)[0], atol=2e-3)
     assert family.metadata["refined_from"] == {"name": arm_primitive().name, "why": "test"}
-
-
-def test_amplitude_of_minus_one_is_the_motion_of_least_jerk():
-    first = joined_motions()[0]
-    straight = Motion(
-        first.start, first.goal, first.duration, first.basis, np.zeros(first.basis.n_weights)
-    )
-    parameters = np.zeros(N_PARAMETERS)
-    parameters[AMPLITUDE] = -1.0
-    times = np.linspace(0.0, first.duration, 21)
-    mean = first.basis.shape(straight.weights, times / first.duration)
-    np.testing.assert_allclose(
-        RefinedMotion([first], parameters).evaluate(times)[0],
-        straight.evaluate(times)[0] - mean,
-        atol=1e-12,
-    )
 
 
 @pytest.mark.parametrize("n_segments", [1, 2])

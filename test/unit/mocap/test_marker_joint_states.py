@@ -126,19 +126,6 @@ def test_frames_without_enough_markers_are_nan_and_told(tmp_path: Path) -> None:
     assert found.residuals["right_shoulder"].n_frames == N - 15 - 10
 
 
-def test_a_joint_that_stays_at_its_limit_is_told(tmp_path: Path) -> None:
-    places = markers()
-    path = write_marker_arrays(tmp_path / "bag", places)
-    narrow = tmp_path / "narrow.urdf"
-    text = URDF.read_text(encoding="utf-8").replace(
-        'lower="-2.7925" upper="0"', 'lower="-0.8" upper="0"'
-    )
-    narrow.write_text(text, encoding="utf-8")
-    q, found = solved(path, marker_source("/markers", narrow, MAP))
-    assert q[:, 3].min() == pytest.approx(-0.8)
-    assert any("joint 'elbow' is at its limit in" in note for note in found.joint_states.notes)
-
-
 def test_a_recording_in_which_nothing_can_be_solved_is_refused(tmp_path: Path) -> None:
     places = markers()
     places["right_wrist"][75:] = np.nan
@@ -214,22 +201,6 @@ def test_marker_recordings_become_a_primitive(
     status, out, _ = build(capsys, bag, *options, "--force")
     assert status == 0
     assert "distances of the markers from the model's, median and 95 % [mm]: '" in out
-
-
-def test_markers_before_the_damage_are_taken_on_request(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    places = {name: np.concatenate([p, p[::-1]] * 4) for name, p in markers().items()}
-    folder = write_marker_arrays(tmp_path / "session", places)
-    (file,) = (file for file in folder.iterdir() if file.suffix != ".yaml")
-    file.write_bytes(file.read_bytes()[: int(0.6 * file.stat().st_size)])
-    options = ("--markers", "/markers", "--robot", URDF, "--marker-map", MAP)
-    output = tmp_path / "x.npz"
-    status, _, err = build(capsys, file, *options, "--output", output)
-    assert status == 2 and "recovering it (--recover" in err
-    status, out, err = build(capsys, file, *options, "--output", output, "--salvage", "--json")
-    assert status == 0, err
-    assert 2 <= json.loads(out)["n_motions"] < 8
 
 
 def test_options_for_markers_come_together(

@@ -117,13 +117,6 @@ def test_collisions_with_obstacles_are_those_on_the_grid(margin):
     assert n_found >= 2
 
 
-def test_sliding_joints_reach_as_far_as_they_slide():
-    slide = chain(**{'<joint name="two" type="revolute">': '<joint name="two" type="prismatic">'})
-    # Along z: away from the base and back into the way of its box.
-    found = worst(CollisionModel(slide), motion([0.0, 0.4, 3.0], [0.0, 0.0, 3.0]))
-    assert found is not None and "c" in found.links
-
-
 def test_links_may_be_where_only_the_convex_hull_of_a_mesh_is(tmp_path):
     # Cubes of 0.1 m whose centres are 0.3 m before and behind the origin.
     cubes = [

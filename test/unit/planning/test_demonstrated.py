@@ -4,21 +4,11 @@
 
 import numpy as np
 import pytest
-from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from support.arm import JOINTS, arm_primitive, arm_robot
 from support.arm_plans import planner, request
 
 from mp_pca_planner.motion.goal import JointGoal, JointState
-from mp_pca_planner.planning.demonstrated import demonstrated_limits, demonstrated_peaks
-
-
-def measured() -> np.ndarray:
-    """Peaks of the recorded demonstrations, shape (2, n_joints)."""
-    curves = [[np.abs(d.velocities), np.abs(d.accelerations)] for d in arm_demonstrations()]
-    return np.max([[x.max(axis=0) for x in one] for one in curves], axis=0)
-
-
-def test_peaks_are_those_of_the_demonstrations():
-    np.testing.assert_allclose(demonstrated_peaks(arm_primitive()), measured(), rtol=0.25)
+from mp_pca_planner.planning.demonstrated import demonstrated_limits
 
 
 def far_goal() -> tuple[JointGoal, JointState]:

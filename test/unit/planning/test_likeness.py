@@ -5,17 +5,14 @@
 import numpy as np
 import pytest
 from support.arm import arm_primitive, arm_robot
-from support.obstacle_scenes import WALL, write_scene
 from support.patience import EVER
 from support.problems import random_ends
 
-from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.planning.objectives import jerk
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.recordings.synthetic import generate_motions
-from mp_pca_planner.robot.world import World
 
 
 def planned(ends, collision=None, duration=None, **options):
@@ -62,15 +59,3 @@ def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():
     plan = planned(unlike(), **smooth)
     assert slowest.trajectory.duration > 2.0 * shown.trajectory.duration
     assert plan.trajectory.duration == pytest.approx(shown.trajectory.duration)
-
-
-def test_a_detour_is_not_slower_than_the_demonstrations(tmp_path):
-    write_scene(tmp_path / "scene.yaml", [WALL], "human_arm")
-    ends = arm_primitive().boundary_states[0, [0, 3]]
-    plans = []
-    for timing in ("auto", "demonstrated"):
-        collision = CollisionModel(arm_robot(), world=World.from_file(tmp_path / "scene.yaml"))
-        plans.append(planned(ends, collision, timing=timing))
-    free, shown = plans
-    assert "a detour, because" in free.message
-    assert free.trajectory.duration <= shown.trajectory.duration

@@ -12,11 +12,10 @@ from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.validation import Violation
-from mp_pca_planner.planning.motion import N_LIMIT_POINTS, Tables, limit_phases
+from mp_pca_planner.planning.motion import N_LIMIT_POINTS, limit_phases
 from mp_pca_planner.planning.program.constraints import Findings
 from mp_pca_planner.planning.program.limits import MARGIN, QUANTITIES, Limits
 from mp_pca_planner.planning.program.motion_program import MotionProgram
-from mp_pca_planner.planning.program.segment import SegmentProgram, Unknowns
 from mp_pca_planner.planning.solver import solve
 
 FAR_FROM_LIMITS = [JointState(JOINTS, [0.0, 0.0, 0.0, -1.0])]
@@ -88,35 +87,6 @@ def test_gradient_and_rows_are_the_derivatives(name):
         np.testing.assert_allclose(rows[:, k], difference, atol=1e-6 * (1 + np.abs(rows).max()))
         slope = (ends[0].cost - ends[1].cost) / (2.0 * step)
         assert at.gradient[k] == pytest.approx(slope, rel=1e-5, abs=1e-6 * at.cost)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_a_step_from_rest_within_the_rows_keeps_bounds_at_a_free_duration(seed):
-    _, motion, limits = constrained("arm", {})
-    motion = replace(motion, start=JointState(JOINTS, motion.start.positions), duration=3.0)
-    unknowns = Unknowns(motion.basis.scales, motion.boundary, 3.0, duration_is_free=True)
-    tables = Tables(motion.basis)
-    inner = SegmentProgram(arm_robot(), tables, unknowns, motion.weights)
-    bounds = Limits(arm_robot(), tables, unknowns, limits, FAR_FROM_LIMITS)
-    timed = bounded(inner, bounds)
-    rng = np.random.default_rng(seed)
-    at = timed.evaluate(0.1 * rng.normal(size=unknowns.scales.size))
-    assert np.all((timed.lower < at.inequalities) & (at.inequalities < timed.upper))
-    kinematic = np.flatnonzero(groups_of(timed) < 4 * QUANTITIES.index("effort"))
-    beyond = {"bounds": [], "values": []}
-    for _ in range(20):
-        direction = rng.normal(size=unknowns.scales.size) * [0.3, 0.3, 0.3, 0.3, 3.0]
-        for name, found in beyond.items():
-            used = []
-            for sign, bound in ((1.0, timed.upper), (-1.0, timed.lower)):
-                given = bound[kinematic] if name == "bounds" else None
-                slope = sign * at.inequality_rows(kinematic, given) @ direction
-                used.append((slope / (sign * (bound - at.inequalities)[kinematic])).max())
-            # The longest step within all bounds to first order.
-            after = at.inequalities_after(direction / max(used))
-            found.append(np.maximum(after - timed.upper, timed.lower - after)[kinematic].max())
-    assert max(beyond["bounds"]) <= 1e-9
-    assert max(beyond["values"]) > 1e-3
 
 
 def test_an_end_near_a_limit_leaves_room_for_itself():

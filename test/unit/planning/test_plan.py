@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plan is plain values with a headline; a budget bounds its time."""
 
-import pickle
 import re
 import time
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -14,16 +12,6 @@ from support.arm_plans import planner, request
 
 import mp_pca_planner as mp
 from mp_pca_planner.motion.interpolation import interpolate
-
-
-def test_a_plan_survives_pickling_without_its_planner():
-    plan = planner().plan(*request(3))
-    content = pickle.dumps(plan)
-    assert len(fields(plan)) <= 14 and len(content) < 30_000
-    again = pickle.loads(content)
-    assert again.summary() == plan.summary() and str(again) == str(plan)
-    times = plan.trajectory.times
-    np.testing.assert_array_equal(again.motion.evaluate(times), plan.motion.evaluate(times))
 
 
 def test_the_headline_says_duration_likeness_clearance_and_efforts():

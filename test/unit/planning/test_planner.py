@@ -116,33 +116,6 @@ def test_a_duration_that_is_given_is_kept_and_otherwise_like_the_demonstrations(
     assert durations.min() * 0.8 < free < durations.max() * 1.2
 
 
-def test_more_naturalness_gives_motions_nearer_to_the_expected_one_at_more_effort():
-    costs, distances = [], []
-    for rho in (0.003, 0.03, 0.3, 30.0):
-        subject = planner(naturalness=rho)
-        plans = [subject.plan(*request(i)) for i in range(20)]
-        costs.append(np.mean([p.solution.effort_cost / p.solution.start_cost for p in plans]))
-        expected = [
-            arm_primitive().model.predict(*REQUESTS[i], p.motion.duration).weights
-            for i, p in enumerate(plans)
-        ]
-        off = [p.motion.weights - w for p, w in zip(plans, expected, strict=True)]
-        distances.append(np.mean(np.linalg.norm(off, axis=1)))
-    assert costs == sorted(costs) and costs[-1] > 0.99
-    assert distances == sorted(distances, reverse=True) and distances[-1] < 0.05 * distances[0]
-
-
-def test_b_splines_need_less_effort_than_components():
-    better = 0
-    for i in range(10):
-        pca = planner(naturalness=0.0).plan(*request(i, duration=0.9))
-        spline = planner(basis="bspline").plan(*request(i, duration=0.9))
-        assert len(spline.motion.weights) == 24
-        assert spline.goal_error <= 1e-12
-        better += spline.solution.effort_cost < pca.solution.effort_cost
-    assert better >= 9
-
-
 def test_the_state_may_have_more_joints_in_any_order():
     goal, start = request()
     wider = JointState(["gripper", *JOINTS[::-1]], [9.0, *start.positions[::-1]])
@@ -150,19 +123,6 @@ def test_the_state_may_have_more_joints_in_any_order():
         planner().plan(goal, wider).trajectory.positions,
         planner().plan(goal, start).trajectory.positions,
     )
-
-
-@pytest.mark.parametrize("coupling", ["arm", "joint"])
-def test_least_effort_alone_keeps_the_limits_too(coupling):
-    # Without naturalness the cheapest motions of this arm swing beyond its limits.
-    subject, natural = planner(coupling, naturalness=0.0), planner(coupling)
-    for i in range(20):
-        plan = subject.plan(*request(i))
-        assert plan.status == SOLVED, plan.message
-        assert plan.facts["naturalness"] == 0.0
-        assert plan.limit_check.worst_excess <= 1e-6
-        usual = natural.plan(*request(i))
-        assert plan.solution.effort_cost <= usual.solution.effort_cost * 1.001
 
 
 UNLIMITED = {

@@ -9,8 +9,7 @@ from support.arm import JOINTS, arm_primitive, arm_robot
 from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.planning.motion import Motion, cost_of, samples_of
-from mp_pca_planner.planning.objectives import effort
+from mp_pca_planner.planning.motion import Motion, samples_of
 from mp_pca_planner.primitives.basis import BSplineBasis
 
 
@@ -29,32 +28,12 @@ def test_the_chosen_nodes_integrate_the_effort_as_adaptive_quadrature_does(name)
         assert found == pytest.approx(exact, rel=1e-3)
 
 
-def test_running_costs_are_those_of_the_motion_and_naturalness_is_zero_at_the_expected_weights():
-    program, motion = compile_motion(BASES["joint"])
-    z = motion.weights / program.unknowns.scales
-    objectives = [(1.0, effort)]
-    cost = cost_of(arm_robot(), motion, program.tables, objectives)
-    assert program.at(z)[1].cost == pytest.approx(cost, rel=1e-12)
-    assert program.effort(z) == pytest.approx(cost, rel=1e-12)
-    program.precision = np.eye(z.size)
-    assert program.naturalness(program.expected).cost == 0.0
-    assert program.naturalness(program.expected + 2.0).cost == pytest.approx(2.0 * z.size)
-
-
 @pytest.fixture(params=["pca", "bspline"])
 def motion(request):
     rng = np.random.default_rng(0)
     basis = arm_primitive().basis if request.param == "pca" else BSplineBasis(4)
     start, goal = (JointState(JOINTS, *rng.normal(size=(3, 4))) for _ in range(2))
     return Motion(start, goal, 0.83, basis, basis.scales * rng.normal(size=basis.n_weights))
-
-
-def test_the_ends_are_met_continuously(motion):
-    times = np.array([0.0, 1e-7, 0.83 - 1e-7, 0.83])
-    q, v, a = motion.evaluate(times)
-    for near, end in ((1, 0), (2, 3)):
-        for x, bound in ((q, 1e-5), (v, 1e-3), (a, 0.1)):
-            assert np.abs(x[near] - x[end]).max() < bound
 
 
 def test_velocities_and_accelerations_are_time_derivatives(motion):

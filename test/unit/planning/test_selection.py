@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Selection against scores computed one by one, and against what primitives were made from."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from support.arm import arm_demonstrations, arm_robot
 from support.patience import PATIENT
 
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
+from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.selection import Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
@@ -34,15 +32,6 @@ def scores_of(primitives: list[MovementPrimitive], *ends: np.ndarray) -> np.ndar
     return np.array([one.model.predict(*ends).in_span_score for one in primitives])
 
 
-def test_the_least_score_is_that_of_the_nearest_primitive() -> None:
-    primitives = library()
-    selector = Selector(arm_robot(), primitives)
-    for motion in arm_demonstrations(6, 9):
-        start, goal = motion.positions[[0, -1]]
-        single = [one.model.predict(start, goal, 0.4).in_span_score for one in primitives]
-        assert selector.least_score(start, goal, 0.4) == pytest.approx(min(single), rel=1e-9)
-
-
 def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
     robot, primitives = arm_robot(), library()
     planner = Planner(robot, primitives, robot.limits(), PATIENT)
@@ -58,21 +47,6 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
         assert plan.solution.cost == pytest.approx(cheapest.solution.cost, rel=1e-6)
         n_contested += len(names) > 1
     assert n_contested
-
-
-def test_a_pose_and_the_shortest_duration_are_planned_with_the_first_alone() -> None:
-    robot, primitives = arm_robot(), library()
-    start, goal = arm_demonstrations(6, 9)[4].positions[[0, -1]]
-    here = JointState(robot.joint_names, start)
-    pose = Pose("wrist", robot.frame_positions(goal[None], ["wrist"])[0, 0])
-    shortest = replace(PATIENT, timing="shortest")
-    for request, options in (
-        (PoseGoal(pose), PATIENT),
-        (JointGoal(JointState(robot.joint_names, goal)), shortest),
-    ):
-        plan = Planner(robot, primitives, robot.limits(), options).plan(request, here)
-        _, (first, *_) = Selector(robot, primitives).choose(start, plan.motion.goal.positions)
-        assert plan.is_executable and plan.primitive == first.primitive.name
 
 
 def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:

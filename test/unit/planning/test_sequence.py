@@ -16,13 +16,12 @@ from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, SequenceGoal
 from mp_pca_planner.motion.validation import check_limits
 from mp_pca_planner.planning.context import Budget
-from mp_pca_planner.planning.options import MODES, OPTIMAL, REAL_TIME, SolverOptions
+from mp_pca_planner.planning.options import MODES, OPTIMAL, REAL_TIME
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.planning.program.compile import Setting, compile_program, joined_motion
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.resolve import resolve
-from mp_pca_planner.planning.solver import solve
 
 
 def planner(max_solve_time: float = np.inf, **overrides: float) -> Planner:
@@ -130,23 +129,6 @@ def test_derivatives_of_a_chain_agree_with_finite_differences(posed: bool) -> No
             np.testing.assert_allclose(at.equality_rows @ step, slopes, atol=1e-6)
 
 
-@pytest.mark.parametrize("posed", [False, True])
-def test_nothing_near_the_optimum_of_a_chain_is_better(posed: bool) -> None:
-    program = chained(posed, with_limits=False)
-    x = program.starts[0]
-    found = solve(program, x, SolverOptions(tolerance=1e-10, max_iterations=200))
-    assert found.converged
-    rows = program.evaluate(found.unknowns).equality_rows
-    rng = np.random.default_rng(1)
-    for scale in (1e-3, 1e-2, 1e-1):
-        step = scale * rng.standard_normal(x.size)
-        for _ in range(20):  # back to the poses
-            errors = program.equalities_at(found.unknowns + step)
-            step = step - np.linalg.pinv(rows) @ errors if errors.size else step
-        assert np.abs(program.equalities_at(found.unknowns + step)).max(initial=0.0) < 1e-9
-        assert program.evaluate(found.unknowns + step).cost > found.cost * (1.0 - 1e-6)
-
-
 def test_tight_limits_are_kept_by_taking_more_time() -> None:
     goal, start = request(3)
     plan = planner(max_velocity=0.6, max_acceleration=3.0).plan(goal, start)
@@ -242,14 +224,6 @@ def test_bodies_that_meet_between_poses_are_found_and_avoided() -> None:
     assert plan.is_executable and not referee.collisions(plan.trajectory)
 
 
-def test_beyond_the_range_of_durations_no_pose_is_reached() -> None:
-    program = chained(True, with_limits=False)
-    for change in (-1e3, 1e3):
-        x = program.starts[0] + change
-        assert np.isnan(program.evaluate(x).cost)
-        assert np.abs(program.equalities_at(x)).sum() == np.inf
-
-
 def test_optimiser_moves_configurations_along_their_poses() -> None:
     goal, start = with_poses()
     free = planner().plan(goal, start)
@@ -260,14 +234,3 @@ def test_optimiser_moves_configurations_along_their_poses() -> None:
     assert max(np.abs(moved[k]).max() for k in (0, 2, 3)) > 0.01
     assert not moved[1].any()
     assert free.effort_cost < 0.999 * fixed.effort_cost
-
-
-def test_most_demonstrated_of_several_configurations_is_chosen() -> None:
-    ends = configurations(6, seed=1)
-    for start, middle, end in zip(ends[:2], ends[2:4], ends[4:], strict=True):
-        goal = SequenceGoal((wrist_pose(middle), JointState(JOINTS, end)))
-        plan = planner().plan(goal, JointState(JOINTS, start), REAL_TIME)
-        # The demonstrations hold one, so that a worse one would be a mistake.
-        known = SequenceGoal((JointState(JOINTS, middle), goal.targets[1]))
-        usual = planner().plan(known, JointState(JOINTS, start), REAL_TIME)
-        assert plan.in_span_score < 1.5 * usual.in_span_score + 0.5

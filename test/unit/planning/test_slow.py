@@ -98,16 +98,6 @@ def test_fixed_duration_is_kept_or_refused(duration, moving):
     assert "timing 'shortest' finds the shortest one" in plan.message
 
 
-def test_goal_velocity_is_reached_from_rest_before_it():
-    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME, allow_nonzero_end_velocity=True)
-    goal, start = request(1)
-    state = JointState(JOINTS, goal.state.positions, np.full(4, 0.2), np.full(4, 0.1))
-    plan = subject.plan(JointGoal(state), start)
-    assert plan.is_executable, plan.message
-    assert not check_limits(plan.trajectory, arm_robot(), LIMITS).violations
-    np.testing.assert_array_equal(plan.trajectory.velocities[-1], state.velocities)
-
-
 def test_slow_motion_in_collision_is_not_returned():
     start, goal = ACROSS_BASE
     model = CollisionModel(chain())

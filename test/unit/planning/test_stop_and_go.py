@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.interpolate import BPoly
 from support.arm import JOINTS, arm_robot
 from support.dense import minimum_jerk_motion
 
-from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import Violation, check_limits
-from mp_pca_planner.planning.motion import samples_of
-from mp_pca_planner.planning.search.stop_and_go import FixedShape, StopAndGo, stop_and_go
+from mp_pca_planner.planning.search.stop_and_go import StopAndGo, stop_and_go
 from mp_pca_planner.planning.time_scaling import (
     least_duration,
     least_stretch,
@@ -72,24 +69,6 @@ def test_stretch_holds_for_efforts_with_damping_and_friction(first, second, dura
     if 0.0 < stretch < np.inf:
         slow = minimum_jerk(start, goal, longer * stretch * duration)
         assert np.abs(robot.inverse_dynamics(*slow.states)).max() <= 20.0 * (1.0 + 1e-9)
-
-
-@given(shares, shares, st.floats(0.2, 5.0))
-def test_stretch_of_a_minimum_jerk_motion_gives_its_least_duration(first, second, duration):
-    robot, start, goal = arm_robot(), configuration(first), configuration(second)
-    limits = limits_of(max_velocity=0.7, max_acceleration=2.0, max_jerk=9.0)
-    motion = minimum_jerk(start, goal, duration)
-    s = motion.times[:, None] / duration
-    jerks = (goal - start) * (60.0 - 360.0 * s + 360.0 * s**2) / duration**3
-    states = np.array([motion.positions, motion.velocities, motion.accelerations, jerks])
-    for bounds in (limits, limits_of(max_effort=50.0), limits_of(max_effort=0.01)):
-        stretch = least_stretch(robot, bounds, states)
-        try:
-            least = least_duration(robot, bounds, start, goal)
-        except TrajectoryError:
-            assert stretch == np.inf
-        else:
-            assert stretch * duration == pytest.approx(least, rel=5e-3, abs=1e-6)
 
 
 @given(shares, signed, signed)
@@ -175,33 +154,6 @@ def test_motion_rests_at_each_place_and_its_segments_are_the_same(moving):
         values = [x[0] for x in whole.evaluate(np.array([moment]))]
         expected = (state.positions, state.velocities, state.accelerations)
         np.testing.assert_array_equal(values, expected)
-
-
-@pytest.mark.parametrize("moving", [False, True])
-def test_motion_in_its_least_durations_keeps_the_limits(moving):
-    route = through(moving=moving)
-    (motion,) = route.motions(route.durations, [len(route.durations)])
-    times, states = samples_of(motion, STEP)
-    limits = limits_of(max_velocity=2.0, max_acceleration=4.0)  # jerks are sampled between knots
-    assert not check_limits(Trajectory(JOINTS, times, *states), arm_robot(), limits).violations
-
-
-def test_shape_is_that_of_the_quintics_through_the_knots():
-    route = through(moving=True)
-    (motion,) = route.motions(route.durations, [len(route.durations)])
-    random = np.random.default_rng(0)
-    times = np.array([0.0, 0.2, 0.5, 1.3])
-    states = random.standard_normal((3, 4, 4))
-    basis = FixedShape(times, states)
-    pieces = BPoly.from_derivatives(times, states.transpose(1, 0, 2))
-    ends = BPoly.from_derivatives(times[[0, -1]], states[:, [0, -1]].transpose(1, 0, 2))
-    t = np.linspace(0.0, 1.3, 57)
-    for order, shape in enumerate(basis.shapes(np.zeros(0), t / 1.3, 3)):
-        expected = pieces.derivative(order)(t)
-        expected -= ends.derivative(order)(t)
-        np.testing.assert_allclose(shape / 1.3**order, expected, rtol=1e-7, atol=1e-6)
-    assert motion.basis.tables(t, 2).shape == (3, 57, 4, 1)
-    assert motion.basis.functions(t).shape == (57, 4, 0)
 
 
 @pytest.mark.parametrize(

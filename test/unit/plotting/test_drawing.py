@@ -20,11 +20,8 @@ from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.plotting.motion import motion_figure, outlines, plan_figure
 from mp_pca_planner.plotting.primitive import primitive_figure
-from mp_pca_planner.plotting.report import recording_figure
-from mp_pca_planner.plotting.style import MAX_BEHIND, add_header, line, picture, styled_figure
+from mp_pca_planner.plotting.style import MAX_BEHIND, picture, styled_figure
 from mp_pca_planner.primitives.differences import PHASES
-from mp_pca_planner.recordings.recording_set import RecordingReport, Segment
-from mp_pca_planner.recordings.segmentation import SpeedThresholds
 from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.world import Box, Capsule, Cylinder, Obstacle, Shape, Sphere, World
 
@@ -102,19 +99,6 @@ def test_the_limit_that_a_joint_uses_most_is_stated(share: float) -> None:
     assert [axes.get_title(loc="right") for axes in rows] == ["", f"{most} % of the {name} limit"]
 
 
-def test_near_limits_of_the_position_are_lines_and_far_ones_are_stated() -> None:
-    motion = trajectory()
-    top = float(motion.positions[:, 0].max())
-    near = {"min_position": -0.3, "max_position": top + 0.2}
-    limits = JointLimits(["joint0", "joint1"], {"joint0": near, "joint1": {"min_position": -9.0}})
-    with styled_figure() as figure:
-        rows = motion_figure(figure, {"a": motion}, "Motion", limits)
-    drawn = [axis.get_ydata()[0] for axis in rows[0].lines[1:]]
-    np.testing.assert_allclose(drawn, np.rad2deg([-0.3, top + 0.2]))
-    assert rows[0].get_title(loc="right") == "" and len(rows[1].lines) == 1
-    assert rows[1].get_title(loc="right") == "range -516 to inf deg"
-
-
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.9])
 
 
@@ -152,52 +136,6 @@ def all_legends_inside(figure: Any) -> bool:
         box.x0 >= 0.0 and box.y0 >= 0.0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
         for box in boxes
     )
-
-
-@pytest.mark.parametrize("length", [5, 200])
-def test_titles_and_legends_are_never_cut(length: int) -> None:
-    lines = [line(f"{i} " + length * "m", "#000000") for i in range(5)]
-    with styled_figure() as figure:
-        figure.set_size_inches(7.0, 2.0)
-        add_header(figure, 3 * length * "m", lines)
-        figure.subplots()
-        figure.draw_without_rendering()
-    box, (axes,) = figure.legends[0].get_window_extent(), figure.axes
-    assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
-    assert axes.get_tightbbox().y1 <= box.y0 + 1.0
-    assert axes.get_window_extent().height > 1.5 * figure.dpi
-
-
-@pytest.mark.parametrize(("n_joints", "length"), [(1, 6), (14, 40), (40, 12)])
-def test_legend_of_a_recording_names_every_joint_and_is_never_cut(
-    n_joints: int, length: int
-) -> None:
-    joints = tuple(f"{i}" + length * "m" for i in range(n_joints))
-    times = np.linspace(0.0, 9.0, 50)
-    positions = np.outer(np.sin(times), np.arange(1, n_joints + 1))
-    report = RecordingReport(
-        *("session", "session.mcap", "mcap", "/joint_states", 50, 5.0, 9.0, joints, "", {}),
-        motions=(Segment(1.0, 2.0), Segment(4.0, 6.0)),
-        thresholds=SpeedThresholds(0.2, 0.5),
-        notes=(),
-        overview=(times, positions, np.abs(np.cos(times))),
-    )
-    with styled_figure() as figure:
-        recording_figure(figure, report)
-        assert all_legends_inside(figure)
-    texts = [text.get_text().replace("\n", "") for text in figure.legends[0].get_texts()]
-    assert texts == [*joints, "motion", "rest"]
-
-
-def test_names_are_shown_as_they_are() -> None:
-    name = "a$_b$\n\x1b"
-    motion = Trajectory([name], [0.0, 1.0], [[0.0], [1.0]], np.zeros((2, 1)), np.zeros((2, 1)))
-    with styled_figure() as figure:
-        motion_figure(figure, {name: motion}, name)
-        figure.draw_without_rendering()
-        texts = [figure.axes[0]._left_title, *figure.legends[0].get_texts()]
-    assert [text.get_text() for text in texts] == [r"a$_b$\n\x1b"] * 2
-    assert not any(text.get_parse_math() for text in texts)
 
 
 def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:

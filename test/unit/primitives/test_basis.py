@@ -45,12 +45,3 @@ def test_series_agree_with_those_of_an_independent_library(degree):
         tolerance = 1e-12 * np.abs(expected).max()
         for values in (found[order], legendre_values(series, phases, order)):
             np.testing.assert_allclose(values, np.moveaxis(expected, 2, 0), atol=tolerance)
-
-
-def test_b_splines_have_six_free_control_points_per_joint_and_smooth_accelerations():
-    basis = BSplineBasis(4)
-    assert basis.n_weights == 24
-    step = 1e-9
-    inner = basis.breakpoints[1:-1]
-    jump = basis.functions(inner + step, 2) - basis.functions(inner - step, 2)
-    assert np.abs(jump).max() < 1e-4

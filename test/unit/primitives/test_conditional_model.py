@@ -137,15 +137,6 @@ def reversed_in_time(motion):
     )
 
 
-@pytest.mark.parametrize("n", [1, 2])
-def test_one_or_two_demonstrations_are_repeated(n):
-    x = np.column_stack([np.arange(2.0 * n).reshape(n, 2), np.full(n, np.log(0.5))])
-    found = fit(x, np.full((n, 1), 3.0)).predict(x[0, :1], x[0, 1:2])
-    assert found.weights == pytest.approx([3.0], rel=1e-2)
-    assert found.duration == pytest.approx(0.5)
-    assert np.isfinite(found.in_span_score)
-
-
 def timed(starts, goals, durations):
     """A model of straight motions."""
     requests = np.column_stack([starts, goals, np.log(durations)])
@@ -192,14 +183,6 @@ def test_errors_of_new_motions_are_as_large_as_predicted(n):
             squares.append(np.mean((rng.normal(size=2) - found.weights + STRAIGHT) ** 2))
             predicted.append(found.variance * np.trace(found.covariance) / 2.0)
     assert 0.3 < np.mean(squares) / np.mean(predicted) < 1.3
-
-
-def test_errors_are_expected_to_be_larger_far_from_the_demonstrations():
-    model = fit(*example(20))
-    near, far = (model.predict(*np.split(model.requests[0, :4] + x, 2)) for x in (0.0, 8.0))
-    assert far.variance > 4.0 * near.variance
-    # The naturalness of a plan doesn't depend on how far its request is.
-    np.testing.assert_array_equal(far.covariance, near.covariance)
 
 
 def test_more_than_200_demonstrations_are_thinned_out():

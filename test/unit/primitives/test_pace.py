@@ -11,7 +11,6 @@ from mp_pca_planner.primitives.basis import PacedBasis, legendre_values
 from mp_pca_planner.primitives.timing import (
     KNOTS,
     fit_paces,
-    reversed_paces,
     time_scaling,
 )
 
@@ -36,12 +35,6 @@ def test_time_scaling_is_a_polynomial_that_is_even_at_its_ends():
     ends = np.array([0.0, 1.0])
     for derivative, value in ((1, 1.0), (2, 0.0)):
         np.testing.assert_allclose(aligned(PACE, ends, derivative), value, atol=1e-9)
-
-
-def test_a_reversed_pace_runs_backwards():
-    (backwards,) = reversed_paces(PACE[None])
-    found = aligned(backwards)
-    np.testing.assert_allclose(found, 1.0 - aligned()[::-1], atol=1e-9)
 
 
 def test_the_most_uneven_pace_still_increases():
@@ -77,15 +70,6 @@ def test_motions_that_are_cut_off_are_calm_at_the_ends():
     for bound in (150.0, 100.0):
         found = fit_paces(np.repeat(warp, 2, axis=0), np.array([bound / 1.2, np.inf]))
         assert jerk_at_ends(found[0]) <= 1.01 * bound < jerk_at_ends(found[1])
-
-
-def test_a_paced_motion_goes_the_same_way():
-    basis, weights = arm_primitive().basis, np.array([0.3, -0.2, 0.1, 0.4])
-    family = paced()
-    even = np.clip(aligned(), 0.0, 1.0)
-    there = hermite_functions(PHASES)[:, 3:4] * WAY + family.shape(weights, PHASES)
-    here = hermite_functions(even)[:, 3:4] * WAY + basis.shape(weights, even)
-    np.testing.assert_allclose(there, here, atol=1e-12)
 
 
 @pytest.mark.parametrize("derivative", [1, 2, 3])

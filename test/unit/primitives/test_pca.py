@@ -46,12 +46,6 @@ def test_constant_samples_give_no_components(rows):
     np.testing.assert_array_equal(found.transform(rows), np.zeros((len(rows), 0)))
 
 
-def test_samples_of_low_rank_give_as_many_components_as_they_have():
-    rng = np.random.default_rng(0)
-    found = fit_components(rng.normal(size=(20, 2)) @ rng.normal(size=(2, 9)))
-    assert len(found.components) == 2
-
-
 @pytest.mark.parametrize(("share", "n"), [(0.5, 1), (0.55, 2), (0.8, 2), (0.80001, 3), (1.0, 3)])
 def test_the_fewest_components_that_reach_a_share_are_taken(share, n):
     corners = np.vstack([np.diag([a, b, c]) for a, b, c in ((1, 1, 1), (-1, -1, -1))])

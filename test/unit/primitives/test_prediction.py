@@ -48,10 +48,6 @@ def test_predicted_motion_goes_from_rest_to_rest_along_the_expected_path(duratio
     np.testing.assert_allclose(slope, motion.velocities, atol=2e-2)
 
 
-def test_a_primitive_says_how_well_it_predicts():
-    assert "% nearer than minimum-jerk motions (" in str(arm_primitive())
-
-
 def test_draws_scatter_about_the_expected_motion_as_the_covariance_states():
     start, goal = request()
     draws = np.array([m.positions for m in arm_primitive().sample(400, start, goal, seed=1)])
@@ -64,16 +60,6 @@ def test_draws_scatter_about_the_expected_motion_as_the_covariance_states():
     covariance = model.variance * model.covariance
     variance = np.einsum("sjk,kl,sjl->sj", functions, covariance, functions)
     np.testing.assert_allclose(spread[20:-20], np.sqrt(variance[20:-20]), rtol=0.2)
-
-
-def test_draws_of_a_single_demonstration_are_its_prediction():
-    primitive = MovementPrimitive.fit(arm_demonstrations()[:1])
-    assert primitive.n_components == 0
-    expected = primitive.predict(*request())
-    draws = primitive.sample(2, *request())
-    assert len(draws) == 2
-    for draw in draws:
-        np.testing.assert_array_equal(draw.positions, expected.positions)
 
 
 @pytest.mark.parametrize(

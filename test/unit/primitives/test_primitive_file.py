@@ -52,16 +52,6 @@ def test_a_file_is_saved_under_its_ending_and_not_over_another(path, tmp_path):
     assert list(tmp_path.iterdir()) == [path] and path.read_bytes() == before
 
 
-def test_primitives_are_frozen(path):
-    loaded = load_primitive(path)
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        loaded.name = "other"
-    for owner in (loaded, loaded.model):
-        for field in dataclasses.fields(owner):
-            value = getattr(owner, field.name)
-            assert not (isinstance(value, np.ndarray) and value.flags.writeable)
-
-
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [

@@ -17,11 +17,10 @@ from pathlib import Path
 import pytest
 from support import commands
 from support.bags import reaching, stamped, write_bag
-from support.cluster_work import die
 from support.patience import HANG
 
-from mp_pca_planner.exceptions import MissingDependencyError, RecordingError
-from mp_pca_planner.recordings import load, workers
+from mp_pca_planner.exceptions import MissingDependencyError
+from mp_pca_planner.recordings import workers
 from mp_pca_planner.recordings.load import load_recordings
 
 build = partial(commands.result, "build_primitives")
@@ -102,16 +101,6 @@ def test_cluster_gives_the_same_bytes(
     assert dask.read_bytes() == local.read_bytes()
     assert there["repairs"] == here["repairs"]
     assert [refused["recording"] for refused in there["refused"]] == ["broken"]
-
-
-@pytest.mark.slow
-def test_workers_that_die_are_told(
-    bags: Path, start: Callable[..., Cluster], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(load, "load_one", die)
-    strict = start([OURS], DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0")
-    with pytest.raises(RecordingError, match=r"can't be used.*enough memory \(KilledWorker"):
-        load_recordings(bags, dask=strict.address)
 
 
 @contextmanager

@@ -7,13 +7,12 @@ from __future__ import annotations
 import os
 import random
 import shutil
-import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.bags import EPOCH, FORMATS, S, reaching, stamped, write_bag
-from support.compressed_bags import compressed_bag, storage_file
+from support.compressed_bags import compressed_bag
 
 from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.input_limits import INPUT_LIMITS
@@ -39,31 +38,6 @@ def test_pipe_or_device_is_refused_without_waiting(tmp_path: Path) -> None:
     (bag / "metadata.yaml").unlink()
     os.mkfifo(bag / "metadata.yaml")
     assert "not a regular file" in refusal(bag)
-
-
-def test_metadata_that_multiplies_by_aliases_is_refused(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0, 1])))
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
-    lines += [f"a{i}: &a{i} [{', '.join(9 * [f'*a{i - 1}'])}]" for i in range(1, 12)]
-    lines += ["rosbag2_bagfile_information: {version: *a11}"]
-    (path / "metadata.yaml").write_text("\n".join(lines), encoding="utf-8")
-    reason = refusal(path)
-    assert "aliases" in reason
-    assert len(reason) < 1000
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        "UPDATE messages SET data = 'text' WHERE id = 7",
-        "ALTER TABLE messages RENAME COLUMN data TO q",
-    ],
-)
-def test_table_with_other_content_is_refused_by_name(tmp_path: Path, change: str) -> None:
-    path = write_bag(tmp_path / "x", "sqlite3", stamped(reaching([0, 1])))
-    with sqlite3.connect(storage_file(path)) as database:
-        database.execute(change)
-    assert str(path) in refusal(path)
 
 
 def test_more_joints_than_any_robot_has_are_refused_unless_some_are_chosen(tmp_path: Path) -> None:
@@ -121,6 +95,7 @@ def test_mutated_bags_are_used_or_refused_by_name(tmp_path: Path, kind: str) -> 
         file.write_bytes(mutated(file.read_bytes(), random_))
         loaded = load_recordings([victim], salvage=number % 2 == 0)
         assert len(loaded.reports) + len(loaded.refused) == 1
+        assert number % 2 == 0 or {report.n_messages for report in loaded.reports} <= {300}
         try:
             inspect_recording(victim, salvage=number % 2 == 0)
         except PlannerError as error:

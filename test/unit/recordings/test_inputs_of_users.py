@@ -176,15 +176,6 @@ def test_rests_at_both_ends_are_cut_whatever_the_flicker(tmp_path: Path, noise: 
         np.testing.assert_allclose(one.positions[[0, -1]], q[[0, -1]], atol=0.02)
 
 
-def test_short_noisy_rests_are_cut_and_said(tmp_path: Path) -> None:
-    rng, tick = np.random.default_rng(0), 0.0879
-    episodes = [np.rad2deg(rested([q], 0.5)) for q in reaches(6)]
-    noisy = [np.round((q + rng.normal(0.0, 0.15, q.shape)) / tick) * tick for q in episodes]
-    found = mp.load_demonstrations(write_csv(tmp_path / "t.csv", NAMES, noisy), degrees=True)
-    assert max(x.duration for x in found) < 2.3
-    assert "rests cut at the ends of 6 of 6 motions" in found.report
-
-
 def test_episodes_without_motion_are_named(tmp_path: Path) -> None:
     episodes = [q[:1].repeat(len(q), 0) if k == 2 else q for k, q in enumerate(reaches(6))]
     found = mp.load_demonstrations(write_csv(tmp_path / "t.csv", NAMES, episodes))

@@ -34,17 +34,6 @@ def test_reaches_keep_the_limits_and_go_from_rest_to_rest(robot, limits):
         assert np.abs(reach.positions[-1] - reach.positions[0]).max() > 0.1
 
 
-def test_reaches_of_one_task_are_alike_and_those_of_another_are_not(robot, limits):
-    def goals(seed: int, task: int) -> np.ndarray:
-        reaches = random_reaches(robot, limits, 8, seed, task=task)
-        return np.array([reach.positions[-1] for reach in reaches])
-
-    one, two, other = goals(1, 0), goals(2, 0), goals(1, 1)
-    spread = one.std(axis=0).max()
-    assert np.linalg.norm(one.mean(axis=0) - two.mean(axis=0)) < 2.0 * spread
-    assert np.linalg.norm(one.mean(axis=0) - other.mean(axis=0)) > 2.0 * spread
-
-
 def test_arm_that_can_hold_nothing_is_refused_in_a_sentence(robot):
     weak = robot.limits({name: {"max_effort": 1e-3} for name in JOINTS})
     with pytest.raises(RecordingError, match="at least 1, got 0"):

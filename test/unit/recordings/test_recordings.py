@@ -185,6 +185,8 @@ def test_chosen_topic_is_read(tmp_path: Path) -> None:
     assert "'/joint_states', '/other'" in load_recordings([path]).refused[0].reason
     assert "'/joint_states', '/other'" in load_recordings([path], topic="/x").refused[0].reason
     assert load_recordings([path], topic="/joint_states").reports[0].topic == "/joint_states"
+    with pytest.raises(RecordingError, match="'states' needs a topic"):
+        load_recordings([path], state_field="states")
 
 
 def write_joints(path: Path, *joints: tuple[str, ...]) -> Path:
@@ -270,19 +272,6 @@ def test_movements_that_are_small_beside_those_of_the_set_are_rest(tmp_path: Pat
     assert "1 motions over less than 10% of the extent of the largest" in report.notes[0]
 
 
-@pytest.mark.parametrize("joints", [None, ["b", "a"]])
-def test_recordings_of_the_same_joints_in_another_order_are_one_set(
-    tmp_path: Path, joints: list[str] | None
-) -> None:
-    write_bag(tmp_path / "one", "mcap", stamped(REACHES))
-    # Twice as large: the same samples would be those of a copy.
-    write_bag(tmp_path / "two", "mcap", stamped(2.0 * REACHES[:, ::-1], names=("b", "a")))
-    loaded = load_recordings([tmp_path], joints=joints)
-    assert {d.joint_names for d in loaded.demonstrations} == {tuple(joints or ("a", "b"))}
-    for first, second in zip(*np.reshape(list(loaded.demonstrations), (2, 2)), strict=True):
-        np.testing.assert_allclose(2.0 * first.positions, second.positions, atol=1e-12)
-
-
 @pytest.mark.parametrize("rate", [10, 25, 100, 400])
 @pytest.mark.parametrize("noise", [1e-4, 3e-3])
 def test_noise_alone_is_no_motion(tmp_path: Path, rate: int, noise: float) -> None:
@@ -291,18 +280,6 @@ def test_noise_alone_is_no_motion(tmp_path: Path, rate: int, noise: float) -> No
     for segment in ("auto", "none"):
         (refused,) = load_recordings([path], segment=segment).refused
         assert "no motion" in refused.reason or "nothing moves" in refused.reason
-
-
-def test_gestures_of_a_humanoid_are_loaded(shared_data: Path) -> None:
-    joints = [f"arm_right_{number}_joint" for number in range(1, 8)]
-    loaded = load_recordings([shared_data / "reem_gestures" / "*.bag"], joints=joints)
-    assert loaded.refused == ()
-    assert len(loaded.reports) == 5
-    for report in loaded.reports:
-        assert 1 <= len(report.motions) <= 8
-        assert report.rate == pytest.approx(50.0, rel=0.01)
-        assert report.motions[0].start == pytest.approx(0.5, abs=0.1)
-        assert "simulation time" in report.notes[0]
 
 
 def test_slow_recording_among_unknown_types_is_one_motion(shared_data: Path) -> None:
@@ -391,11 +368,3 @@ def test_inspection_counts_defects_and_tells_why_a_recording_is_useless(tmp_path
     assert broken.topics == () and "broken.bag" in str(broken.refusal)
     with pytest.raises(RecordingError, match="3 recordings"):
         inspect_recording(tmp_path)
-
-
-def test_field_of_messages_needs_their_topic(tmp_path: Path) -> None:
-    path = reaches(tmp_path / "x")
-    with pytest.raises(RecordingError, match="'states' needs a topic"):
-        load_recordings([path], state_field="states")
-    found = inspect_recording(path, "/joint_states", state_field="states")
-    assert "no field of 'states' is called 'states'" in str(found.refusal)

@@ -15,7 +15,7 @@ from support.bags import EPOCH, S, reaching
 
 from mp_pca_planner.exceptions import RecordingError
 from mp_pca_planner.recordings.joint_states import JointStates
-from mp_pca_planner.recordings.recording import REPAIRS, Recording
+from mp_pca_planner.recordings.recording import REPAIRS
 from mp_pca_planner.recordings.repair import repair
 
 MOTION = reaching([0.1, 1.1])
@@ -356,10 +356,6 @@ def test_messages_that_are_no_recording_are_refused(
         repair(raw, joints)
 
 
-def test_nan_of_a_joint_that_is_not_chosen_does_not_matter() -> None:
-    assert repair(states(put(MOTION, (slice(None), 1), np.nan)), ["a"]).repairs == {}
-
-
 def test_slow_recording_has_no_gaps() -> None:
     slow = reaching([0.1, 1.1], rate=5.0, reach=10.0)
     assert repair(states(slow, EPOCH + np.arange(len(slow)) * (2 * S // 3))).repairs == {}
@@ -376,14 +372,6 @@ def test_the_clock_that_is_used_is_noted(raw: JointStates, note: str) -> None:
     clean = repair(raw)
     assert (clean.rate, clean.duration) == pytest.approx((100.0, (N - 1) / 100))
     assert len(clean.notes) == 1 and note in clean.notes[0]
-
-
-def test_unstamped_messages_of_another_publisher_do_not_matter() -> None:
-    received = EPOCH + np.arange(900) * (S // 1000)
-    gripper = states(np.zeros((900, 1)), np.zeros(900, dtype=np.int64), received, ("finger",))
-    clean = repair(together(gripper, states()), ["a", "b"])
-    assert clean.repairs == {"missing_joints": 900} and clean.notes == ()
-    assert clean.pieces[0].times[0] == 0.0
 
 
 @given(
@@ -403,43 +391,6 @@ def test_whatever_comes_in_pieces_are_usable_or_refused(
     assert np.all(np.diff(times) > 0)
     assert times[0] >= 0
     assert all(np.isfinite(piece.positions).all() for piece in clean.pieces)
-
-
-def repaired_at_once(rate: int, seed: int) -> Recording:
-    """Some 40 s in which a joint turns on and on and wraps, with defects at random places."""
-    generator = np.random.default_rng(seed)
-    n = 40 * rate
-    seconds = np.arange(n) / rate
-    turning = (2.1 * seconds + np.pi) % (2.0 * np.pi) - np.pi
-    positions = np.column_stack([0.3 + np.sin(0.7 * seconds), turning])
-    steps, order = np.full(n, S // rate), np.arange(n)
-    places = generator.choice(np.arange(200, n - 200, 100), 15, replace=False)
-    positions[places[:4], 0] = np.nan
-    positions[places[4:6], 0] += 2.5
-    steps[places[6:8]] += 3 * S
-    steps[places[8]] -= 60 * S
-    steps[places[9]] = 0
-    positions[places[9]] = positions[places[9] - 1]
-    for place in places[10:13]:
-        order[[place, place + 1]] = order[[place + 1, place]]
-    order = np.delete(order, places[13:])
-    stamps = (EPOCH + np.cumsum(steps))[order]
-    raw = states(positions[order], stamps, EPOCH + np.arange(order.size))
-    return repair(replace(raw, n_malformed=3))
-
-
-@pytest.mark.parametrize(("rate", "seed"), [(100, 0), (250, 1)])
-def test_defects_of_all_kinds_in_one_recording_are_counted(rate: int, seed: int) -> None:
-    assert repaired_at_once(rate, seed).repairs == {
-        "malformed": 3,
-        "non_finite": 4,
-        "clock_jumps": 1,
-        "out_of_order": 3,
-        "repeated_stamps": 1,
-        "gaps": 2,
-        "wrapped": 13,
-        "spikes": 2,
-    }
 
 
 def test_samples_of_a_fast_recording_are_averaged() -> None:

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from support.bags import EPOCH, S, list_topics, read_joint_states, stamped, write_bag
 from support.compressed_bags import compressed_bag, storage_file
 
@@ -87,29 +85,6 @@ def test_compressed_bags_are_read_and_salvaged_or_refused_by_name(
     if compression == "zstd":
         assert raw is not None and 1000 < raw.n_messages < whole.n_messages
         np.testing.assert_array_equal(raw.positions[:, 0], np.arange(raw.n_messages))
-
-
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    share=st.floats(0.0, 1.0),
-    flips=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), max_size=6),
-)
-def test_damaged_files_give_what_is_in_them_or_are_refused_by_name(
-    file: Path, share: float, flips: list[tuple[float, int]]
-) -> None:
-    content = file.read_bytes()
-    damaged = bytearray(content if flips else content[: int(share * len(content))])
-    for place, value in flips:
-        damaged[int(place * (len(damaged) - 1))] = value
-    victim = file.with_name(f"damaged{file.suffix}")
-    victim.write_bytes(damaged)
-    for salvage in (False, True):
-        raw = read_unless_refused_by_name(victim, salvage=salvage)
-        if raw is None:
-            continue
-        assert raw.n_messages == raw.receive_stamps.size + raw.n_malformed
-        if not salvage and raw.n_messages:
-            assert raw.n_messages == N
 
 
 def read_unless_refused_by_name(file: Path, *, salvage: bool) -> JointStates | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.bags import minimum_jerk
 
 from mp_pca_planner.arrays import FloatArray
 from mp_pca_planner.recordings.recording import Samples
@@ -47,15 +46,6 @@ def test_rate_of_the_result_is_that_of_the_recording_within_bounds(
     assert result.rate == pytest.approx(expected, rel=0.01)
     assert np.ptp(np.diff(result.times)) < 1e-9
     assert result.times[[0, -1]] == pytest.approx(times[[0, -1]])
-
-
-def test_few_samples_a_second_give_a_smooth_motion() -> None:
-    times = np.arange(0.0, 4.01, 0.1)
-    positions = np.interp(times, np.linspace(1, 3, 201), minimum_jerk(0, 1, 201))[:, None]
-    result = smooth(Samples(times, positions), 10.0)
-    # Peaks of a minimum-jerk reach of 1 rad in 2 s: 15/8/T and 10/√3/T².
-    assert np.abs(result.velocities).max() == pytest.approx(15 / 8 / 2, rel=0.02)
-    assert np.abs(result.accelerations).max() == pytest.approx(10 / np.sqrt(3) / 4, rel=0.15)
 
 
 @pytest.mark.parametrize("rate", [10.0, 100.0])

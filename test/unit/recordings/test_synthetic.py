@@ -65,30 +65,6 @@ def test_arm_stays_clear_of_the_chest_and_the_head_there_and_back() -> None:
         assert not pin.computeCollisions(model, data, bodies, bodies_data, q, True), q
 
 
-def test_arm_is_raised_to_goals_in_front_and_to_the_side() -> None:
-    starts, ends = np.stack([motion.positions[[0, -1]] for motion in MANY], axis=1)
-    below, above = (ROBOT.frame_positions(q, ["wrist"])[:, 0, 2] for q in (starts, ends))
-    assert np.all(above > below)
-    elbow = ROBOT.frame_positions(ends, ["upper_arm", "lower_arm"])
-    forward, left = (elbow[:, 1] - elbow[:, 0])[:, :2].T
-    azimuth = np.rad2deg(np.arctan2(left, forward))
-    assert (azimuth > -20).mean() > 0.15
-    assert (azimuth < -60).mean() > 0.15
-
-
-def test_speed_is_a_bell_with_its_peak_before_the_middle_more_often_than_after() -> None:
-    peaks = []
-    for motion in MANY:
-        wrist = ROBOT.frame_positions(motion.positions, ["wrist"])[:, 0]
-        smooth = np.convolve(
-            np.linalg.norm(np.diff(wrist, axis=0), axis=1), np.ones(9) / 9, mode="same"
-        )
-        peaks.append(np.argmax(smooth) / smooth.size)
-    assert np.quantile(peaks, 0.05) > 0.32
-    assert np.quantile(peaks, 0.95) < 0.58
-    assert np.median(peaks) < 0.5
-
-
 def test_recording_holds_every_motion_where_it_says() -> None:
     motions = MANY[:6]
     recording = continuous_recording(motions, seed=3)

@@ -3,7 +3,6 @@
 """Distances of links and obstacles, against closed forms and plain calls of Pinocchio."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from support.arm import arm_robot
 from support.balls import RADIUS, URDF, distances, model
@@ -13,7 +12,6 @@ from support.worlds import TETRAHEDRON, TRAY, plain_distances, random_world
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import WorldError
 from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.robot.distances import JointTree
 
 BALL = mp.Obstacle("ball", mp.Sphere(0.2, (0.0, 0.8, 1.0)))
 LIMITS = arm_robot().limits()
@@ -47,17 +45,6 @@ def test_margin_is_subtracted_from_distances_of_obstacles_alone(n_others):
     near, far = distances(model(BALL), [0, 0]), distances(model(BALL, margin=0.3), [0, 0])
     assert far["slider", "ball"] == pytest.approx(near["slider", "ball"] - 0.3, abs=1e-9)
     assert far["base", "turner"] == near["base", "turner"]
-
-
-def test_hulls_take_the_place_of_meshes_that_move_alone():
-    nothing = np.zeros(2)
-    held = mp.Mesh(TRAY.vertices, TRAY.triangles, (0.0, 0.0, -0.5))
-    around = model(mp.Obstacle("tray", held, frame="slider"))
-    distances = np.zeros(len(around.pairs))
-    assert not around.body_pairs.check(distances)(nothing)
-    assert around.body_pairs.check(distances, hulls=True)(nothing)  # the turner is inside the tray
-    still = model(mp.Obstacle("tray", mp.Mesh(TRAY.vertices, TRAY.triangles, (0.0, 0.0, 0.5))))
-    assert not still.body_pairs.check(np.zeros(len(still.pairs)), hulls=True)(nothing)
 
 
 # Pairs
@@ -213,16 +200,3 @@ def test_no_distance_changes_by_more_than_its_bound(step):
             assert np.all(change[clear] <= most[clear] + 1e-6)
             tightest = min(tightest, (most[clear] - change[clear]).min() / step)
     assert tightest < 0.05
-
-
-@pytest.mark.parametrize("kind", ["balls", "arm"])
-def test_poses_of_all_joints_at_once_are_those_of_pinocchio(kind):
-    robot = mp.Robot(URDF) if kind == "balls" else arm_robot()
-    model, _ = robot.pinocchio_model()
-    data, q = model.createData(), np.random.default_rng(3).uniform(-2, 2, (5, robot.n_joints))
-    rotations, positions = JointTree(model, np.arange(model.nv)).poses(q)
-    for k, one in enumerate(q):
-        pin.forwardKinematics(model, data, one)
-        for j in range(model.njoints):
-            np.testing.assert_allclose(rotations[k, j], data.oMi[j].rotation, atol=1e-12)
-            np.testing.assert_allclose(positions[k, j], data.oMi[j].translation, atol=1e-12)

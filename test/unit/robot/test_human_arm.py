@@ -20,8 +20,6 @@ TABLE_1 = {
     "shoulder3": (2.97, (0.025, 0.025, 0.005), UPPER_ARM),
     "elbow": (1.21, (0.005, 0.0054, 0.0012), FOREARM),
 }
-# What people did in the recordings the limits were chosen by [deg].
-SEEN = np.array([(-136, 11), (-64, 71), (-71, 126), (-152, -9)])
 MODEL = pin.buildModelFromXML(config_file("human_arm.urdf").read_text(encoding="utf-8"))
 LIMITS = zip(MODEL.lowerPositionLimit, MODEL.upperPositionLimit, strict=True)
 
@@ -45,11 +43,3 @@ def test_mass_and_inertia_are_those_of_table_1(joint):
     np.testing.assert_allclose(body.inertia, np.diag(moments), atol=1e-12)
     if length is not None:
         np.testing.assert_allclose(body.lever, [0, 0, -length / 2], atol=1e-12)
-
-
-def test_limits_leave_room_around_what_people_do():
-    limits, margin = arm_robot().limits(), 7.9
-    assert np.all(np.rad2deg(limits.lower) <= SEEN[:, 0] - margin)
-    assert np.all(np.rad2deg(limits.upper) >= SEEN[:, 1] + margin)
-    assert np.all(limits.velocity >= 10)
-    assert np.all((limits.effort >= 40) & (limits.effort <= 100))

@@ -103,15 +103,6 @@ def test_links_without_mass_between_two_axes_are_valid_unless_they_have_a_shape(
     assert "one: 'middle'; give" in refusal(pendulum(SHAPE, GOOD, last="revolute"))
 
 
-def test_unknown_efforts_are_not_a_number():
-    robot, one = Robot(pendulum(GOOD, "", last="revolute")), np.ones((1, 2))
-    assert np.isnan(robot.inverse_dynamics(one, one, one)).all()
-    assert robot.known_efforts(one, one, one) is None
-    sound = Robot(pendulum(GOOD, GOOD, last="revolute"))
-    efforts = sound.inverse_dynamics(one, one, one)
-    np.testing.assert_array_equal(sound.known_efforts(one, one, one), efforts)
-
-
 # Where efforts count
 
 

@@ -84,18 +84,6 @@ def test_a_mesh_without_a_volume_ends_no_process(name):
     found.collides(q[0])
 
 
-@pytest.mark.parametrize("seed", [0, 2, 4])
-def test_hulls_hold_their_vertices_and_their_faces_look_outwards(seed):
-    rng = np.random.default_rng(seed)
-    points = rng.normal(size=(60, 3)) * [1.0, 1.0, 10.0 ** -(2 * seed)]
-    solid = solid_of(points, TRIPLES)
-    a, b, c = np.moveaxis(solid.corners[solid.faces], 1, 0)
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    heights = np.einsum("fi,nfi->nf", normals, points[:, None] - a[None])
-    assert heights.max() < 1e-9
-
-
 def test_what_is_convex_is_known():
     angles = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
     ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(400)], axis=1)

@@ -11,7 +11,6 @@ import pinocchio as pin
 import pytest
 from support.arm import JOINTS, arm_robot
 
-from mp_pca_planner.exceptions import PlannerError
 from mp_pca_planner.files import config_file
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.simulation.robot import PERIOD, Plant
@@ -102,19 +101,3 @@ def test_drives_give_no_more_than_their_limits():
         acting.append(pin.rnea(model, data, q, v, a) + plant.inertia * a)
     # The state at the start of a step stands for that in it.
     assert 11.5 < np.abs(acting).max() < 13.5
-
-
-def test_drives_that_are_saturated_arrive_all_the_same():
-    plant = Plant(limited(25.0), START)
-    goal = START + 0.3 * SIGNS
-    for _ in range(4000):
-        plant.step(goal)
-    np.testing.assert_allclose(plant.q, goal, atol=1e-6)
-
-
-def test_mass_matrix_that_is_not_positive_definite_is_refused():
-    robot = arm_robot()
-    robot = robot.with_link_inertias(np.zeros((len(robot.link_inertias.links), 4)))
-    plant = Plant(robot, START)
-    with pytest.raises(PlannerError, match="valid inertial"):
-        plant.step(START)

@@ -87,12 +87,6 @@ def test_degree_of_the_spline_is_that_of_what_is_given(n_given):
             np.testing.assert_allclose(command[:, j], [q, v, a], atol=1e-9)
 
 
-def test_accelerations_without_velocities_command_zero():
-    loop = Loop()
-    assert loop.send(moving(0.0, A[0], None, A[2]), moving(0.5, B[0], None, B[2])) is None
-    np.testing.assert_array_equal(loop.cycle(100), np.zeros((3, 2)))
-
-
 def test_first_point_that_lies_ahead_is_approached_from_the_measured_state():
     loop = Loop()
     loop.measured = (START + 0.01, np.array([0.5, 0.0]))

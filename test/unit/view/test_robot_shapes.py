@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of robots: meshes, simple shapes, a skeleton; and where joints are."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from support.arm import arm_robot
 from mp_pca_planner.robot.model import Robot
 
 trimesh = pytest.importorskip("trimesh", reason="the extra 'view' is not installed")
-from mp_pca_planner.view.robot_shapes import RobotShapes, glb  # noqa: E402
+from mp_pca_planner.view.robot_shapes import RobotShapes  # noqa: E402
 
 URDF = """<robot name="r"><material name="red"><color rgba="1 0 0 0.5"/></material>
 <link name="base">{base}</link>
@@ -108,16 +107,3 @@ def test_the_gap_of_a_point_is_that_of_the_moved_boxes():
     assert found.gap(q, np.array([0.0, 3.0, 0.0])) == pytest.approx(2.0)
     assert found.gap(q, np.array([0.0, 1.3, 1.9])) == pytest.approx(0.5)
     assert found.gap(q, np.array([1.0, 0.0, 1.0])) == pytest.approx(0.5)
-
-
-def test_a_mesh_with_its_own_colours_is_not_drawn_as_metal():
-    """The default of glTF is metal, which is black in a scene without an environment."""
-    mesh = trimesh.creation.box()
-    mesh.visual.face_colors = [200, 30, 10, 255]
-    content = glb(mesh)
-    length = int.from_bytes(content[12:16], "little")
-    tree = json.loads(content[20 : 20 + length])
-    primitives = [primitive for one in tree["meshes"] for primitive in one["primitives"]]
-    materials = [tree["materials"][primitive["material"]] for primitive in primitives]
-    assert [one["pbrMetallicRoughness"]["metallicFactor"] for one in materials] == [0.0]
-    assert all("COLOR_0" in primitive["attributes"] for primitive in primitives)

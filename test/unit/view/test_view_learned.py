@@ -15,14 +15,11 @@ from hypothesis import strategies as st
 from support.arm import arm_demonstrations, arm_primitive, arm_robot
 
 from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.demonstration import Demonstration
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from mp_pca_planner.view.content import typical_demonstration
 from mp_pca_planner.view.learned import (
     bent_demonstration,
-    component_names,
-    variance_shares,
 )
 from mp_pca_planner.view.stage import REST, Player, ShownMotion
 
@@ -68,25 +65,6 @@ def test_what_is_bent_moves_as_far_as_the_demonstrations_also_where_half_of_them
     assert np.quantile(own, 0.2) <= shown <= np.quantile(own, 0.8)
     mean = primitive.boundary_states[:, [0, 3]].mean(axis=0)
     assert travel(mean) < 0.1 * shown  # what the page showed before
-
-
-def test_a_fragment_is_never_typical_however_many_there_are():
-    whole = arm_demonstrations()
-    n = len(whole) - 1
-    fragments = [
-        Demonstration.from_arrays(one.joint_names, one.times[:30], one.positions[:30])
-        for one in whole[:n]
-    ]
-    primitive = MovementPrimitive.fit([*fragments, *whole], name="with fragments")
-    assert typical_demonstration(primitive) >= n
-
-
-def test_shares_of_all_components_sum_to_the_explained_share():
-    for coupling in ("arm", "joint"):
-        primitive = arm_primitive(coupling)
-        explained = primitive.explained_variance.sum() / primitive.total_variance.sum()
-        assert variance_shares(primitive).sum() == pytest.approx(explained)
-        assert len(set(component_names(primitive))) == primitive.n_components
 
 
 # The player
