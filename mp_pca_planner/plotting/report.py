@@ -16,7 +16,7 @@ from ..control.law import control_statement
 from ..exceptions import PlannerError
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive, prediction_words
-from ..primitives.timing import aligned_positions
+from ..primitives.timing import own_phases
 from ..recordings.demonstration import Demonstration
 from ..recordings.recording import REPAIRS
 from ..recordings.recording_set import RecordingReport, RecordingSet
@@ -102,7 +102,9 @@ def _shapes_address(
     motions: Sequence[Demonstration], primitive: MovementPrimitive, drawn: Sequence[int]
 ) -> str:
     """The figure of some demonstrations and of the components."""
-    shown = [aligned_positions(motions[i], primitive.warps[i], PHASES) for i in drawn]
+    shown = [
+        motions[i].at(motions[i].duration * own_phases(primitive.warps[i], PHASES)) for i in drawn
+    ]
     return figure_address(
         partial(primitive_figure, primitive=primitive, demonstrations=np.array(shown))
     )

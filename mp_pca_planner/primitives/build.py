@@ -5,7 +5,7 @@
 Five steps, each finished before the next begins. The first two are :meth:`.MotionStatistics.of`,
 the others :func:`build_from_statistics`:
 
-1. :func:`.align` gives all motions the same timing;
+1. :func:`.arc_length_warp` gives all motions the same timing;
 2. :class:`.MotionStatistics` has their shapes, time scalings and ends, in a few numbers each;
 3. :func:`.fit_shapes` finds the principal components of the shapes;
 4. :meth:`.ConditionalModel.fit` learns to predict weights, time scaling and duration;
@@ -15,7 +15,7 @@ the others :func:`build_from_statistics`:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,11 +27,11 @@ from ..recordings.demonstration import TIME_COLUMNS, Demonstration, other_unit_o
 from ..recordings.segmentation import ABSURD_EXTENT
 from .basis import MAX_DEGREE, N_END_CONDITIONS
 from .in_span import request_precision
-from .motion_statistics import MotionStatistics, shape_functions, shape_smoother
+from .motion_statistics import MotionStatistics, shape_functions, shape_smoother, thinned
 from .pca import angle_shares, fit_shapes
-from .prediction import ConditionalModel, left_out_squares
+from .prediction import ConditionalModel, left_out_errors
 from .primitive import COUPLINGS, MovementPrimitive
-from .timing import ALIGNMENTS, reversed_paces
+from .timing import ALIGNMENTS
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class PrimitiveOptions:
     degree : int
         Degree of the polynomials that carry mean and components.
     align : {'linear', 'arc_length'}
-        How the demonstrations are aligned in time, see :func:`.align`.
+        Whether equal shares of the time or of the path are compared, see :func:`.arc_length_warp`.
 
     Raises
     ------
@@ -124,14 +124,15 @@ def build_primitive(
 def check_demonstrations(values: Sequence[Any], what: str) -> None:
     """Reject values that are not demonstrations, with what can't be done."""
     for value in values:
+        if isinstance(value, Demonstration):
+            continue
         if isinstance(value, np.ndarray | list | tuple) or _has_columns(value):
             raise PrimitiveError(
                 f"{what}: arrays need times=, the times of their samples [s]; joint_names= names "
                 "their columns"
             )
-        if not isinstance(value, Demonstration):
-            wrong = f"{shown(value)} is not a demonstration"
-            raise PrimitiveError(f"{what}: {wrong}; load_demonstrations reads recordings")
+        wrong = f"{shown(value)} is not a demonstration"
+        raise PrimitiveError(f"{what}: {wrong}; load_demonstrations reads recordings")
 
 
 def demonstrations_of(
@@ -252,24 +253,33 @@ def build_from_statistics(
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
     mean, directions, explained, total, weights, residual = fit_shapes(statistics, options)
-    stored = {name.removeprefix("n_"): value for name, value in asdict(options).items()}
-    left_out, straight = left_out_errors(statistics, options.n_phases)
+    shares = angle_shares(statistics)
+    # The prediction is fitted to some of the motions, and knows the spread of all requests.
+    requests = statistics.requests()
+    used, rows = thinned(requests), directions.reshape(-1, mean.size)
+    shapes = statistics.both_shapes().take(used, axis=1)
+    precision = request_precision(requests)
+    # Whole shapes are predicted, so the number of components makes no difference.
+    remainders = statistics.shape_remainders[used].sum(axis=1)
+    n_values = options.n_phases * len(statistics.joint_names)
+    left_out, straight = left_out_errors(requests[used], shapes, remainders, n_values)
+    model = ConditionalModel.fit(
+        requests[used], shapes @ rows.T, -rows @ mean.ravel(), statistics.paces[used], precision
+    )
     facts: dict[str, Any] = {
-        "options": stored,
+        "options": {
+            "coupling": options.coupling,
+            "components": options.n_components,
+            "variance": options.variance,
+            "phases": options.n_phases,
+            "degree": options.degree,
+            "align": options.align,
+        },
         "left_out_error": left_out,
         "minimum_jerk_error": straight,
-        "angle_variance_ratio": angle_shares(statistics),
+        "angle_variance_ratio": shares,
         "demonstrations": list(statistics.sources),
     }
-    # The prediction is fitted to some of the motions, and knows the spread of all requests.
-    some, rows = statistics.thinned(), directions.reshape(-1, mean.size)
-    model = ConditionalModel.fit(
-        some.requests(),
-        some.both_shapes() @ rows.T,
-        -rows @ mean.ravel(),
-        np.array([some.paces, reversed_paces(some.paces)]),
-        request_precision(statistics.requests()),
-    )
     _, series = shape_functions(options.degree, options.n_phases)
     series = shape_smoother(options.degree, options.n_phases) @ series
     return MovementPrimitive(
@@ -288,23 +298,3 @@ def build_from_statistics(
         fit_residual=residual,
         model=model,
     )
-
-
-def left_out_errors(statistics: MotionStatistics, n_phases: int) -> tuple[float | None, float]:
-    """RMS errors of motions that are left out [rad or m].
-
-    At equal shares of the path, or of the time where motions are aligned by 'linear', with the
-    boundary parts of the motions. From their prediction by the others, None for a single motion,
-    and from the minimum-jerk motion between their ends. Whole shapes are predicted, so the number
-    of components makes no difference.
-    At most 200 motions are left out.
-    """
-    used = statistics.thinned()
-    shapes, remainders = used.both_shapes(), used.shape_remainders.sum(axis=1)
-    scale = n_phases * len(statistics.joint_names)
-    straight = np.sum(shapes[0] ** 2, axis=1)
-    from_straight = float(np.sqrt((straight + remainders).mean() / scale))
-    if len(straight) == 1:
-        return None, from_straight
-    squares = left_out_squares(used.requests(), shapes)
-    return float(np.sqrt((squares + remainders).mean() / scale)), from_straight

@@ -20,7 +20,7 @@ from ..arrays import FloatArray
 from ..exceptions import PrimitiveError, quote_names
 from ..motion.interpolation import boundary_values, hermite_functions
 from .basis import end_vanishing_coefficients, legendre_values
-from .timing import align, aligned_positions, fit_paces
+from .timing import KNOTS, arc_length_warp, fit_paces, own_phases
 
 # The node loads primitives, but needs neither recordings nor the parts of SciPy that they need.
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ _FACTS = ("recording", "label", "checksum", "start_time_s", "end_time_s")
 # Highest degree of the polynomials that represent joint angles over time. Only the first components
 # are reported, which are much smoother.
 _ANGLE_DEGREE = 30
+# Samples of a motion to measure its path: many for each knot of the warp.
+_PATH_SAMPLES = 1001
 # Predictions are fitted to fewer: the time grows with the cube of their number.
 _MAX_FITTED = 200
 
@@ -50,7 +52,7 @@ class MotionStatistics:
     boundary_states : array, shape (n_demonstrations, 6, n_joints)
         q, q̇, q̈ at the start, then at the end; q̇ and q̈ are zero.
     warps : array, shape (n_demonstrations, n_warp_phases)
-        See :func:`.align`.
+        Shares of the durations at the :data:`.timing.KNOTS`, strictly increasing from 0 to 1.
     paces : array, shape (n_demonstrations, PACE_DEGREE)
         See :func:`.fit_paces`.
     shapes : array, shape (n_demonstrations, n_joints, n_functions)
@@ -101,7 +103,7 @@ class MotionStatistics:
         durations, jerks = np.empty((2, n))
         ranges, states = np.empty((n, n_joints)), np.empty((n, 6, n_joints))
         over_time, aligned, quintics = np.empty((3, n, n_phases, n_joints))
-        sources = []
+        warps, sources = np.tile(KNOTS, (n, 1)), []
         for i, d in enumerate(demonstrations):
             if d.joint_names != first.joint_names:
                 raise PrimitiveError(
@@ -125,10 +127,10 @@ class MotionStatistics:
             states[i, [0, 3]] = d.positions[[0, -1]]
             ends = boundary_values(states[i, :3], states[i, 3:], d.duration)
             quintics[i] = hermite_functions(phases) @ ends
-        # Step 1: the same timing for all.
-        warps = align(demonstrations, options.align)
-        for i, d in enumerate(demonstrations):
-            aligned[i] = aligned_positions(d, warps[i], phases)
+            # Step 1: the same timing for all.
+            if options.align == "arc_length":
+                warps[i] = arc_length_warp(d.time_normalised(_PATH_SAMPLES))
+            aligned[i] = d.at(d.duration * own_phases(warps[i], phases))
         paces = fit_paces(warps, jerks)
         # Step 2: what is left of each motion without the quintic between its ends.
         functions, _ = shape_functions(options.degree, n_phases)
@@ -158,11 +160,6 @@ class MotionStatistics:
         # The functions of the shapes are alternately even and odd.
         reversed_shapes = self.shapes * (-1.0) ** np.arange(self.shapes.shape[2])
         return np.array([self.shapes, reversed_shapes]).reshape(2, len(self.durations), -1)
-
-    def thinned(self) -> MotionStatistics:
-        """At most 200 of the motions, the same whatever their order."""
-        used = thinned(self.requests())
-        return self if len(used) == len(self.durations) else self.chosen(used)
 
     def chosen(self, which: Sequence[int] | NDArray[np.intp]) -> MotionStatistics:
         """The statistics of some of the demonstrations, by index."""

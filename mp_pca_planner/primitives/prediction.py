@@ -152,19 +152,21 @@ class ConditionalModel:
         shapes : array, shape (2, n_demonstrations, n_weights)
             Weights of the demonstrations minus the straight ones, and of the same motions in
             reversed time.
-        paces : array, shape (2, n_demonstrations, n_pace)
-            Their time scalings, and those of the reversed motions.
+        paces : array, shape (n_demonstrations, n_pace)
+            Their time scalings.
         precision : array, shape (2 n_joints + 1, 2 n_joints + 1)
             See :func:`.request_precision`; of all demonstrations, if only some are fitted.
         """
         similar, distances = _Features(requests)(requests)
         of_ends, _ = _Features(requests[:, :-1])(requests[:, :-1])
         roots, log_times = np.sqrt(distances)[:, None], requests[:, -1:]
-        shape, residuals, _ = _fit(similar, [shapes / roots])
-        pace, _, _ = _fit(similar, [paces])
+        shape, residuals, _ = _fit(similar, shapes[None] / roots)
+        reversed_paces = -paces * (-1.0) ** np.arange(paces.shape[1])
+        pace, _, _ = _fit(similar, np.array([[paces, reversed_paces]]))
         # The same motion in reversed time takes as long.
-        times = [log_times - log_times.mean() - g * np.log(distances)[:, None] for g in GROWTHS]
-        duration, _, shares = _fit(of_ends, [np.array([x, x]) for x in times])
+        growths = np.array(GROWTHS)[:, None, None] * np.log(distances)[:, None]
+        times = log_times - log_times.mean() - growths
+        duration, _, shares = _fit(of_ends, np.stack([times, times], axis=1))
         confidence = len(requests) / (len(requests) + _PRIOR_COUNT)
         # As similar as the nearest of the other demonstrations.
         others = np.where(np.eye(len(requests), dtype=bool)[:, None, None], 0.0, similar)
@@ -298,7 +300,7 @@ class _Features:
 
 
 def _fit(
-    similarities: FloatArray, candidates: list[FloatArray]
+    similarities: FloatArray, candidates: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Average Gaussian processes of all kernels and candidates by the density of what is left out.
 
@@ -306,7 +308,7 @@ def _fit(
     ----------
     similarities : array, shape (n_demonstrations, n_lengths, 2, n_demonstrations)
         Of the demonstrations with each other, and with the reversed ones.
-    candidates : list of array, shape (2, n_demonstrations, n_outputs)
+    candidates : array, shape (n_candidates, 2, n_demonstrations, n_outputs)
         Outputs of the demonstrations, and of the same motions in reversed time.
 
     Returns
@@ -344,8 +346,8 @@ def _fit(
         probabilities[1:] = 0.0
     probabilities /= probabilities.sum()
     shares = probabilities.reshape(-1, n_candidates).sum(axis=0)
-    averages = (np.tensordot(probabilities, x, 1) for x in (coefficients, residuals))
-    return *averages, shares
+    average = np.tensordot(probabilities, coefficients, 1)
+    return average, np.tensordot(probabilities, residuals, 1), shares
 
 
 def _variance(similarities: FloatArray, distances: FloatArray) -> FloatArray:
@@ -385,8 +387,10 @@ def _error_model(errors: FloatArray, variances: FloatArray) -> tuple[FloatArray,
     return shrunk + floor * np.eye(size), freedom / (freedom - 2.0) * float(ratio)
 
 
-def left_out_squares(requests: FloatArray, shapes: FloatArray) -> FloatArray:
-    """Squared errors of shapes, each predicted from the other demonstrations.
+def left_out_errors(
+    requests: FloatArray, shapes: FloatArray, remainders: FloatArray, n_values: int
+) -> tuple[float | None, float]:
+    """RMS errors of motions that are left out [rad or m].
 
     Parameters
     ----------
@@ -394,13 +398,24 @@ def left_out_squares(requests: FloatArray, shapes: FloatArray) -> FloatArray:
         q0, qT [rad or m] and log T. The time grows with the cube of their number.
     shapes : array, shape (2, n_demonstrations, n_functions)
         Coefficients of the shapes, and of the same motions in reversed time.
+    remainders : array, shape (n_demonstrations,)
+        Sums of squares of the residuals of the coefficients.
+    n_values : int
+        Number of values of a shape.
 
     Returns
     -------
-    squares : array, shape (n_demonstrations,)
-        Sums of squares over the coefficients.
+    of_prediction : float or None
+        From their prediction by the other demonstrations; None for a single motion.
+    of_straight : float
+        From the minimum-jerk motion between their ends.
     """
+    straight = np.sum(shapes[0] ** 2, axis=1)
+    of_straight = float(np.sqrt((straight + remainders).mean() / n_values))
+    if len(requests) == 1:
+        return None, of_straight
     similar, distances = _Features(requests)(requests)
     roots = np.sqrt(distances)[:, None]
-    _, residuals, _ = _fit(similar, [shapes / roots])
-    return np.asarray(np.sum((residuals * roots) ** 2, axis=1))
+    _, residuals, _ = _fit(similar, shapes[None] / roots)
+    squares = np.sum((residuals * roots) ** 2, axis=1)
+    return float(np.sqrt((squares + remainders).mean() / n_values)), of_straight

@@ -196,9 +196,8 @@ class MovementPrimitive:
             Components to keep (of each joint for coupling 'joint'); by default as few as explain
             99 % of the variance. :func:`.build_primitive` accepts other shares.
         align : {'arc_length', 'linear'}
-            Whether equal shares of the path or of the time are compared, see :func:`.align`.
-            Motions aligned by 'arc_length' start and end at rest. With 'linear', they keep the
-            velocities that were measured at their ends, with their noise.
+            Whether equal shares of the path or of the time are compared, see
+            :func:`.arc_length_warp`. All motions count as starting and ending at rest.
 
         Raises
         ------

@@ -16,9 +16,7 @@ ends are those of an even time scaling.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import legendre, polynomial
@@ -27,11 +25,8 @@ from ..arrays import FloatArray
 from ..motion.interpolation import hermite_functions
 from .basis import legendre_derivatives
 
-if TYPE_CHECKING:
-    from ..recordings.demonstration import Demonstration
-
 ALIGNMENTS = ("linear", "arc_length")
-"""Alignment by equal shares of the time, or of the path."""
+"""Alignment by equal shares of the time, or of the path, see :func:`arc_length_warp`."""
 
 KNOTS = np.linspace(0.0, 1.0, 51)
 """Aligned phases of the values of a warp; a monotone cubic interpolates them."""
@@ -50,33 +45,6 @@ _ENDS = np.abs(_SHARES - 0.5) > 0.399
 # The bound on jerk at the ends, in units of the demonstration's largest jerk.
 _GROWTH = 1.2
 _N_PRICES = 12
-
-
-def align(
-    demonstrations: Sequence[Demonstration], method: str, n_samples: int = 1001
-) -> FloatArray:
-    """Find the warp of every demonstration.
-
-    Parameters
-    ----------
-    demonstrations :
-        Motions of the same joints.
-    method : {'linear', 'arc_length'}
-        'linear': the phase is the share of the duration. 'arc_length': see
-        :func:`arc_length_warp`. Motions count as starting and ending at rest.
-    n_samples :
-        Samples of a motion to measure its path: many for each knot of the warp.
-
-    Returns
-    -------
-    warps : array, shape (n_demonstrations, n_knots)
-        Shares of the durations at the knots, strictly increasing from 0 to 1.
-    """
-    warps = np.tile(KNOTS, (len(demonstrations), 1))
-    if method == "arc_length":
-        for warp, demonstration in zip(warps, demonstrations, strict=True):
-            warp[:] = arc_length_warp(demonstration.time_normalised(n_samples))
-    return warps
 
 
 def arc_length_warp(
@@ -162,24 +130,6 @@ def aligned_phases(warps: FloatArray, shares: FloatArray) -> FloatArray:
     return np.asarray(phases.reshape(*warps.shape[:-1], len(shares)))
 
 
-def aligned_positions(
-    demonstration: Demonstration, warp: FloatArray, phases: FloatArray
-) -> FloatArray:
-    """Positions q(T γ(s)) of a demonstration [rad or m], shape (n_steps, n_joints).
-
-    Parameters
-    ----------
-    demonstration :
-        The motion.
-    warp : array, shape (n_warp_phases,)
-        Its warp.
-    phases : array, shape (n_steps,)
-        Aligned phases in [0, 1].
-    """
-    times = demonstration.duration * own_phases(warp, phases)
-    return np.asarray(demonstration.curve()(times))
-
-
 def fit_paces(
     warps: FloatArray,
     jerks: FloatArray | float = np.inf,
@@ -196,7 +146,7 @@ def fit_paces(
     Parameters
     ----------
     warps : array, shape (n_demonstrations, n_warp_phases)
-        See :func:`.align`.
+        See :func:`arc_length_warp`.
     jerks : array, shape (n_demonstrations,), or float
         Largest jerk of each demonstration in units of path length per cubed duration.
     price : float
@@ -224,11 +174,6 @@ def fit_paces(
         highest = np.abs(_course_jerks(paces)[:, _ENDS]).max(axis=1)
         left &= highest > bounds
     return paces
-
-
-def reversed_paces(paces: FloatArray) -> FloatArray:
-    """Paces of the same motions in reversed time, shape (n_demonstrations, n_pace)."""
-    return np.asarray(-paces * (-1.0) ** np.arange(paces.shape[1]))
 
 
 def time_scaling(paces: FloatArray) -> FloatArray:

@@ -8,7 +8,6 @@ import hashlib
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +22,6 @@ from ..arrays import (
 )
 from ..exceptions import RecordingError
 from ..lazy import LazyModule
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicHermiteSpline
 
 interpolate = LazyModule("scipy.interpolate")
 
@@ -277,18 +273,15 @@ class Demonstration:
 
         They are found by cubic Hermite interpolation of positions and velocities.
         """
-        return np.asarray(self.curve()(times))
+        curve = interpolate.CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
+        return np.asarray(curve(times))
 
     def time_normalised(self, n_phases: int) -> FloatArray:
         """Joint positions at evenly spaced phases from 0 to 1 (linear time normalisation).
 
         Their shape is (n_phases, n_joints); at least 2 phases are needed.
         """
-        return np.asarray(self.curve()(np.linspace(0.0, self.duration, n_phases)))
-
-    def curve(self) -> CubicHermiteSpline:
-        """Positions by time [s], a function: what :meth:`at` evaluates."""
-        return interpolate.CubicHermiteSpline(self.times, self.positions, self.velocities, axis=0)
+        return self.at(np.linspace(0.0, self.duration, n_phases))
 
 
 def _shape_hint(shape: tuple[int, ...], n_times: int) -> str:

@@ -14,7 +14,6 @@ from mp_pca_planner.primitives.differences import FINE_PHASES, expected_motion, 
 from mp_pca_planner.primitives.in_span import request_precision
 from mp_pca_planner.primitives.motion_statistics import thinned
 from mp_pca_planner.primitives.prediction import ConditionalModel
-from mp_pca_planner.primitives.timing import reversed_paces
 from mp_pca_planner.recordings.demonstration import Demonstration
 
 # Of the second of two weights; it changes its sign where a motion is reversed in time.
@@ -31,7 +30,7 @@ def fit(requests, shapes, reversed_shapes=None, paces=None):
         requests[used],
         np.array([shapes, shapes if reversed_shapes is None else reversed_shapes])[:, used],
         STRAIGHT if size == 2 else np.zeros(size),
-        np.array([paces, reversed_paces(paces)])[:, used],
+        paces[used],
         request_precision(requests),
     )
 

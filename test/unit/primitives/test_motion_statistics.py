@@ -9,20 +9,19 @@ from support.arm import JOINTS, arm_demonstrations
 
 from mp_pca_planner.motion.interpolation import boundary_values, hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
-from mp_pca_planner.primitives.timing import align, aligned_positions
+from mp_pca_planner.primitives.timing import own_phases
 
 PHASES = np.linspace(0.0, 1.0, 101)
 
 
-def sampled_shapes(demonstrations, primitive, method):
+def sampled_shapes(demonstrations, primitive):
     """Shapes of all at once, shape (n_demonstrations, n_phases, n_joints)."""
     shapes = []
-    for i, (motion, warp) in enumerate(
-        zip(demonstrations, align(demonstrations, method), strict=True)
-    ):
+    for i, motion in enumerate(demonstrations):
         state = primitive.boundary_states[i]
         ends = boundary_values(tuple(state[:3]), tuple(state[3:]), motion.duration)
-        shapes.append(aligned_positions(motion, warp, PHASES) - hermite_functions(PHASES) @ ends)
+        aligned = motion.at(motion.duration * own_phases(primitive.warps[i], PHASES))
+        shapes.append(aligned - hermite_functions(PHASES) @ ends)
     return np.array(shapes)
 
 
@@ -50,7 +49,7 @@ def test_primitive_has_the_covariances_of_the_samples(method):
     demonstrations = arm_demonstrations(40, 2)
     options = PrimitiveOptions(n_components=5, align=method)
     primitive = build_primitive(demonstrations, "x", options)
-    shapes = sampled_shapes(demonstrations, primitive, method)
+    shapes = sampled_shapes(demonstrations, primitive)
     fitted = polynomial_part(shapes)
     vectors = fitted.reshape(40, -1)
     values, components = np.linalg.eigh(np.cov(vectors, rowvar=False))

@@ -8,11 +8,9 @@ from support.arm import arm_primitive
 
 from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.primitives.basis import PacedBasis, legendre_values
-from mp_pca_planner.primitives.timing import (
-    KNOTS,
-    fit_paces,
-    time_scaling,
-)
+from mp_pca_planner.primitives.in_span import request_precision
+from mp_pca_planner.primitives.prediction import ConditionalModel
+from mp_pca_planner.primitives.timing import KNOTS, fit_paces, time_scaling
 
 PHASES = np.linspace(0.0, 1.0, 101)
 PACE = np.array([0.1, -0.07, 0.03, 0.02])
@@ -46,6 +44,21 @@ def warp_of(pace):
     """The inverse of a time scaling: shares of the duration at aligned phases."""
     shares = np.linspace(0.0, 1.0, 5001)
     return np.interp(KNOTS, aligned(pace, shares), shares)
+
+
+def test_the_pace_of_a_way_back_is_predicted_from_those_of_the_way_there():
+    """Ten ways there and nine back, in reversed time; far ways share no more than their mean."""
+    rng = np.random.default_rng(2)
+    ends, sizes = 3.0 * rng.normal(size=(10, 4)), rng.uniform(-1.0, 1.0, (10, 1))
+    backwards = 1.0 - np.array([warp_of(size * PACE) for size in sizes])[:, ::-1]
+    back = fit_paces(backwards, price=1e-12, max_jerk=np.inf)
+    requests = np.vstack([ends, ends[:-1, [2, 3, 0, 1]]])
+    requests = np.column_stack([requests, np.zeros(19)])
+    paces, none = np.vstack([sizes * PACE, back[:-1]]), np.zeros((2, 19, 0))
+    precision = request_precision(requests)
+    model = ConditionalModel.fit(requests, none, np.zeros(0), paces, precision)
+    found = model.predict(ends[-1, 2:], ends[-1, :2], 1.0).pace
+    assert np.linalg.norm(found - back[-1]) < 0.3 * np.linalg.norm(back[-1])
 
 
 def test_a_pace_is_found_again():

@@ -12,21 +12,18 @@ from support.bags import minimum_jerk
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.primitives.timing import (
-    ALIGNMENTS,
-    align,
     aligned_phases,
-    aligned_positions,
+    arc_length_warp,
     own_phases,
 )
-from mp_pca_planner.recordings.demonstration import Demonstration
 
 PHASES = np.linspace(0.0, 1.0, 101)
 
 
 def test_arc_length_alignment_goes_its_way_at_the_pace_of_minimum_jerk():
     for demonstration in arm_demonstrations():
-        (warp,) = align([demonstration], "arc_length")
-        motion = aligned_positions(demonstration, warp, PHASES)
+        warp = arc_length_warp(demonstration.time_normalised(1001))
+        motion = demonstration.at(demonstration.duration * own_phases(warp, PHASES))
         way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(motion, axis=0), axis=1))])
         # The share of time that the warp mixes in keeps it from being exact.
         np.testing.assert_allclose(way / way[-1], minimum_jerk(0.0, 1.0, 101), atol=0.03)
@@ -42,7 +39,7 @@ def test_weights_and_warp_give_a_demonstration_back_in_its_own_time(method, coup
         warp = primitive.warps[i]
         # At the aligned phases, to the residual that is stated ...
         times = demonstration.duration * own_phases(warp, PHASES)
-        truth = aligned_positions(demonstration, warp, PHASES)
+        truth = demonstration.at(times)
         error = primitive.reproduction(i, times) - truth
         np.testing.assert_allclose(
             np.sqrt(np.mean(error**2, axis=0)), primitive.fit_residual[i], rtol=1e-6, atol=1e-9
@@ -67,23 +64,14 @@ def test_aligned_phases_undo_own_phases(steps, phases):
     assert aligned_phases(warp, np.array([0.0, 1.0])).tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize("method", ALIGNMENTS)
-@given(data=st.data())
-def test_warps_of_any_motion_increase_from_0_to_1(method, data):
-    def any_motion():
-        n_steps = data.draw(st.integers(2, 12))
-        angles = st.sampled_from([0.0, 0.0, 1e-9, 0.1, -0.3, 2.0])
-        row = st.lists(angles, min_size=2, max_size=2)
-        positions = np.array(data.draw(st.lists(row, min_size=n_steps, max_size=n_steps)))
-        times = np.linspace(0.0, data.draw(st.floats(0.02, 20.0)), n_steps)
-        zero = np.zeros_like(positions)
-        return Demonstration(
-            ("a", "b"), times, positions, zero, zero, recording="x", start_time=0.0, end_time=1.0
-        )
+ROW = st.lists(st.sampled_from([0.0, 0.0, 1e-9, 0.1, -0.3, 2.0]), min_size=2, max_size=2)
 
-    warps = align([any_motion() for _ in range(data.draw(st.integers(1, 3)))], method)
-    assert np.all(warps[:, 0] == 0.0) and np.all(warps[:, -1] == 1.0)
-    assert np.diff(warps, axis=1).min() > 0.0
+
+@given(st.lists(ROW, min_size=2, max_size=12))
+def test_the_warp_of_any_motion_increases_from_0_to_1(positions):
+    warp = arc_length_warp(np.array(positions))
+    assert warp[0] == 0.0 and warp[-1] == 1.0
+    assert np.diff(warp).min() > 0.0
 
 
 @pytest.mark.filterwarnings("ignore:8 of 8 motions")
