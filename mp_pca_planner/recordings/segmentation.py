@@ -13,8 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -99,11 +101,16 @@ def _grid(times: FloatArray, rate: float) -> FloatArray:
     return np.linspace(times[0], times[-1], n_steps)
 
 
+@lru_cache(maxsize=16)  # its design takes as long as its use on a motion
+def _low_pass(rate: float) -> Any:
+    return signal.butter(_ORDER, CUTOFF, fs=rate, output="sos")
+
+
 def _filtered(position: FloatArray, rate: float) -> FloatArray:
-    low_pass = signal.butter(_ORDER, CUTOFF, fs=rate, output="sos")
     # Padding over the impulse response of the filter; the default is shorter.
     padding = min(len(position) - 1, round(2 * rate / CUTOFF))
-    return np.asarray(signal.sosfiltfilt(low_pass, position, padlen=padding), dtype=np.float64)
+    smoothed = signal.sosfiltfilt(_low_pass(rate), position, padlen=padding)
+    return np.asarray(smoothed, dtype=np.float64)
 
 
 Span = tuple[int, int]
