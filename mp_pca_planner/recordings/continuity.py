@@ -27,6 +27,8 @@ NOISE_DEVIATIONS = 8.0
 LARGEST_ANGLE = 6.5
 """Joints of an arm stay within this [rad]: a turn, and a little more."""
 
+# Values beyond two turns are no degrees, and LeRobot's shares of calibrated ranges end at 100.
+_MAX_DEGREES, _MAX_SHARE = 720.0, 100.5
 # A jump is a full turn if it differs from one by less than this [rad].
 _MAX_TURN_ERROR = 1.0
 # A jump is longer than this [rad or m] and than this many usual steps.
@@ -170,7 +172,7 @@ def unwrap(pieces: Sequence[Samples]) -> Pieces:
     return unwrapped, {"wrapped": n_wrapped}
 
 
-def refuse_degrees(pieces: Sequence[Samples]) -> Pieces:
+def refuse_other_units(pieces: Sequence[Samples], *, were_degrees: bool) -> Pieces:
     """Reject positions of which two joints, and half of all, are beyond any angle in radians.
 
     Raises
@@ -185,10 +187,22 @@ def refuse_degrees(pieces: Sequence[Samples]) -> Pieces:
         return list(pieces), {}
     raise RecordingError(
         f"{n_far} of its {reach.size} joints are beyond {LARGEST_ANGLE:g} rad, one at "
-        f"{reach.max():.3g}: positions must be in radians (or m), not in degrees (or mm); if these "
-        "are degrees, convert them with --degrees (degrees=True in Python); if they are LeRobot's "
-        "shares from -100 to 100, with --scale (scale=); else choose the joints of the arm"
+        f"{reach.max():.3g}: positions must be in radians (or m), not in degrees (or mm); "
+        f"{units_advice(float(reach.max()), were_degrees=were_degrees)}"
     )
+
+
+def units_advice(reach: float, *, were_degrees: bool) -> str:
+    """How to convert positions that reach so far, unless other joints are meant."""
+    factor = "--scale JOINT=FACTOR (scale=), such as 0.001 for mm or 0.001534 for 4096 ticks a turn"
+    advice = f"convert other units with {factor}"
+    if were_degrees:
+        advice = f"instead of --degrees, give the whole factor to rad with {factor}"
+    elif reach <= _MAX_DEGREES:
+        shares = "LeRobot's shares from -100 to 100 with --scale CALIBRATION.json (scale=), "
+        shares = shares if reach <= _MAX_SHARE else ""
+        advice = f"convert degrees with --degrees (degrees=True), {shares}other units{advice[19:]}"
+    return f"{advice}; or choose the joints of the arm with --joints (joints=)"
 
 
 def cut_at_jumps(pieces: Sequence[Samples]) -> Pieces:

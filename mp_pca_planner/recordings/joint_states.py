@@ -49,6 +49,8 @@ class JointStates:
         Further messages: as many positions as names are missing, or a name is listed twice.
     notes : tuple of str
         Notes on the reading, one sentence each.
+    were_degrees : bool
+        Whether positions were converted from degrees.
     """
 
     topic: str
@@ -59,6 +61,7 @@ class JointStates:
     listed: NDArray[np.bool_]
     n_malformed: int = 0
     notes: tuple[str, ...] = ()
+    were_degrees: bool = False
 
     @property
     def n_messages(self) -> int:

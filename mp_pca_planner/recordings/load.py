@@ -35,6 +35,7 @@ from ..exceptions import (
 from ..lazy import LazyModule
 from ..robot.model import Robot
 from . import bags, cutting
+from .continuity import units_advice
 from .copies import parts_of_others
 from .cutting import segments_by_hand
 from .demonstration import Demonstration
@@ -408,7 +409,8 @@ def _absurd(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str
     if ranges.max() <= ABSURD_EXTENT:
         return ()
     name = motions[0].joint_names[ranges.argmax()]
-    return (f"joint '{name}' moves over {ranges.max():.3g} {ABSURD[options.degrees]}",)
+    advice = units_advice(float(ranges.max()), were_degrees=options.degrees)
+    return (f"joint '{name}' moves over {ranges.max():.3g} {ABSURD}: {advice}",)
 
 
 def _beyond_limits(motions: Sequence[Demonstration], options: LoadOptions) -> tuple[str, ...]:

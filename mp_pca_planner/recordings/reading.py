@@ -251,7 +251,8 @@ def in_si_units(
                 "--scale or --joints takes them"
             )
         factors |= dict.fromkeys(angles, np.pi / 180.0)
-    return replace(states.scaled(factors) if factors else states, notes=(*states.notes, *notes))
+    states = states.scaled(factors) if factors else states
+    return replace(states, notes=(*states.notes, *notes), were_degrees=options.degrees)
 
 
 _ENCODER_STEPS = 4095  # of a turn, as LeRobot counts those of its motors

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from .continuity import (
     long_pieces,
     longest_gap,
     median_period,
-    refuse_degrees,
+    refuse_other_units,
     unwrap,
 )
 from .copies import fingerprint
@@ -104,7 +105,8 @@ def repair(
         period = median_period(samples.times)
         pieces, done = cut_at_gaps(samples, longest_gap(period, max_gap), counts["clock_jumps"])
         counts.update(done)
-        for mend_pieces in (long_pieces, unwrap, refuse_degrees, cut_at_jumps, long_pieces):
+        check_units = partial(refuse_other_units, were_degrees=states.were_degrees)
+        for mend_pieces in (long_pieces, unwrap, check_units, cut_at_jumps, long_pieces):
             pieces, done = mend_pieces(pieces)
             counts.update(done)
         # A rate that jitter puts just below a multiple still counts as that multiple.

@@ -281,7 +281,7 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
         found = mp.load_demonstrations(folder, scale=scale)
         for one, q in zip(found, reaches(), strict=True):
             np.testing.assert_allclose(one.positions[-1], q[-1], atol=0.02)
-    with pytest.raises(RecordingError, match="from -100 to 100, with --scale"):
+    with pytest.raises(RecordingError, match="from -100 to 100 with --scale CALIBRATION.json"):
         mp.load_demonstrations(folder)
     with pytest.warns(UserWarning, match="from -100 to 100: if they are LeRobot's shares"):
         found = mp.load_demonstrations(folder, degrees=True)
@@ -296,9 +296,9 @@ def test_shares_of_ranges_are_scaled_and_said(tmp_path: Path) -> None:
     in_degrees = mp.load_demonstrations(folder, degrees=True, prismatic=["b"])
     assert in_degrees.reports[0].repairs == {}
     assert "not converted from degrees: 'b', 'gripper'" in in_degrees.report
-    with pytest.warns(UserWarning, match="make its --scale") as caught:
+    with pytest.warns(UserWarning, match="instead of --degrees, give the whole") as caught:
         mp.load_demonstrations(folder, degrees=True, scale={"b": -1.0})
-    assert not any("convert degrees (--degrees" in str(one.message) for one in caught)
+    assert not any("convert degrees with" in str(one.message) for one in caught)
     refused = inspect_recording(folder, degrees=True, rename={"a": "elbow"})
     assert refused.refusal is None and "elbow" in refused.joint_names
 

@@ -120,7 +120,7 @@ def test_a_recording_of_halves_is_rejected(
     assert re.search(words, refusal.reason)
 
 
-def test_units_that_are_no_radians_are_told(tmp_path: Path) -> None:
+def test_units_other_than_radians_are_named_with_the_next_step(tmp_path: Path) -> None:
     for name in "12":
         degrees = float(name) * np.rad2deg(REACHES)
         write_bag(tmp_path / name, "mcap", stamped(degrees))
@@ -132,6 +132,15 @@ def test_units_that_are_no_radians_are_told(tmp_path: Path) -> None:
     loaded = load_recordings([tmp_path], degrees=True)
     assert [report.name for report in loaded.reports] == ["1", "2"]
     assert "radians rather than degrees: leave out --degrees" in loaded.refused[0].reason
+    for reach, given, words in (
+        (100.0, False, "degrees with --degrees .*, LeRobot's .* --scale CALIBRATION.json .* mm"),
+        (150.0, False, r"degrees with --degrees \(degrees=True\), other units .* 0.001 for mm"),
+        (4095.0, False, "; convert other units with --scale .* for 4096 ticks a turn"),
+        (4095.0, True, "; instead of --degrees, give the whole factor .* for 4096 ticks a turn"),
+    ):
+        write_bag(tmp_path / f"{reach}{given}", "mcap", stamped(REACHES * reach / REACHES.max()))
+        (refusal,) = load_recordings([tmp_path / f"{reach}{given}"], degrees=given).refused
+        assert re.search(f"not in degrees .*{words}.* with --joints", refusal.reason)
     # A single joint may turn on and on.
     turns = np.column_stack([12.0 * REACHES[:, 0], REACHES])
     path = write_bag(tmp_path / "wheel", "mcap", stamped(turns, names=("wheel", "a", "b")))
