@@ -96,26 +96,6 @@ def test_interrupted_demo_ends_its_child_processes(tmp_path, words, number, stat
     assert not any(Path(f"/proc/{pid}").exists() for pid in started)
 
 
-def test_a_signal_while_children_start_ends_them():
-    script = (
-        "import signal, subprocess\n"
-        "from mp_pca_planner.cli.demo import _children\n"
-        "class Interrupted(subprocess.Popen):\n"
-        "    def __init__(self, *words, **options):\n"
-        "        super().__init__(*words, **options)\n"
-        "        print(self.pid, flush=True)\n"
-        "        signal.raise_signal(signal.SIGTERM)\n"
-        "subprocess.Popen = Interrupted\n"
-        "with _children(['simulate', '--robot', 'human_arm']):\n"
-        "    print('in the block')\n"
-    )
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    (pid,) = done.stdout.split()
-    assert "KeyboardInterrupt" in done.stderr
-    assert not Path(f"/proc/{pid}").exists()
-
-
 @pytest.mark.parametrize("name", EXAMPLE_ROBOTS)
 def test_files_of_every_example_give_motions_of_its_arm_and_are_kept(tmp_path, name, capsys):
     if name != HUMAN_ARM:

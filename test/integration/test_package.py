@@ -72,32 +72,6 @@ runpy.run_module("{PACKAGE}", run_name="__main__")
     assert loaded.isdisjoint({"rclpy", "numpy", *(f"{PACKAGE}.cli.{name}" for name in COMMANDS)})
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "plan none.npz --robot arm.urdf --start 0 --goal 0",
-        "build_primitives none.mcap --output a.npz",
-        "inspect none.mcap",
-        "verify --help",
-        "teach --outptu a.npz",
-        "view none.npz --robot arm.urdf",
-        "call start",
-    ],
-)
-def test_refusals_wait_for_no_large_library(words: str, tmp_path: Path) -> None:
-    code = f"""
-import atexit, runpy, sys
-atexit.register(lambda: print("loaded", *sys.modules))
-sys.argv = ["{PACKAGE}", *{words.split()}]
-runpy.run_module("{PACKAGE}", run_name="__main__")
-"""
-    result = run([sys.executable, "-c", code], tmp_path, PYTHONPATH=str(ROOT))
-    loaded = result.stdout.rpartition("loaded")[2].split()
-    assert result.returncode == (0 if "--help" in words else 2) and "numpy" in loaded
-    large = {"pinocchio", "coal", "scipy.linalg", "matplotlib", "ompl", "trimesh", "viser", "rclpy"}
-    assert set(loaded).isdisjoint(large)
-
-
 def test_unknown_command_is_refused_in_one_line_with_the_valid_ones(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -179,29 +153,3 @@ def test_pip_installs_what_runs_from_any_folder_and_where_ros2_looks(
     code = f"from {PACKAGE}.files import config_file; print(config_file('planner.yaml'))"
     result = run([prefix / "bin/python3", "-c", code], cwd=tmp_path, PYTHONPATH="")
     assert result.stdout.strip() == str(prefix / f"share/{PACKAGE}/config/planner.yaml")
-
-
-@pytest.mark.slow
-def test_source_distribution_installs_the_same_files(prefix: Path, tmp_path: Path) -> None:
-    source = prefix.parent / "source"
-    code = "from setuptools import build_meta; print(build_meta.build_sdist('..'))"
-    result = run([sys.executable, "-c", code], cwd=source)
-    assert result.returncode == 0, result.stderr
-    archive = source.parent / result.stdout.splitlines()[-1]
-    # Installed from the archive alone.
-    options = ["--no-deps", "--no-build-isolation", "--no-index", "--prefix", str(tmp_path)]
-    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--ignore-installed", *options]
-    result = run([*pip, str(archive)])
-    assert result.returncode == 0, result.stderr
-    shared = [f"share/{PACKAGE}/{part}" for part in ("config", "launch", "package.xml")]
-    for part in (*shared, f"lib/{PACKAGE}"):
-        assert files_below(tmp_path / part) == files_below(prefix / part) != {}
-    (installed,) = tmp_path.glob(f"**/site-packages/{PACKAGE}")
-    templates = "plotting/templates"
-    assert files_below(installed / templates) == files_below(ROOT / PACKAGE / templates)
-
-
-def files_below(path: Path) -> dict[str, bytes]:
-    """The contents of a file, or of all files of a folder that pip doesn't make itself."""
-    files = [file for file in (path, *path.rglob("*")) if file.is_file() and file.suffix != ".pyc"]
-    return {str(file.relative_to(path)): file.read_bytes() for file in files}

@@ -70,9 +70,7 @@ def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     ("options", "reason"),
     [
         (["--topic", "/other"], "there are no joint states on '/other'"),
-        (["--frame", "hand"], "--frame names a link of --robot"),
         (["--robot", URDF, "--frame", "hand"], "no link is called 'hand'"),
-        (["--robot", URDF, "--joints", "knee"], "'knee'"),
     ],
 )
 def test_wrong_options_are_refused_in_a_sentence(

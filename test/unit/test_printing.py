@@ -29,7 +29,6 @@ HOSTILE = "\x1b]0;owned\x07\nroot# \u202ecba\udcff"
         ("a\nb\r\tc", r"a\nb\r\tc"),
         ("\x1b]0;title\x07\x9b31m", r"\x1b]0;title\x07\x9b31m"),
         ("\u202egnp.exe\u2066\u200b", r"\u202egnp.exe\u2066\u200b"),
-        ("bad\udcff", r"bad\udcff"),
     ],
 )
 def test_printable_escapes_what_moves_the_cursor_or_the_text(text: str, shown: str) -> None:
@@ -59,9 +58,7 @@ def failing(error: BaseException) -> Callable[[str, list[str]], NoReturn]:
     [
         (PlannerError("no such thing"), 2, "plan: no such thing"),
         (ValueError("shapes\ndiffer"), 1, r"internal error, ValueError: shapes\ndiffer"),
-        (RecursionError("too deep"), 1, "RecursionError: too deep"),
         (MemoryError("9 GiB"), 1, "not enough memory for this (9 GiB)"),
-        (MemoryError(), 1, "not enough memory"),
         (PermissionError(errno.EACCES, "Permission denied", "x.yaml"), 1, "'x.yaml': Permission"),
         (ModuleNotFoundError("No module named 'pinocchio'"), 1, "installation is incomplete: No"),
         (KeyboardInterrupt(), 1, "plan: interrupted"),

@@ -5,7 +5,6 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-import trimesh
 from support.arm import arm_demonstrations, arm_primitive, arm_robot
 from support.chain import CHAIN, LENGTH, NAMES, RADIUS, chain, chain_planner, motion
 from support.patience import PATIENT
@@ -115,26 +114,6 @@ def test_collisions_with_obstacles_are_those_on_the_grid(margin):
                 assert first == pytest.approx(dense.times[distances < 0.0][0], abs=1e-9)
                 assert {one.margin for one in of_it} == {margin}
     assert n_found >= 2
-
-
-def test_links_may_be_where_only_the_convex_hull_of_a_mesh_is(tmp_path):
-    # Cubes of 0.1 m whose centres are 0.3 m before and behind the origin.
-    cubes = [
-        trimesh.creation.box((0.1, 0.1, 0.1)).apply_translation((x, 0, 0)) for x in (-0.3, 0.3)
-    ]
-    trimesh.util.concatenate(cubes).export(tmp_path / "x.stl")
-    mesh = f'<mesh filename="file://{tmp_path}/x.stl"/>'
-    model = CollisionModel(chain(**{'<box size="0.1 0.1 0.1"/>': mesh}))
-    pair = model.pairs.index(("base", "c"))
-    # An equilateral triangle: the last sphere is between the cubes.
-    folded = np.array([0.0, 2.0 * np.pi / 3.0, 2.0 * np.pi / 3.0])
-    between = model.near(folded[None], np.inf).distances[pair]
-    assert between == pytest.approx(0.25 - RADIUS, abs=1e-6)
-    assert worst(model, motion([0.0, 2.0, 2.1], folded)) is None
-    # Here it is at x = 0.22, half in a cube, and whole in the hull of both.
-    into = np.array([0.0, 1.79773936, 2.68770658])
-    assert model.near(into[None], np.inf).distances[pair] < -0.05 + 1e-6
-    assert worst(model, motion(folded, into)).links == ("base", "c")
 
 
 # Plans

@@ -14,9 +14,8 @@ from support.arm import JOINTS, arm_primitive, arm_robot
 from support.arm_plans import planner, request
 
 from mp_pca_planner.files import config_file
-from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal
+from mp_pca_planner.motion.goal import JointState, Pose, PoseGoal
 from mp_pca_planner.motion.validation import check_limits
-from mp_pca_planner.planning.configurations import configurations_at, starts_near
 from mp_pca_planner.planning.plan import SOLVED
 
 HAND = "wrist"
@@ -77,22 +76,6 @@ def test_a_pose_is_reached_to_1e_6_within_the_limits(full):
         assert plan.goal_error <= 1e-6
         assert np.all(plan.trajectory.velocities[-1] == 0.0)
         assert kept(plan)
-
-
-def test_of_the_configurations_like_the_demonstrations_a_pose_takes_the_cheapest():
-    subject, robot = planner(naturalness=1.0), arm_robot()
-    ends, ratios = arm_primitive().boundary_states[:, 3], []
-    for i in range(4):
-        goal, start = request(i)
-        pose = pose_at(goal.state.positions, full=False)
-        plan = subject.plan(PoseGoal(pose), start)
-        begins = [*starts_near(robot, pose, ends, 12), start.positions]
-        found = configurations_at(robot, robot.limits(), pose, begins)
-        fixed = [subject.plan(JointGoal(JointState(JOINTS, q)), start) for q in found]
-        natural = [one.cost for one in fixed if one.in_span_score <= 3.0 and one.is_executable]
-        assert len(natural) > 1 and plan.in_span_score <= 3.0
-        ratios.append(plan.cost / min(natural))
-    assert max(ratios) < 1.02
 
 
 def test_the_shortest_duration_is_feasible_and_clearly_shorter_ones_are_not():

@@ -11,10 +11,8 @@ from support.arm import JOINTS, arm_robot
 from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.motion.goal import JointState
-from mp_pca_planner.motion.validation import Violation
 from mp_pca_planner.planning.motion import N_LIMIT_POINTS, limit_phases
-from mp_pca_planner.planning.program.constraints import Findings
-from mp_pca_planner.planning.program.limits import MARGIN, QUANTITIES, Limits
+from mp_pca_planner.planning.program.limits import QUANTITIES, Limits
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.solver import solve
 
@@ -87,23 +85,6 @@ def test_gradient_and_rows_are_the_derivatives(name):
         np.testing.assert_allclose(rows[:, k], difference, atol=1e-6 * (1 + np.abs(rows).max()))
         slope = (ends[0].cost - ends[1].cost) / (2.0 * step)
         assert at.gradient[k] == pytest.approx(slope, rel=1e-5, abs=1e-6 * at.cost)
-
-
-def test_an_end_near_a_limit_leaves_room_for_itself():
-    _, _, limits = constrained("arm", {})
-    segment, _ = compile_motion(BASES["arm"])
-    half = (limits.upper[0] - limits.lower[0]) / 2.0
-    for slack in (0.0, 0.4 * MARGIN, 1.0):
-        end = JointState(JOINTS, [limits.upper[0] - slack * half, 0.0, 0.0, -1.0])
-        ends = [end, *FAR_FROM_LIMITS]
-        bounds = Limits(arm_robot(), segment.tables, segment.unknowns, limits, ends)
-        room = limits.upper[0] / half - bounds.upper[0]
-        assert room == pytest.approx(min(0.5 * slack, MARGIN), abs=1e-12)
-        broken = Violation("position", limits.joint_names[0], 0.5, 0.0, 1.0, excess=1e-3)
-        found = Findings(1.0, np.zeros((0, 4)), np.zeros(0), [broken], [broken])
-        tighter = limits.upper[0] / half - bounds.refined(found).upper[0]
-        assert room <= tighter <= max(slack, 1e-12)
-        assert (tighter > room) == (slack > 0.0)
 
 
 @pytest.mark.parametrize("name", ["arm", "joint"])

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plan is plain values with a headline; a budget bounds its time."""
 
+import pickle
 import re
 import time
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -55,3 +57,13 @@ def test_a_budget_ends_planning_by_time_or_when_it_is_cancelled():
     assert asked and stopped.iterations < free.iterations
     with pytest.raises(mp.PlannerError, match="time for planning.*-1"):
         mp.Budget(-1.0)
+
+
+def test_a_plan_survives_pickling_without_its_planner():
+    plan = planner().plan(*request(3))
+    content = pickle.dumps(plan)
+    assert len(fields(plan)) <= 14 and len(content) < 30_000
+    again = pickle.loads(content)
+    assert again.summary() == plan.summary() and str(again) == str(plan)
+    times = plan.trajectory.times
+    np.testing.assert_array_equal(again.motion.evaluate(times), plan.motion.evaluate(times))

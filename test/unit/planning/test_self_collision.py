@@ -63,3 +63,14 @@ def test_missing_meshes_are_one_remark_and_stop_only_what_needs_them(collision):
     assert planner.plan(*ACROSS_BASE[::-1]).is_executable
     with pytest.raises(RobotError, match="--package-dirs"):
         Planner(robot, fold(), collision=collision, world=BALL)
+
+
+def test_a_robot_without_shapes_is_said_to_be_unchecked():
+    bare = Robot(
+        "".join(part.partition("</collision>")[2] or part for part in CHAIN.split("<collision>")),
+        NAMES,
+    )
+    (remark,) = Planner(bare, fold()).remarks
+    assert "no collision geometry" in remark
+    with pytest.raises(RobotError, match="no collision geometry"):
+        Planner(bare, fold(), world=BALL)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from support.arm import JOINTS, arm_robot
 from support.dense import minimum_jerk_motion
 
+from mp_pca_planner.exceptions import TrajectoryError
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.motion.validation import Violation, check_limits
@@ -165,3 +166,21 @@ def test_slowdown_follows_the_law_of_time_scaling(quantity, factor):
     assert slowdown(violated) == pytest.approx(1.0 if factor is None else 1.02 * factor)
     worse = Violation("velocity", "elbow", 0.0, 1.5, 1.0, 0.5)
     assert slowdown([*violated, worse]) == pytest.approx(1.02 * 1.5)
+
+
+@given(shares, shares, st.floats(0.2, 5.0))
+def test_stretch_of_a_minimum_jerk_motion_gives_its_least_duration(first, second, duration):
+    robot, start, goal = arm_robot(), configuration(first), configuration(second)
+    limits = limits_of(max_velocity=0.7, max_acceleration=2.0, max_jerk=9.0)
+    motion = minimum_jerk(start, goal, duration)
+    s = motion.times[:, None] / duration
+    jerks = (goal - start) * (60.0 - 360.0 * s + 360.0 * s**2) / duration**3
+    states = np.array([motion.positions, motion.velocities, motion.accelerations, jerks])
+    for bounds in (limits, limits_of(max_effort=50.0), limits_of(max_effort=0.01)):
+        stretch = least_stretch(robot, bounds, states)
+        try:
+            least = least_duration(robot, bounds, start, goal)
+        except TrajectoryError:
+            assert stretch == np.inf
+        else:
+            assert stretch * duration == pytest.approx(least, rel=5e-3, abs=1e-6)

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures: valid files, something in them, and nothing drawn from wrong input."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -138,19 +136,6 @@ def all_legends_inside(figure: Any) -> bool:
     )
 
 
-def test_pyplot_and_its_settings_are_left_alone(tmp_path: Path) -> None:
-    code = (
-        "import sys\n"
-        "from mp_pca_planner.plotting.style import picture\n"
-        "assert 'matplotlib' not in sys.modules\n"
-        "import matplotlib; before = matplotlib.rcParams['font.size']\n"
-        f"with picture({str(tmp_path / 'a.png')!r}) as figure: figure.subplots()\n"
-        "assert 'matplotlib.pyplot' not in sys.modules\n"
-        "assert matplotlib.rcParams['font.size'] == before"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 # Figures of plans
 
 
@@ -182,23 +167,6 @@ def test_plan_shows_its_vias_where_it_passes_them() -> None:
         np.testing.assert_allclose(via.get_ydata(), np.rad2deg(expected))
     shown = [x.get_text() for x in figure.legends[0].get_texts()]
     assert shown == ["planned", "nearest demonstrations, re-timed", "via"]
-
-
-def test_plan_has_the_demonstrations_behind_it_that_are_nearest_to_it() -> None:
-    (found, planner), primitive = plan_between(3, 3), arm_primitive()
-    with styled_figure() as figure:
-        panels = plan_figure(figure, found, planner)
-    ends = primitive.boundary_states[:, [0, 3]]
-    away = np.linalg.norm((ends - ends[3]) / (ends.std(axis=0) + 1e-3), axis=(1, 2))
-    nearest = np.argsort(away)[:MAX_BEHIND]
-    assert nearest[0] == 3
-    for joint, above in enumerate(panels):
-        *behind, planned = (x for x in above.lines if len(x.get_xdata()) > 2)
-        assert len(behind) == MAX_BEHIND
-        assert all(x.get_zorder() < planned.get_zorder() for x in behind)
-        shown = np.array([x.get_ydata()[[0, -1]] for x in behind])
-        np.testing.assert_allclose(shown, np.rad2deg(ends[nearest][:, :, joint]), atol=1e-6)
-        assert {x.get_xdata()[-1] for x in behind} == {found.duration}
 
 
 def test_plan_shows_the_path_of_the_hand_and_the_obstacles_beside_it() -> None:

@@ -26,15 +26,6 @@ def paced(pace=PACE):
     return PacedBasis(arm_primitive().basis, WAY, time_scaling(np.asarray(pace)))
 
 
-def test_time_scaling_is_a_polynomial_that_is_even_at_its_ends():
-    x = 2.0 * PHASES - 1.0
-    added = (1.0 - x**2) ** 3 * np.polynomial.legendre.legval(x, PACE)
-    np.testing.assert_allclose(aligned(), PHASES + added, atol=1e-12)
-    ends = np.array([0.0, 1.0])
-    for derivative, value in ((1, 1.0), (2, 0.0)):
-        np.testing.assert_allclose(aligned(PACE, ends, derivative), value, atol=1e-9)
-
-
 def test_the_most_uneven_pace_still_increases():
     phases = aligned([50.0, -80.0, 90.0, -70.0])
     assert np.all(np.diff(phases) > 0.0)

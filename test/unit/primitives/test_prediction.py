@@ -82,3 +82,7 @@ def test_in_span_score_of_a_request_is_that_of_its_prediction():
     assert score == primitive.model.predict(first, last).in_span_score < 3.0
     assert primitive.in_span_score(first, last + 3.0) > 3.0
     assert primitive.in_span_score(first, last, 0.02) > score
+
+
+def test_a_primitive_says_how_well_it_predicts():
+    assert "% nearer than minimum-jerk motions (" in str(arm_primitive())

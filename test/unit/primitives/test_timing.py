@@ -12,7 +12,6 @@ from support.bags import minimum_jerk
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.primitives.timing import (
-    aligned_phases,
     arc_length_warp,
     own_phases,
 )
@@ -48,20 +47,6 @@ def test_weights_and_warp_give_a_demonstration_back_in_its_own_time(method, coup
         error = primitive.reproduction(i, demonstration.times) - demonstration.positions
         assert np.sqrt(np.mean(error**2)) < 2.0 * np.sqrt(np.mean(primitive.fit_residual[i] ** 2))
         assert np.abs(error[[0, -1]]).max() < 1e-9
-
-
-@given(
-    steps=st.lists(st.floats(1e-6, 1.0), min_size=1, max_size=60),
-    phases=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=20),
-)
-def test_aligned_phases_undo_own_phases(steps, phases):
-    warp = np.concatenate([[0.0], np.cumsum(steps) / np.sum(steps)])
-    warp[-1] = 1.0
-    shares = own_phases(warp, np.array(phases))
-    assert np.all((shares >= 0.0) & (shares <= 1.0))
-    again = own_phases(warp, aligned_phases(warp, shares))
-    np.testing.assert_allclose(again, shares, atol=1e-9)
-    assert aligned_phases(warp, np.array([0.0, 1.0])).tolist() == [0.0, 1.0]
 
 
 ROW = st.lists(st.sampled_from([0.0, 0.0, 1e-9, 0.1, -0.3, 2.0]), min_size=2, max_size=2)

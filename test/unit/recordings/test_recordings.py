@@ -291,15 +291,6 @@ def test_noise_alone_is_no_motion(tmp_path: Path, rate: int, noise: float) -> No
         assert "no motion" in refused.reason or "nothing moves" in refused.reason
 
 
-def test_slow_recording_among_unknown_types_is_one_motion(shared_data: Path) -> None:
-    loaded = load_recordings([shared_data / "iri_wam"])
-    (demonstration,) = loaded.demonstrations
-    assert loaded.reports[0].rate == pytest.approx(10.0, rel=0.01)
-    assert demonstration.start_time == pytest.approx(2.4, abs=0.2)
-    assert demonstration.end_time == pytest.approx(11.6, abs=0.2)
-    assert np.abs(demonstration.velocities[[0, -1]]).max() < 0.02
-
-
 def test_all_motions_cut_by_hand_load(shared_data: Path) -> None:
     arm = shared_data / "human_arm"
     loaded = load_recordings([arm / "joint_states"], segments_csv=arm / "motions.csv")
@@ -318,14 +309,10 @@ ROWS = ["x,1.0,2.0,out", "x,3.0,4.99,back"]
     [
         (["y,1.0,2.0,"], "line 2: no recording is called 'y'"),
         ([*ROWS, "x,one,2.0,"], "line 4: 'start_time_s' must be a number of seconds, got 'one'"),
-        ([*ROWS, "x,1.0"], "line 4: 'end_time_s' must be a number of seconds, got ''"),
-        (["x,nan,2.0,"], "line 2: 'start_time_s' must be a number"),
         (["x,2.0,2.0,"], "line 2: .* end after its start"),
         (["x,-1.0,2.0,"], "line 2: .* must start at 0 s or later"),
-        (["x,1.0,1e308,"], "line 2: .* at 1e.09 s at the latest"),
         ([*ROWS, "x,1.00,2.0,out"], "line 4: this row repeats .* line 2: remove one"),
         ([f"x,1.0,{i + 2}," for i in range(10_001)], "more than 10,000 rows"),
-        (["a\0b,1,2,"], "segments.csv"),
     ],
 )
 def test_a_table_of_segments_is_taken_or_refused_with_the_line(

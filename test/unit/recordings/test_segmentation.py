@@ -99,16 +99,6 @@ def test_slow_sampling_is_cut_at_rests_only() -> None:
     np.testing.assert_allclose(motions_in(slow, rate=10.0), [(1, 2), (3, 4)], atol=0.3)
 
 
-def test_no_motion_is_shorter_than_asked() -> None:
-    rng = np.random.default_rng(5)
-    wild = np.cumsum(rng.normal(scale=0.05, size=(2000, 3)), axis=0)
-    for shortest in (0.25, 0.5, 1.0):
-        options = SegmentationOptions(min_duration=shortest)
-        found = motions_in(wild, options=options)
-        assert found
-        assert min(end - start for start, end in found) >= shortest - 0.01
-
-
 @pytest.mark.parametrize(
     ("name", "value"), [("min_rest", 0.0), ("min_duration", np.nan), ("cut", "x")]
 )

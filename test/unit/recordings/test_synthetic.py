@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The made-up motions against the arm's limits and against what is known of people's motions."""
 
-from itertools import product
-
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -51,20 +48,6 @@ def test_motions_stay_within_all_limits_of_the_arm(seed: int) -> None:
     assert np.all(np.abs(tau) < LIMITS.effort)
 
 
-def test_arm_stays_clear_of_the_chest_and_the_head_there_and_back() -> None:
-    urdf = str(config_file("human_arm.urdf"))
-    model = pin.buildModelFromUrdf(urdf)
-    bodies = pin.buildGeomFromUrdf(model, urdf, pin.GeometryType.COLLISION)
-    # The ball of the shoulder sits in the chest.
-    of_chest, of_arm = ("chest_0", "chest_1"), ("upper_arm_1", "lower_arm_1", "lower_arm_2")
-    for pair in product(of_chest, of_arm):
-        bodies.addCollisionPair(pin.CollisionPair(*map(bodies.getGeometryId, pair)))
-    data, bodies_data = model.createData(), bodies.createData()
-    recording = continuous_recording(MANY, rate=20, rest=(0.0, 0.0), seed=2)
-    for q in recording.positions:
-        assert not pin.computeCollisions(model, data, bodies, bodies_data, q, True), q
-
-
 def test_recording_holds_every_motion_where_it_says() -> None:
     motions = MANY[:6]
     recording = continuous_recording(motions, seed=3)
@@ -77,18 +60,6 @@ def test_recording_holds_every_motion_where_it_says() -> None:
             expected = np.interp(recording.times[inside] - start, motion.times, true)
             # Five standard deviations of the sensor's noise, and a little tremor.
             np.testing.assert_allclose(measured[inside], expected, atol=6e-3)
-
-
-def test_recording_rests_between_the_spans_for_as_long_as_asked() -> None:
-    recording = continuous_recording(MANY[:6], rate=200, rest=(0.4, 0.6), seed=3)
-    spans = np.sort(np.concatenate([recording.motion_spans, recording.return_spans]), axis=0)
-    edges = np.concatenate([[0.0], spans.ravel(), [recording.times[-1]]]).reshape(-1, 2)
-    rests = np.diff(edges, axis=1)
-    assert rests.min() > 0.4 - 1 / 200
-    assert rests.max() < 0.6 + 1 / 200
-    for start, end in edges:
-        still = recording.positions[(recording.times > start) & (recording.times < end)]
-        assert 5e-4 < still.std(axis=0).max() < 2e-3
 
 
 def test_no_motions_are_refused() -> None:

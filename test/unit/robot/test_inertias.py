@@ -62,14 +62,8 @@ def refusal(urdf):
 BROKEN = {
     "no inertial": "",
     "mass 0": inertial(0, tensor(0, 0, 0)),
-    "mass alone": '<inertial><mass value="1"/></inertial>',
-    "absurd": inertial("1e308"),
     "comma": inertial("2,5"),
-    "negative": inertial(-2),
     "NaN in the tensor": inertial(2, tensor("nan", 1, 1)),
-    "wrong origin": inertial(xyz="0 0"),
-    "point": inertial(2, tensor(0, 0, 0)),
-    "negative moment": inertial(2, tensor(-0.1, 1, 1)),
     "products": inertial(2, tensor(1, 1, 1, 1.5, 0, 0)),
     "triangle": inertial(2, tensor(1, 1, 2.5)),
 }
@@ -144,3 +138,12 @@ def test_whatever_computes_efforts_takes_inertias_and_nothing_else_does():
     ):
         with pytest.raises(RobotError, match=f"'upper_arm', 'lower_arm'; give{advice}"):
             attempt()
+
+
+def test_unknown_efforts_are_not_a_number():
+    robot, one = Robot(pendulum(GOOD, "", last="revolute")), np.ones((1, 2))
+    assert np.isnan(robot.inverse_dynamics(one, one, one)).all()
+    assert robot.known_efforts(one, one, one) is None
+    sound = Robot(pendulum(GOOD, GOOD, last="revolute"))
+    efforts = sound.inverse_dynamics(one, one, one)
+    np.testing.assert_array_equal(sound.known_efforts(one, one, one), efforts)

@@ -25,7 +25,6 @@ def write(tmp_path):
     ("limits", "message"),
     [
         ({"b": {"max_effort": 0.0}}, "max_effort of joint 'b'.*positive"),
-        ({"b": {"max_effort": np.nan}}, "max_effort of joint 'b'.*positive"),
         ({"a": {"min_position": 1.0, "max_position": 1.0}}, "'a' range from 1 to 1"),
     ],
 )
@@ -88,13 +87,9 @@ def test_a_file_with_degrees_and_keys_of_pilz_is_read(write):
     [
         ("joint_limits: [1]", "mapping 'joint_limits'"),
         ("joint_limits: {c: {max_velocity: 1}}", "no joint is called 'c'.*'a', 'b'"),
-        ("joint_limits: {a: 3}", "joint 'a' must be a mapping"),
         ("joint_limits: {a: {damping: -1}}", "damping of joint 'a' must be a number from 0"),
         ("joint_limits: {a: {max_velocty: 1}}", "did you mean 'max_velocity'"),
         ("joint_limits: {a: {max_velocity: true}}", "not a number"),
-        ("joint_limits: {a: {max_deceleration: x}}", "max_deceleration of joint 'a' is 'x'"),
-        ("joint_limits: {a: {max_jerk: 1.0e-300}}", "must be a positive number from 1e-09 on"),
-        ("joint_limits: {a: {has_velocity_limits: 1}}", "true or false"),
         ("joint_limits: {a: [", "can't be read"),
         ("joint_limits: {a: &x {max_velocity: 1}, b: *x}", "aliases of YAML"),
     ],

@@ -83,3 +83,10 @@ def test_joint_matters_if_it_places_a_mass_a_shape_or_the_arm():
     assert set(robot.relevant_joints(pairs=True)) == carried | {"roll"}
     needed = robot.relevant_joints(pairs=False, links=["dial", "pan"])
     assert set(needed) == carried | {"dial", "pan"}
+
+
+def test_positions_that_were_given_are_known_with_those_that_follow_from_them():
+    known = Robot(URDF, ARM, locked=WHERE).locked_positions
+    assert known == {**WHERE, "mimic": pytest.approx(-0.07)}
+    assert Robot(URDF, ARM, locked={"mimic": 0.2}).locked_positions == {"mimic": 0.2}
+    assert Robot(URDF, ("grip", *ARM)).locked_positions == {}

@@ -43,15 +43,11 @@ def many(kind, n):
     ("urdf", "message"),
     [
         ("<robot", "not XML"),
-        ("<sdf/>", "root element is <sdf>"),
         ("<mujoco/>", r"<mujoco>, not <robot> \(MuJoCo's MJCF\): give the URDF of the same robot"),
         (changed('size="1 1 1"', 'size="${a} 1 1"'), "xacro"),
-        (changed('name="arm">', 'name="arm" xmlns:x="http://xacro"><x:include/>'), "xacro"),
         (changed('type="revolute"', 'type="hinge"'), "no revolute, continuous or prismatic joint"),
         (changed('parent link="base"', 'parent link="bas"'), "link 'bas' of joint 'one' not"),
-        (changed('<child link="rod"/>', ""), "Joint 'one' is missing a parent and/or child link"),
         (changed('<link name="base"/>', '<link name="base"/><link name="x"/>'), "'base' and 'x'"),
-        (changed('<link name="base"/>', '<link name="base"/><link/>'), "No name given for the"),
         (changed('xyz="0 0 1"', 'xyz="0 1"'), "'0 1'; Malformed .* origin element for joint 'one'"),
         (changed('xyz="0 1 0"', 'xyz="0 -0.0 0"'), "joint 'one': its <axis> has no direction"),
         # Versions of urdfdom differ in the order of what they say.
@@ -59,7 +55,6 @@ def many(kind, n):
         (changed("<limit ", "<bounds "), "Joint 'one' is of type REVOLUTE but it does not specify"),
         (changed("<limit", '<mimic joint="one" multiplier="x"/><limit'), "'one': 'multiplier' of"),
         (many("revolute", 20_000), "20001 links and 20000 movable joints, but at most 500 and 200"),
-        (many("revolute", 201), "201 movable joints"),
         (f'<!DOCTYPE robot [<!ENTITY e0 "ha">{LAUGHS}]>' + changed("arm", "&e9;"), "amplification"),
         (SECRET + changed("</robot>", "&e;</robot>"), "undefined entity"),
     ],
@@ -83,9 +78,7 @@ def test_largest_descriptions_are_read_and_deeper_ones_rejected():
     ("shape", "message"),
     [
         ('<box size="1 1"/>', "'size' of <box> is '1 1', expected 3 numbers of at most 1e"),
-        ("<sphere/>", "<sphere> lacks 'radius'"),
         ('<cylinder radius="1" length="nan"/>', "'length' of <cylinder> is 'nan'"),
-        ("<mesh/>", "its mesh lacks 'filename'"),
         ("<torus/>", "its geometry is 'torus', expected one of box, sphere, cylinder, mesh"),
     ],
 )

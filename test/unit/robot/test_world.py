@@ -16,18 +16,11 @@ TURNED = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
     ("make", "message"),
     [
         (lambda: mp.Box((1.0, 0.0, 1.0)), "size of a box must be above 0"),
-        (lambda: mp.Box((1.0, 1.0)), "size of a box must have the shape"),
-        (lambda: mp.Sphere(np.nan), "radius of a sphere is nan"),
         (lambda: mp.Cylinder(1.0, 2e3), "height of a cylinder must be above 0 and at most 1000 m"),
-        (lambda: mp.Capsule(0.0, 1.0), "radius of a capsule must be above 0"),
         (lambda: mp.Sphere(1.0, (2e3, 0, 0)), "position of a sphere must be at most 1000 m"),
-        (lambda: mp.Sphere(1.0, (0, 0, 0), (0, 0, 0, 0)), "length 1, got one of length 0"),
         (lambda: mp.Mesh(np.eye(3), [[0, 1, 3]]), "indices of its 3 vertices, from 0 to 2"),
-        (lambda: mp.Mesh(np.eye(3), [[0, 1, 0.5]]), "indices of its 3 vertices"),
-        (lambda: mp.Mesh(np.eye(3), np.zeros((0, 3))), "a mesh must have 1 to"),
         (lambda: mp.Mesh(np.ones((3, 3)), [[0, 1, 2]]), "but all its vertices are at one point"),
         (lambda: mp.Obstacle("", mp.Sphere(1.0)), "an obstacle must have a name"),
-        (lambda: mp.Obstacle("a", []), "obstacle 'a' must have one or several shapes"),
         (lambda: mp.World([mp.Obstacle("a", mp.Sphere(1.0))] * 2), "'a' given more than once"),
         (
             lambda: mp.World([mp.Obstacle("a", [mp.Sphere(1.0)] * (INPUT_LIMITS.shapes + 1))]),

@@ -77,17 +77,6 @@ def test_energy_of_a_disturbed_arm_only_falls():
     assert energies[-1] < 1e-9 * energies[0]
 
 
-def test_steady_motion_is_followed_with_the_lag_of_the_drives():
-    plant = Plant(arm_robot(), START)
-    rate = np.array([0.5, -0.3, 0.4, 0.6])
-    for k in range(400):
-        command = START + rate * PERIOD * k
-        before = plant.q
-        plant.step(command)
-    lag = (command - before) / rate
-    np.testing.assert_allclose(lag, plant.lag, atol=1e-3)
-
-
 def test_drives_give_no_more_than_their_limits():
     robot = limited(12.0)
     plant = Plant(robot, START)

@@ -157,19 +157,6 @@ def test_controller_that_is_restarted_holds_and_the_step_is_marked():
     assert steps(simulated, 10).rejections == []
 
 
-def test_noise_has_its_standard_deviation_and_does_not_move_the_robot():
-    simulated = robot()
-    simulated.faults.noise = 1e-4
-    states = []
-    for _ in range(2000):
-        simulated.step()
-        states.append(simulated.measured_state())
-    q, v = np.transpose(states, (1, 0, 2))
-    np.testing.assert_allclose((q - START).std(axis=0), 1e-4, rtol=0.1)
-    np.testing.assert_allclose(v.std(axis=0), 1e-2, rtol=0.1)
-    np.testing.assert_allclose(simulated.record.measured, np.tile(START, (2000, 1)), atol=1e-9)
-
-
 def test_faults_that_can_not_be_are_refused():
     for name, value in (("speed_scaling", 1.5), ("delay", -0.1), ("noise", float("nan"))):
         with pytest.raises(PlannerError, match=f"{name} is {value}, expected a number from 0 to"):

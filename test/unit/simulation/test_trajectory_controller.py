@@ -167,15 +167,12 @@ GOOD = (moving(0.0, *A), moving(0.5, *B))
     ("points", "names", "stamp", "reason"),
     [
         ((), NAMES, 0, "no points"),
-        (GOOD, NAMES[:1], 0, "1 joints, the controller 2"),
         (GOOD, ("shoulder", "wrist"), 0, "'wrist'"),
         (GOOD, ("elbow", "elbow"), 0, "'elbow' given more than once"),
         ((moving(0.0, A[0], [1.2e-7, 0.0]),), NAMES, 0, "moves joint 'shoulder' at 1.2e-07"),
         (GOOD, NAMES, NOW - S, "ended 0.5 s before"),
         (GOOD[::-1] + GOOD[1:], NAMES, 0, "points 0 and 1 are 500000000 and 0"),
         ((moving(0.0, [0.1]),), NAMES, 0, "1 positions for 2 joints"),
-        ((moving(0.0, A[0], [0.0]),), NAMES, 0, "1 velocities for 2 joints"),
-        ((moving(0.0, A[0], [0.0] * 2, [0.0] * 3),), NAMES, 0, "3 accelerations for 2"),
         ((TrajectoryPoint(0, A[0], effort=(1.0, 1.0)),), NAMES, 0, "no effort interface"),
     ],
 )
