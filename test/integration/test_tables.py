@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support import commands
+from support.datasets import write_dataset
 
 import mp_pca_planner as mp
 from mp_pca_planner.exceptions import PrimitiveError, RecordingError
@@ -27,6 +28,7 @@ MOTIONS = generate_motions(5, 3)
 RECORDING = continuous_recording(generate_motions(6, 1), seed=1)
 SECONDS = (RECORDING.stamps - RECORDING.stamps[0]) / 1e9
 FPS = 50.0
+EPISODES = [x.at(np.arange(0.0, x.duration, 1.0 / FPS)) for x in MOTIONS]
 
 
 def write_csv(
@@ -212,67 +214,27 @@ def test_tables_are_recordings_where_no_bag_is_beside_them(tmp_path: Path) -> No
 # LeRobot
 
 
-def write_dataset(
-    folder: Path, version: str, names: object, *, column: str = "observation.state"
-) -> list[np.ndarray]:
-    """Write a dataset of LeRobot as its documentation describes it; returns the episodes."""
-    arrow = pytest.importorskip("pyarrow", reason="pyarrow (extra 'lerobot') is not installed")
-    from pyarrow import parquet
-
-    episodes = [
-        motion.at(np.arange(0.0, motion.duration, 1.0 / FPS)).astype(np.float32)
-        for motion in MOTIONS
-    ]
-    is_old = version.startswith("v2")
-    file = "episode_{:06d}" if is_old else "file-{:03d}"
-    path = f"data/chunk-000/{file}.parquet"
-    vector = {"dtype": "float32", "shape": [len(JOINT_NAMES)], "names": names}
-    image = {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "channels"]}
-    features = {column: vector, "observation.images.top": image}
-    info = {"codebase_version": version, "fps": FPS, "data_path": path, "features": features}
-    info["total_episodes"] = len(episodes)
-    (folder / "meta").mkdir(parents=True)
-    (folder / "meta/info.json").write_text(json.dumps(info), encoding="utf-8")
-    (folder / "data/chunk-000").mkdir(parents=True)
-    tables = [
-        arrow.table(
-            {
-                column: arrow.array(list(q), arrow.list_(arrow.float32(), len(JOINT_NAMES))),
-                "timestamp": np.arange(len(q), dtype=np.float32) / np.float32(FPS),
-                "frame_index": np.arange(len(q)),
-                "episode_index": np.full(len(q), k),
-            }
-        )
-        for k, q in enumerate(episodes)
-    ]
-    if not is_old:  # several episodes in a file
-        tables = [arrow.concat_tables(tables[:2]), arrow.concat_tables(tables[2:])]
-    for k, table in enumerate(tables):
-        parquet.write_table(table, folder / path.format(k))
-    return episodes
-
-
 @pytest.mark.parametrize(
     ("version", "names"),
     [("v2.1", [f"{name}.pos" for name in JOINT_NAMES]), ("v3.0", {"motors": list(JOINT_NAMES)})],
 )
 def test_each_episode_of_a_dataset_is_a_motion(tmp_path: Path, version: str, names: object) -> None:
-    episodes = write_dataset(tmp_path / "set", version, names)
+    write_dataset(tmp_path / "set", EPISODES, names, version=version)
     found = mp.load_demonstrations(tmp_path / "set", robot=URDF)
-    assert len(found) == len(episodes) and found.repairs == {}
+    assert len(found) == len(EPISODES) and found.repairs == {}
     assert "missing" not in found.report
-    for one, q in zip(found, episodes, strict=True):
+    for one, q in zip(found, EPISODES, strict=True):
         assert one.joint_names == JOINT_NAMES
         nearest = [np.abs(q - position).max(axis=1).min() for position in one.positions[::10]]
         assert max(nearest) < 0.05 and one.duration <= (len(q) - 1) / FPS + 1e-6
 
 
 def test_a_dataset_is_built_and_inspected(tmp_path: Path) -> None:
-    episodes = write_dataset(tmp_path / "set", "v3.0", None, column="action")
+    write_dataset(tmp_path / "set", EPISODES, None, columns=["action"])
     options = ("--output", tmp_path / "reach.npz", "--topic", "action")
     assert "doesn't name the 4 values of 'action'" in refusal(tmp_path / "set", *options)
     facts = build(tmp_path / "set", *options, "--joints", ",".join(JOINT_NAMES))
-    assert facts["n_motions"] == len(episodes)
+    assert facts["n_motions"] == len(EPISODES)
     assert "doesn't name" in facts["notes"]["set"][0]
     status, out, _ = commands.run("inspect", tmp_path / "set", "--json")
     (found,) = json.loads(out)["files"]
@@ -281,7 +243,9 @@ def test_a_dataset_is_built_and_inspected(tmp_path: Path) -> None:
 
 def test_what_a_dataset_lacks_and_what_is_not_read_of_it_is_noted(tmp_path: Path) -> None:
     for name in ("one", "two"):
-        write_dataset(tmp_path / name, "v2.1", ["a.pos", "b.pos", "c.pos", "d.vel"])
+        write_dataset(
+            tmp_path / name, EPISODES, ["a.pos", "b.pos", "c.pos", "d.vel"], version="v2.1"
+        )
     info = tmp_path / "two/meta/info.json"
     info.write_text(info.read_text().replace("v2.1", "v1.6"), encoding="utf-8")
     (tmp_path / "one/data/chunk-000/episode_000002.parquet").unlink()
@@ -296,7 +260,7 @@ def test_what_a_dataset_lacks_and_what_is_not_read_of_it_is_noted(tmp_path: Path
 
 
 def test_a_damaged_file_costs_its_own_episodes(tmp_path: Path) -> None:
-    write_dataset(tmp_path / "set", "v2.1", list(JOINT_NAMES))
+    write_dataset(tmp_path / "set", EPISODES, list(JOINT_NAMES), version="v2.1")
     file = tmp_path / "set/data/chunk-000/episode_000002.parquet"
     file.write_bytes(file.read_bytes()[:500])
     found = mp.load_demonstrations(tmp_path / "set")

@@ -16,7 +16,6 @@ from support.bags import (
     S,
     list_topics,
     read_joint_states,
-    write_bag,
 )
 from support.compressed_bags import storage_file
 from support.embedded_bags import write_embedded_bag
@@ -39,21 +38,6 @@ def own_bag(path: Path, bag_format: str, **options: object) -> Path:
     positions = np.random.default_rng(1).normal(size=(50, 2))
     write_joint_states(path, bag_format, ("a", "b"), stamps, positions, **options)
     return path
-
-
-def test_joint_states_come_back_exactly(tmp_path: Path, bag_format: str) -> None:
-    stamps = EPOCH + np.arange(30) * 7_654_321
-    positions = np.random.default_rng(0).normal(size=(30, 3))
-    messages = [
-        Message(("a", "b", "c"), row, stamp, stamp + 123)
-        for row, stamp in zip(positions, stamps.tolist(), strict=True)
-    ]
-    path = write_bag(tmp_path / "x", bag_format, messages)
-    raw = read_joint_states(path, "/joint_states")
-    assert raw.joint_names == ("a", "b", "c") and raw.listed.all()
-    np.testing.assert_array_equal(raw.positions, positions)
-    np.testing.assert_array_equal(raw.header_stamps, stamps)
-    np.testing.assert_array_equal(raw.receive_stamps, stamps + 123)
 
 
 @pytest.mark.parametrize("name", ["what?", "a#b", "50%41", "x y"])
