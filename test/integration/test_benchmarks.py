@@ -9,11 +9,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.arm import JOINTS, arm_primitive
-from support.obstacle_scenes import write_request, write_scene
-
-from mp_pca_planner.files import config_file
-from mp_pca_planner.primitives.file import save_primitive
 
 ARM = """\
 <mujoco><compiler angle="radian" autolimits="true"/>
@@ -31,7 +26,6 @@ diaginertia="0.01 0.02 0.02"/>
 <position joint="three" kp="2000" kv="200" forcerange="-30 30"/></actuator></mujoco>
 """
 ROOT = Path(__file__).resolve().parents[2]
-POST = ("post", "box", [0.04, 0.04, 1.2], [0.384, -0.399, 0.14])
 
 pytestmark = pytest.mark.slow
 
@@ -58,20 +52,6 @@ def test_components_are_compared_with_bsplines_and_peers():
     rows = {row[0]: dict(zip(table["header"], row, strict=True)) for row in table["rows"]}
     assert {"bspline", "minimum_jerk", *peers} - set(facts["absent"]) <= set(rows)
     assert float(rows["bspline"]["cost ratio"]) > 1.0
-
-
-def test_motions_among_obstacles_are_judged(tmp_path):
-    (tmp_path / "human_arm.urdf").write_bytes(config_file("human_arm.urdf").read_bytes())
-    folder, primitive = tmp_path / "posts", arm_primitive()
-    folder.mkdir()
-    write_scene(folder / "scene0001.yaml", [POST], "human_arm")
-    ends = primitive.boundary_states[0, [0, 3]]
-    write_request(folder / "request0001.yaml", JOINTS, *ends)
-    save_primitive(primitive, tmp_path / "arm.npz")
-    options = ["--scenes", tmp_path, "--primitives", tmp_path / "arm.npz", "--time-limit", "60"]
-    (found,) = facts_of("compare.py", *options)["problems"]
-    assert found["pca"]["solved"] and found["pca"]["feasible"]
-    assert found["pca"]["collision"] == "" and found["pca"]["clearance"] > 0.0
 
 
 def test_the_case_study_of_the_paper(tmp_path):

@@ -8,7 +8,6 @@ from support.arm import arm_primitive, arm_robot
 from support.patience import EVER
 from support.problems import random_ends
 
-from mp_pca_planner.planning.objectives import jerk
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import SOLVED
 from mp_pca_planner.planning.planner import Planner
@@ -50,12 +49,3 @@ def test_other_requests_get_less_effort_in_no_more_time(i):
     assert plan.facts["naturalness"] == pytest.approx((3.0 / plan.in_span_score) ** 3)
     assert plan.effort_cost < shown.effort_cost
     assert plan.trajectory.duration <= shown.trajectory.duration * (1.0 + 1e-9)
-
-
-def test_a_free_duration_is_not_longer_than_predicted_where_slowness_is_cheap():
-    smooth = {"objectives": ((1.0, jerk),), "demonstrated_margin": 0.0}
-    shown = planned(unlike(), timing="demonstrated", **smooth)
-    slowest = planned(unlike(), timing="free", **smooth)
-    plan = planned(unlike(), **smooth)
-    assert slowest.trajectory.duration > 2.0 * shown.trajectory.duration
-    assert plan.trajectory.duration == pytest.approx(shown.trajectory.duration)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Selection against scores computed one by one, and against what primitives were made from."""
 
-import numpy as np
 import pytest
 from support.arm import arm_demonstrations, arm_robot
 from support.patience import PATIENT
@@ -27,11 +26,6 @@ def library() -> list[MovementPrimitive]:
     return [build_primitive(part, name, options) for name, part in parts.items()]
 
 
-def scores_of(primitives: list[MovementPrimitive], *ends: np.ndarray) -> np.ndarray:
-    """In-span scores, one by one."""
-    return np.array([one.model.predict(*ends).in_span_score for one in primitives])
-
-
 def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
     robot, primitives = arm_robot(), library()
     planner = Planner(robot, primitives, robot.limits(), PATIENT)
@@ -47,16 +41,3 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
         assert plan.solution.cost == pytest.approx(cheapest.solution.cost, rel=1e-6)
         n_contested += len(names) > 1
     assert n_contested
-
-
-def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:
-    primitives, robot = library(), arm_robot()
-    for motion in arm_demonstrations(10, 9):
-        ends = motion.positions[0], motion.positions[-1]
-        scores = scores_of(primitives, *ends)
-        strict = Selector(robot, primitives, max_score=float(scores.min()) + 1e-9)
-        (only,), _ = strict.choose(*ends)
-        assert only.expected.in_span_score == pytest.approx(scores.min())
-        none = Selector(robot, primitives, max_score=0.5 * float(scores.min()))
-        (first, *_), _ = none.choose(*ends)
-        assert first.expected.in_span_score == pytest.approx(scores.min())

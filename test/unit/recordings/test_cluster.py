@@ -2,22 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings read by a Dask cluster of real processes: the same bytes."""
 
-import json
-import os
 import socket
-import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import pytest
 from support import commands
 from support.bags import reaching, stamped, write_bag
-from support.patience import HANG
 
 from mp_pca_planner.exceptions import MissingDependencyError
 from mp_pca_planner.recordings import workers
@@ -26,58 +19,14 @@ from mp_pca_planner.recordings.load import load_recordings
 build = partial(commands.result, "build_primitives")
 refusal = partial(commands.refusal, "build_primitives")
 
-FOLDER = Path(__file__).parents[2]  # of the functions that workers call
-MOST_SECONDS = HANG
-
-
-@dataclass(frozen=True)
-class Cluster:
-    """A scheduler and its workers on this machine."""
-
-    address: str
-    scheduler: int
-
 
 @pytest.fixture(scope="module")
-def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Cluster]]:
-    """Start a cluster; a worker for each PYTHONPATH that is given."""
-    pytest.importorskip("distributed", reason="distributed is not installed (extra 'dask')")
-    with ExitStack() as stack:
-
-        def started(paths: Sequence[str], **settings: str) -> Cluster:
-            folder = tmp_path_factory.mktemp("cluster")
-            file = folder / "scheduler.json"
-            log = stack.enter_context((folder / "log").open("w"))
-            paths_of_dask = {"DASK_TEMPORARY_DIRECTORY": str(folder)}
-            quiet = ("--no-dashboard", "--host", "127.0.0.1")
-
-            def run(what: str, path: str, *options: str) -> subprocess.Popen:
-                process = subprocess.Popen(
-                    [sys.executable, "-m", f"distributed.cli.dask_{what}", *options, *quiet],
-                    env={**os.environ, "PYTHONPATH": path, **paths_of_dask, **settings},
-                    cwd=folder,
-                    stdout=log,
-                    stderr=log,
-                )
-                stack.callback(process.wait)
-                stack.callback(process.kill)
-                return process
-
-            scheduler = run("scheduler", OURS, "--port", "0", "--scheduler-file", str(file))
-            deadline = time.monotonic() + MOST_SECONDS
-            # The scheduler makes the file empty, and fills it with a single write a moment later.
-            while not (file.exists() and file.stat().st_size):
-                assert scheduler.poll() is None and time.monotonic() < deadline, "no scheduler"
-                time.sleep(0.05)
-            address = json.loads(file.read_text(encoding="utf-8"))["address"]
-            for path in paths:
-                run("worker", path, address, "--no-nanny", "--nthreads", "1")
-            return Cluster(address, scheduler.pid)
-
-        yield started
-
-
-OURS = f"{FOLDER.parent}{os.pathsep}{FOLDER}"
+def scheduler() -> Iterator[str]:
+    """Address of a scheduler with two workers in processes of their own."""
+    reason = "distributed is not installed (extra 'dask')"
+    distributed = pytest.importorskip("distributed", reason=reason)
+    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield cluster.scheduler_address
 
 
 @pytest.fixture(scope="module")
@@ -90,25 +39,16 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_cluster_gives_the_same_bytes(
-    bags: Path, tmp_path: Path, start: Callable[..., Cluster], monkeypatch: pytest.MonkeyPatch
+    bags: Path, tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    two = start([OURS, OURS])
     # Workers have another working directory than this process.
     monkeypatch.chdir(bags.parent)
     local, dask = (tmp_path / f"{name}.npz" for name in ("local", "dask"))
     here = build(bags.name, "--output", local, "--name", "p")
-    there = build(bags.name, "--output", dask, "--name", "p", "--dask", two.address)
+    there = build(bags.name, "--output", dask, "--name", "p", "--dask", scheduler)
     assert dask.read_bytes() == local.read_bytes()
     assert there["repairs"] == here["repairs"]
     assert [refused["recording"] for refused in there["refused"]] == ["broken"]
-
-
-@contextmanager
-def port_of_nobody() -> Iterator[int]:
-    """A port that is taken, so that nobody else gets it, but doesn't listen."""
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        yield taken.getsockname()[1]
 
 
 def test_scheduler_that_does_not_answer_is_refused_in_one_line(
@@ -116,8 +56,9 @@ def test_scheduler_that_does_not_answer_is_refused_in_one_line(
 ) -> None:
     pytest.importorskip("distributed", reason="distributed is not installed (extra 'dask')")
     monkeypatch.setattr(workers, "_CONNECTION_TIMEOUT", 1.0)
-    with port_of_nobody() as port:
-        for address in (f"tcp://127.0.0.1:{port}", "my cluster"):
+    with socket.socket() as taken:  # nobody else gets its port, and nobody listens on it
+        taken.bind(("127.0.0.1", 0))
+        for address in (f"tcp://127.0.0.1:{taken.getsockname()[1]}", "my cluster"):
             line = refusal(bags, "--output", tmp_path / "p.npz", "--dask", address)
             assert f"no Dask scheduler answers at '{address}'" in line
     assert "not allowed with" in refusal(bags, "--output", "p.npz", "--dask", "a:1", "--jobs", "2")
