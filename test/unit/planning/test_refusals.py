@@ -99,8 +99,8 @@ REFUSED = {
         "target 2: no configuration within the joint limits",
     ),
     "joint of a target": (
-        lambda: plan(sequence(JointState(["elbo"], [0.0]))),
-        "target 1 .* no joint is called 'elbo'",
+        lambda: plan(sequence(THERE, JointState(["elbo"], [0.0]))),
+        "target 2 .* no joint is called 'elbo'",
     ),
     "many": (lambda: plan(sequence(*(THERE,) * 201)), "201 targets, at most 200"),
     "endless": (
