@@ -120,6 +120,7 @@ def test_obstacles_of_one_worker_are_avoided_by_another(
     ball = Marker(ns="ball", type=Marker.SPHERE, scale=Vector3(x=0.1, y=0.1, z=0.1))
     ball.pose.position = Point(x=x, y=y, z=z)
     content = bytes(serialize_message(MarkerArray(markers=[ball])))
+    first.send(request(1))  # what comes meanwhile waits
     first.send(Markers(content, 1, False, 0.0))
     first.send(TakeObstacles())
     second.send(answer_of(first, TakeObstacles))

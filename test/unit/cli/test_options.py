@@ -10,11 +10,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.arm import arm_primitive
+from support.arm import arm_primitive, arm_robot
 from support.commands import refusal
 
+from mp_pca_planner.cli.goal_arguments import planned_goal
 from mp_pca_planner.cli.main import COMMANDS, main, parse
 from mp_pca_planner.files import config_file
+from mp_pca_planner.motion.goal import SequenceGoal
 
 OF_ROS = {"planner_node", "simulate", "send_goal", "stop", "call", "demo"}
 MAX_LINES = 50
@@ -43,6 +45,15 @@ def test_sequence_is_another_name_of_plan() -> None:
     plan, sequence = parse("plan", words), parse("sequence", words)
     assert plan.via == ["2@0.5", "3", "-4"] and plan.goal == "-1,1"
     assert vars(plan) | {"command": "sequence"} == vars(sequence)
+
+
+def test_each_target_of_a_sequence_has_its_time_and_its_stop() -> None:
+    vias = ["--via", "elbow=-0.5@0.5", "--stop", "elbow=-0.7"]
+    for goal, last in (["elbow=-1@2"], 2.0), (["elbow=-1", "--duration", "3"], 3.0):
+        options = parse("plan", [*GOAL_OF_PLAN, *vias, "--goal", *goal])
+        found = planned_goal(options, arm_robot())
+        assert isinstance(found, SequenceGoal)
+        assert (found.times, found.stops) == ((0.5, None, last), (False, True, False))
 
 
 def test_arguments_for_ros_are_passed_on_as_they_are() -> None:

@@ -142,6 +142,8 @@ def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node
     assert clearance(node, world, came) > 0.0
     assert not node.robot.record.v[-1].any()
     assert node.outcomes[-1] in ("stopped", "arrived", "not_followed")
+    if fault == "held":  # it might have moved on at once
+        assert node.outcomes == ["stopped"]
 
 
 def test_robot_stops_in_an_obstacle_of_which_a_busy_machine_hears_late(node):

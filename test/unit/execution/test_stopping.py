@@ -205,3 +205,35 @@ def test_stop_of_a_silent_robot_is_allowed_from_wherever_it_may_have_been_held()
     assert_is_allowed_from([curved().state(0.9), held], stop.sent, limits)
     on_path = spline(curved().trajectory)(np.linspace(0.9, DURATION, 10001))
     assert np.abs(on_path - stop.end).max(axis=1).min() < 2e-4
+
+
+def test_stop_of_a_robot_on_no_motion_is_allowed_from_where_it_was_and_where_it_may_be():
+    now, v = 0.0, np.array([0.5, -0.3, 0.4, 0.2])
+    tracker = Tracker(MeasuredStates(lambda: now, lambda: now), lambda: now)
+    tracker.expect(JOINTS)
+    for now in np.linspace(0.0, 0.4, 41):
+        tracker.measured.receive(JOINTS, START + now * v, v.tolist())
+    seen, now = now, now + 0.08
+    where = tracker.where(Settings())
+    _, stop = find_stop(where, tracker, ROBOT, LIMITS, Settings())
+    assert stop.last_point_only
+    states = [JointState(JOINTS, START + time * v, v) for time in (seen, now)]
+    assert_is_allowed_from(states, stop.sent, LIMITS)
+
+
+def test_stop_before_an_obstacle_is_quick_enough_with_the_time_until_it_begins():
+    now = 0.0
+    tracker = Tracker(MeasuredStates(lambda: now, lambda: now), lambda: now)
+    tracker.expect(JOINTS)
+    tracker.publish(curved())
+    for now in np.linspace(0.4, 0.5, 11) * DURATION:
+        tracker.measured.receive(JOINTS, curved().state(now).positions)
+    where = tracker.where(Settings())
+
+    def time_to_rest(time_left):
+        _, stop = find_stop(where, tracker, ROBOT, LIMITS, Settings(), time_left)
+        return stop.time + stop.sent.duration - now
+
+    usual = time_to_rest(np.inf)
+    for less in (0.01, 0.03):
+        assert time_to_rest(usual - less) <= usual - less

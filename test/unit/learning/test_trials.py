@@ -91,6 +91,16 @@ def test_noise_does_not_displace_the_best_known_motion(planned):
     assert np.median(ends) == pytest.approx(effort(known.trajectory), rel=1e-3)
 
 
+@pytest.mark.parametrize(("gain", "is_kept"), [(1.5, False), (1.8, True)])
+def test_a_gain_counts_from_twice_the_standard_error_of_a_difference_on(planned, gain, is_kept):
+    """Each mean is of three measurements with a deviation of 1: 2 √(1/3 + 1/3) = 1.63."""
+    means = 13.0, 10.0, 9.0, 10.0 - gain  # of plan, refinement, search, and the one found
+    costs = iter([mean + noise for mean in means for noise in (-1.0, 0.0, 1.0)])
+    best = improve_by_trials(*planned, lambda _: next(costs), 12)
+    assert best.cost == pytest.approx(10.0 - gain if is_kept else 10.0)
+    assert best.noise == pytest.approx(1.0)
+
+
 def test_what_can_not_be_learned_from_is_refused(planned):
     with pytest.raises(LearningError, match="finite"):
         improve_by_trials(*planned, lambda _: float("nan"))

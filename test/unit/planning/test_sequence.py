@@ -140,11 +140,12 @@ def test_jerk_limits_are_kept_by_optimal_sequences() -> None:
 
 def test_targets_where_the_robot_is_already_are_passed() -> None:
     goal, start = request(2)
-    expected = planner().plan(goal, start)
+    expected = planner().plan(replace(goal, stops=(True, False)), start)
     near = JointState(JOINTS, start.positions + 0.005)
     part = JointState(["elbow"], [start.positions[3]])
     here = wrist_pose(start.positions)
-    plan = planner().plan(SequenceGoal((near, part, here, *goal.targets)), start)
+    stops = False, False, False, True, False
+    plan = planner().plan(SequenceGoal((near, part, here, *goal.targets), stops=stops), start)
     assert np.array_equal(plan.trajectory.positions, expected.trajectory.positions)
     assert "targets 1 to 3 are left out" in plan.message
     with pytest.raises(GoalError, match="target 2 of the sequence is where the robot is"):

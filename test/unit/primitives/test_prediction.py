@@ -48,6 +48,15 @@ def test_predicted_motion_goes_from_rest_to_rest_along_the_expected_path(duratio
     np.testing.assert_allclose(slope, motion.velocities, atol=2e-2)
 
 
+def test_full_turns_of_continuous_joints_lead_to_the_demonstrated_start():
+    start, goal = request()
+    turns = 2.0 * np.pi * np.array([3.0, -2.0, 1.0, 0.0])
+    continuous = np.array([True, True, False, True])
+    found = arm_primitive().model.turned(start + turns, goal + turns, continuous)
+    left = np.where(continuous, 0.0, turns)
+    np.testing.assert_allclose(found, [start + left, goal + left], atol=1e-12)
+
+
 def test_draws_scatter_about_the_expected_motion_as_the_covariance_states():
     start, goal = request()
     draws = np.array([m.positions for m in arm_primitive().sample(400, start, goal, seed=1)])

@@ -74,11 +74,13 @@ def test_a_file_with_degrees_and_keys_of_pilz_is_read(write):
     path = write(
         "joint_limits:\n  1: {max_velocity: !degrees 90, max_acceleration: 4.0,\n"
         "      has_deceleration_limits: true, max_deceleration: -3.0, k_position: 20}\n"
-        "  b: {max_position: !radians 1.5, has_acceleration_limits: false}\n",
+        "  b: {max_position: !radians 1.5, has_acceleration_limits: false}\n"
+        "  c: {max_acceleration: 2.0, max_deceleration: -3.0}\n",
     )
-    found = given_limits(path, ("1", "b"))
+    found = given_limits(path, ("1", "b", "c"))
     assert found["1"] == {"max_velocity": pytest.approx(np.pi / 2), "max_acceleration": 3.0}
     assert found["b"] == {"max_position": 1.5, "max_acceleration": np.inf}
+    assert found["c"] == {"max_acceleration": 2.0}
     assert "'k_position' are ignored" in limits_file_note(path)
 
 

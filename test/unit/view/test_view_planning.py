@@ -61,6 +61,13 @@ def test_a_drag_out_of_reach_is_followed_to_the_nearest_place(direction):
     assert np.linalg.norm(places - far, axis=1).min() > answer.distance - 0.02
 
 
+def test_distance_from_a_pose_out_of_reach_is_that_of_its_place():
+    pose = Pose(FRAME, np.add(wrist(GOAL), [0.0, 0.0, 0.05]), [0.0, 0.0, 0.0, 1.0])
+    answer = planner().answer(ViewRequest(START, GOAL, pose))
+    missed = np.linalg.norm(wrist(answer.goal) - pose.position)
+    assert answer.distance == pytest.approx(missed, rel=1e-6) and missed > 0.0
+
+
 def test_a_goal_in_an_obstacle_is_refused_by_its_name_and_served_again_without_it():
     ball = Obstacle("ball", Sphere(0.08, wrist(GOAL)))
     subject = planner(with_collision=True)
