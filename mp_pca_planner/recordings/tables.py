@@ -117,72 +117,19 @@ def _read_csv(
     pause: float,
     chosen: Sequence[int | str] | None,
 ) -> tuple[JointStates, Episodes]:
-    with reading(f"the table '{path}'", RecordingError):
-        text = read_text(path, INPUT_LIMITS.unpacked_bytes)
-        while text.startswith("#"):  # comments
-            text = text.partition("\n")[2]
-        head, _, rows = text.partition("\n")
-        delimiter = max(",;\t", key=head.count)
-        if delimiter != ",":
-            # Programs that separate columns so may write decimal commas.
-            head, rows = (
-                head.replace(delimiter, ","),
-                rows.replace(",", ".").replace(delimiter, ","),
-            )
-        header = [_plain_name(name.strip()) for name in next(csv.reader([head]), [])]
-        is_echoed = head.startswith("%time")  # by rostopic echo -p: each row holds the names
-        if is_echoed:
-            cells = dict(zip(header, next(csv.reader([rows.partition("\n")[0]]), []), strict=False))
-            joint_of = {x.replace("name", "position"): cells[x] for x in cells if "name" in x}
-            header = ["time", *(joint_of.get(x, x) if "position" in x else x for x in header[1:])]
-    if len(header) > INPUT_LIMITS.columns:
-        raise RecordingError(
-            f"'{path}' has {len(header):,} columns, more than the {INPUT_LIMITS.columns:,} accepted"
-        )
-    unused = notes_on_rename(rename, {"": [*names_of_positions(header), *header]})
+    header, rows, ticks_per_s = _header_and_rows(path)
+    notes = notes_on_rename(rename, {"": [*names_of_positions(header), *header]})
     header = _renamed(header, rename)
-    lower = [name.lower() for name in header]
-    time = next((lower.index(name) for name in TIME_COLUMNS if name in lower), None)
-    if time is None or len(header) < 2:
-        raise RecordingError(
-            f"the first line of '{path}' must name its columns, one of them the time [s] as one of "
-            f"{quote_names(TIME_COLUMNS)}, and the joints; it is '{head[:100]}'"
-        )
-    if not rows.strip():
-        raise RecordingError(f"'{path}' holds no samples")
-    # Some programs write an unknown number as an empty cell; repair drops it.
-    rows = re.sub(r"(?<=,)(?=[ \t\r]*(?:,|$))", "nan", rows, flags=re.MULTILINE)
-    first = next(csv.reader([rows.lstrip().partition("\n")[0]]))
-    if len(first) != len(header):
-        raise RecordingError(
-            f"'{path}' has {len(header)} names in its first line, but {len(first)} columns"
-        )
-    counters = [lower.index(x) for x in _EPISODES if x in lower and x not in (joints or ())]
-    columns, notes = _joint_columns(header, joints, (time, *counters))
-    notes += unused
-    named = names_of_positions(header)
-    if not _is_number(first[time]):
-        raise RecordingError(
-            f"the times of '{path}' must be numbers of seconds, but the first one is "
-            f"'{first[time]:.30}'"
-        )
-    texts = [i for i in columns if not _is_number(first[i])]
-    columns = [i for i in columns if i not in texts or joints is None or named[i] in joints]
-    if texts and texts[0] in columns:
-        raise RecordingError(
-            f"'{path}' can't be read: its column '{header[texts[0]]}' holds text, "
-            f"'{first[texts[0]]:.30}'; choose the joints with --joints (joints=[…] in Python)"
-        )
-    if not columns:
-        raise RecordingError(f"no column of '{path}' holds joint positions: {quote_names(header)}")
+    time, counters, columns, left_out = _columns_to_read(path, header, _first_row(rows), joints)
     with reading(f"the table '{path}'", RecordingError):
         # Without a choice of columns, a row of another length is an error.
         used = [time, *columns]
         values = _loaded(rows, None if len(used) == len(header) else used)
         values = values[:, used] if len(used) == len(header) else values
-        values[:, 0] /= NS_PER_S if is_echoed else 1.0
+        values[:, 0] /= ticks_per_s
         labels = [tuple(row[i] for i in counters) for row in csv.reader(io.StringIO(rows)) if row]
-    states = partial(_joint_states, path.name, [header[i] for i in columns], notes=notes)
+    of_joints = [header[i] for i in columns]
+    states = partial(_joint_states, path.name, of_joints, notes=(*left_out, *notes))
     varying = [k for k in range(len(counters)) if len({row[k] for row in labels}) > 1]
     if not varying:
         if chosen is not None:
@@ -195,6 +142,74 @@ def _read_csv(
     values, names = _chosen_episodes(path, values, names, chosen)
     times, episodes = _one_after_the_other(names, values[:, 0], pause)
     return states(times, values[:, 1:]), episodes
+
+
+def _header_and_rows(path: Path) -> tuple[list[str], str, float]:
+    """Names of the columns of a CSV file, its rows, separated by commas, and ticks per second."""
+    with reading(f"the table '{path}'", RecordingError):
+        text = read_text(path, INPUT_LIMITS.unpacked_bytes)
+        while text.startswith("#"):  # comments
+            text = text.partition("\n")[2]
+        head, _, rows = text.partition("\n")
+        delimiter = max(",;\t", key=head.count)
+        if delimiter != ",":
+            # Programs that separate columns so may write decimal commas.
+            head = head.replace(delimiter, ",")
+            rows = rows.replace(",", ".").replace(delimiter, ",")
+        header = [_plain_name(name.strip()) for name in next(csv.reader([head]), [])]
+        is_echoed = head.startswith("%time")  # by rostopic echo -p: each row holds the names
+        if is_echoed:
+            cells = dict(zip(header, _first_row(rows), strict=False))
+            joint_of = {x.replace("name", "position"): cells[x] for x in cells if "name" in x}
+            header = ["time", *(joint_of.get(x, x) if "position" in x else x for x in header[1:])]
+    if len(header) > INPUT_LIMITS.columns:
+        raise RecordingError(
+            f"'{path}' has {len(header):,} columns, more than the {INPUT_LIMITS.columns:,} accepted"
+        )
+    # Some programs write an unknown number as an empty cell; repair drops it.
+    rows = re.sub(r"(?<=,)(?=[ \t\r]*(?:,|$))", "nan", rows, flags=re.MULTILINE)
+    return header, rows, NS_PER_S if is_echoed else 1.0
+
+
+def _first_row(rows: str) -> list[str]:
+    return next(csv.reader([rows.lstrip().partition("\n")[0]]), [])
+
+
+def _columns_to_read(
+    path: Path, header: Sequence[str], first: Sequence[str], joints: Sequence[str] | None
+) -> tuple[int, list[int], list[int], tuple[str, ...]]:
+    """Columns of the time, of episodes and of joints, and notes, by the names and the first row."""
+    lower = [name.lower() for name in header]
+    time = next((lower.index(name) for name in TIME_COLUMNS if name in lower), None)
+    if time is None or len(header) < 2:
+        raise RecordingError(
+            f"the first line of '{path}' must name its columns, one of them the time [s] as one of "
+            f"{quote_names(TIME_COLUMNS)}, and the joints; it is '{','.join(header)[:100]}'"
+        )
+    if not first:
+        raise RecordingError(f"'{path}' holds no samples")
+    if len(first) != len(header):
+        raise RecordingError(
+            f"'{path}' has {len(header)} names in its first line, but {len(first)} columns"
+        )
+    if not _is_number(first[time]):
+        raise RecordingError(
+            f"the times of '{path}' must be numbers of seconds, but the first one is "
+            f"'{first[time]:.30}'"
+        )
+    counters = [lower.index(x) for x in _EPISODES if x in lower and x not in (joints or ())]
+    columns, notes = _joint_columns(header, joints, (time, *counters))
+    named = names_of_positions(header)
+    texts = [i for i in columns if not _is_number(first[i])]
+    columns = [i for i in columns if i not in texts or joints is None or named[i] in joints]
+    if texts and texts[0] in columns:
+        raise RecordingError(
+            f"'{path}' can't be read: its column '{header[texts[0]]}' holds text, "
+            f"'{first[texts[0]]:.30}'; choose the joints with --joints (joints=[…] in Python)"
+        )
+    if not columns:
+        raise RecordingError(f"no column of '{path}' holds joint positions: {quote_names(header)}")
+    return time, counters, columns, notes
 
 
 def _plain_name(name: str) -> str:
@@ -310,16 +325,14 @@ def _read_parquet(
     files = sorted(path.glob("data/*/*.parquet"))
     if not files:
         raise RecordingError(f"'{path}' holds no data/*/*.parquet: download the whole dataset")
-    if isinstance(chosen, Sequence):  # of version 2, which has a file for each episode
-        stems = {f"episode_{one!s:0>6}" for one in chosen}
-        own = [file for file in files if file.stem in stems]
-        files = own if 0 < len(own) == len(stems) else files
     parts = []
     damaged: list[str] = []
     for file in files:
         try:
             with reading(f"'{file}'", RecordingError), open_regular(file) as stored:
                 opened = parquet.ParquetFile(stored)
+                if not _may_hold(opened.metadata, chosen):
+                    continue
                 known = [x for x in (*_TIMING, *columns) if x in opened.schema_arrow.names]
                 _check_size(opened.metadata, known, os.fstat(stored.fileno()).st_size)
                 parts.append(_frames(opened.read(columns=known), columns))
@@ -327,6 +340,9 @@ def _read_parquet(
             damaged.append(f"left out: {error}")
             if len(damaged) == len(files):
                 raise
+    if not parts:
+        reasons = [f"no file of '{path}' holds one of the episodes {shown(chosen)}", *damaged]
+        raise RecordingError("; ".join(reasons))
     if len({part.shape[1] for part in parts}) > 1:
         raise RecordingError(
             f"the files of '{path}' differ in the length of {quote_names(columns)}"
@@ -343,6 +359,17 @@ def _read_parquet(
         )
     note = f"timestamps are missing or constant: times are frame_index / fps ({fps:g} Hz)"
     return frames[:, 0], frames[:, 2] / fps, frames[:, 3:], (note, *damaged)
+
+
+def _may_hold(metadata: Any, chosen: Sequence[int | str] | None) -> bool:
+    """Whether a file holds some of the episodes, as far as its footer says."""
+    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+    chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
+    ranges = [chunk.statistics for chunk in chunks if chunk.path_in_schema == _TIMING[0]]
+    if not isinstance(chosen, Sequence) or not all(x and x.has_min_max for x in ranges):
+        return True
+    numbers = [one for one in chosen if isinstance(one, int)]
+    return not ranges or any(x.min <= one <= x.max for x in ranges for one in numbers)
 
 
 def _frames(table: Any, columns: Sequence[str]) -> FloatArray:

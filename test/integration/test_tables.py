@@ -267,10 +267,14 @@ def test_a_damaged_file_costs_its_own_episodes(tmp_path: Path) -> None:
     assert [one.episode for one in found] == [0, 1, 3, 4]
     assert "left out: " in found.report and file.name in found.report
     assert "missing in the data: 2;" in found.report
-    chosen = mp.load_demonstrations(tmp_path / "set", episodes=[3, 1, 3])
-    assert [one.episode for one in chosen] == [1, 3] and file.name not in chosen.report
     with pytest.raises(RecordingError, match=r"episode_000002\.parquet"):
         mp.load_demonstrations(tmp_path / "set", episodes=[2])
+    # Of a file without a chosen episode, only the footer is read.
+    other = file.with_stem("episode_000004")
+    other.write_bytes(b"PAR1" + bytes(300) + other.read_bytes()[304:])
+    assert other.name in mp.load_demonstrations(tmp_path / "set").report
+    chosen = mp.load_demonstrations(tmp_path / "set", episodes=[3, 1, 3])
+    assert [one.episode for one in chosen] == [1, 3] and other.name not in chosen.report
 
 
 # Arrays
