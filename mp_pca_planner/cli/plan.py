@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
             plan_figure(figure, plan, request.planner)
     made = (output if plan.is_executable else None, plot if plan.motions else None)
     written = [file for file in made if file is not None]
-    show(arguments, facts | {"written": written}, hidden=_HIDDEN)
+    show(arguments, facts | {"written": written}, hidden={*_HIDDEN, *columns})
     return DONE if plan.is_executable or plan.status == ALREADY_THERE else FAILED
 
 
@@ -193,7 +193,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
     frame = arguments.frame or robot.end_effector
     notes = [*remarks, limits_file_note(arguments.limits)]
-    if planner.default_accelerations and not any(goal.times):
+    if plan.motions and planner.default_accelerations and not any(goal.times):
         notes.append(
             f"accelerations are limited to {arguments.demonstrated_margin:g} times the "
             "demonstrated, as the URDF has no limits of them; --limits gives others"

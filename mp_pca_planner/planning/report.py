@@ -339,8 +339,7 @@ def motion_remarks(score: float, check: LimitCheck | None, outside: str = "") ->
         Joints whose start or goal is far outside the demonstrations, see :class:`.Plan`.
     """
     unusual = (
-        f"the request is unlike the demonstrations (in-span score {score:.1f}, about 1 is usual), "
-        "so the motion may look unlike them"
+        f"in-span score {score:.1f}, where 1 is usual: look at the motion before a robot moves"
     )
     found = unusual if score > UNUSUAL_IN_SPAN_SCORE else ""
     beyond = "" if check is None else check.remark

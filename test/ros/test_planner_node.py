@@ -167,7 +167,7 @@ def test_goal_gives_a_motion_from_the_present_state_to_exactly_the_goal(
     # The way back was never shown.
     answer = rest_at(client, primitives, GOAL).send(goal_message(START))
     assert answer.report.level == WARN, answer.report.message
-    assert "unlike the demonstrations" in answer.report.message
+    assert "unlike your demonstrations" in answer.report.message
     assert answer.trajectory is not None
 
 
