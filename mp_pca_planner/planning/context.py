@@ -144,13 +144,16 @@ class Budget:
         self.deadline = time.perf_counter() + seconds
         # Not empty if the clock, or a cancellation, ended a search. All parts share it.
         self.cuts: list[bool] = []
+        # Seconds that checks of motions took: the last motion needs one more.
+        self.checks = [0.0]
 
     def is_late(self, ahead: float = 0.0) -> bool:
         """Whether the time runs out within some seconds, or the search was cancelled.
 
         True is remembered: the caller ends what it does.
         """
-        late = time.perf_counter() + ahead > self.deadline or self.is_cancelled()
+        ends = time.perf_counter() + ahead + max(self.checks)
+        late = ends > self.deadline or self.is_cancelled()
         if late:
             self.cuts.append(True)
         return late

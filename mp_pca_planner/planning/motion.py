@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -192,7 +192,7 @@ class Motion:
     basis: Basis
     weights: FloatArray
 
-    @property
+    @cached_property
     def boundary(self) -> FloatArray:
         """Boundary values with respect to phase, shape (6, n_joints)."""
         return boundary_values(self.start.values, self.goal.values, self.duration)

@@ -110,7 +110,9 @@ def _headline(
     """What a user wants to know of a motion: duration, likeness, clearance, share of efforts."""
     duration = best.duration
     parts = [f"{duration:.1f} s" if duration >= 1.0 else f"{duration:.2f} s"]
-    parts.append(f"{likeness(score)} your demonstrations (score {score:.1f})")
+    like = "at the edge of" if score <= UNUSUAL_IN_SPAN_SCORE else "unlike"
+    like = "like" if score <= _LIKE_SCORE else like
+    parts.append(f"{like} your demonstrations (score {score:.1f})")
     if nearest is not None:
         parts.append(f"{1e3 * nearest[0]:.0f} mm clear of '{nearest[1]}'")
     efforts, bounds = best.check.efforts, context.limits.effort
@@ -119,13 +121,6 @@ def _headline(
         name = "effort" if context.robot.prismatic_joints else "torque"
         parts.append(f"{100.0 * share:.0f} % of the {name} limit")
     return ", ".join(parts)
-
-
-def likeness(score: float) -> str:
-    """How near a request is to the demonstrations, in words before "the demonstrations"."""
-    if score <= _LIKE_SCORE:
-        return "like"
-    return "at the edge of" if score <= UNUSUAL_IN_SPAN_SCORE else "unlike"
 
 
 def _nearest_obstacle(
@@ -300,14 +295,14 @@ def _of_predictions(context: Context, best: Candidate) -> tuple[float, str, floa
         demonstrated = primitive.boundary_states[:, [0, 3]]
         low, high = demonstrated.min(axis=0), demonstrated.max(axis=0)
         beyond = np.maximum(low - ends, ends - high)
-        beyond /= np.maximum(demonstrated.std(axis=0), _LEAST_SPREAD)
         for end, j in np.argwhere(beyond > 0.0):
             joint, numbers = primitive.joint_names[j], [x[end, j] for x in (ends, low, high)]
             text = (
                 f"the {('start', 'goal')[end]} of '{joint}', {numbers[0]:.3g}, is outside the "
                 f"demonstrated {numbers[1]:.3g} to {numbers[2]:.3g}"
             )
-            found.append((float(beyond[end, j]), text))
+            spread = max(float(demonstrated[:, end, j].std()), _LEAST_SPREAD)
+            found.append((float(beyond[end, j]) / spread, text))
     least = _OUTSIDE if score > UNUSUAL_IN_SPAN_SCORE else _FAR_OUTSIDE
     named = [text for distance, text in sorted(found, reverse=True) if distance >= least]
     return score, "; ".join(named[:_N_NAMED]), float(error)

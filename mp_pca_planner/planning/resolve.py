@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 
 import numpy as np
 
@@ -191,18 +191,18 @@ def _requests(
 ) -> tuple[Request, ...]:
     """Requests for one configuration, which differ in their primitives."""
     pose = goal.pose if isinstance(goal, PoseGoal) else None
-    _, contenders = selector.choose(here.positions, there.positions, goal.duration)
+    contenders = selector.choose(here.positions, there.positions, goal.duration)
     # Several primitives are tried for one configuration, but not in the search for the shortest
     # duration, nor for each of several configurations.
     one_each = pose is not None or (goal.duration is None and context.options.timing == SHORTEST)
     groups, found = (((0,), goal.duration is not None),), []
     # The same for all primitives, so that the costs of their motions can be compared.
-    score = min(map(attrgetter("expected.in_span_score"), contenders))
+    score = min(expected.in_span_score for _, expected in contenders)
     naturalness = naturalness_for(context.options, score)
     timing = timing_for(context.options, score)
-    for one in contenders[: 1 if one_each else None]:
-        duration = one.expected.duration
-        segment = RequestSegment(here, there, pose, True, one.primitive, one.expected, duration)
+    for primitive, expected in contenders[: 1 if one_each else None]:
+        duration = expected.duration
+        segment = RequestSegment(here, there, pose, True, primitive, expected, duration)
         found.append(Request((segment,), groups, "", naturalness, timing))
     return tuple(found)
 
@@ -259,18 +259,14 @@ def _sequence(
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
     states = _route(context, selector, targets, here, n_passed + 1)
-    firsts = []
-    for before, after in pairwise(states):
-        (first, *_), _ = selector.choose(before.positions, after.positions)
-        firsts.append(first)
-    usual = [first.expected.duration for first in firsts]
+    firsts = [selector.choose(a.positions, b.positions)[0] for a, b in pairwise(states)]
+    usual = [expected.duration for _, expected in firsts]
     durations, groups = durations_and_groups(usual, times)
     check_duration(context, "the sequence would take", sum(durations))
     check_duration(context, "a segment of the sequence would take", min(durations))
     segments = []
-    for i, (first, aim) in enumerate(zip(firsts, targets, strict=True)):
+    for i, ((primitive, expected), aim) in enumerate(zip(firsts, targets, strict=True)):
         before, after, pose = states[i], states[i + 1], aim if isinstance(aim, Pose) else None
-        primitive, expected = first.primitive, first.expected
         segments.append(
             RequestSegment(before, after, pose, stops[i], primitive, expected, durations[i])
         )

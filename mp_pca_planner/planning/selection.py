@@ -13,7 +13,6 @@ the least one by less.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -41,23 +40,8 @@ _USUAL_ERROR = 0.05
 _MAX_CONTENDERS, _N_KEPT_TABLES = 5, 1000
 
 
-@dataclass(frozen=True, eq=False)
-class Considered:
-    """A primitive that passed the filter.
-
-    Attributes
-    ----------
-    primitive : MovementPrimitive
-        The primitive.
-    expected : ConditionalDistribution
-        Its prediction for the request.
-    cost : float
-        Objective of its expected motion; NaN if it is the only one considered.
-    """
-
-    primitive: MovementPrimitive
-    expected: ConditionalDistribution
-    cost: float
+Contender = tuple[MovementPrimitive, ConditionalDistribution]
+"""A primitive and its prediction for a request."""
 
 
 class Selector:
@@ -107,8 +91,8 @@ class Selector:
 
     def choose(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
-    ) -> tuple[tuple[Considered, ...], tuple[Considered, ...]]:
-        """Rank the primitives for a motion from rest to rest.
+    ) -> list[Contender]:
+        """The best primitives for a motion from rest to rest.
 
         Parameters
         ----------
@@ -119,10 +103,9 @@ class Selector:
 
         Returns
         -------
-        considered : tuple of Considered
-            Those that passed the filter, the one with the least expected cost first.
-        contenders : tuple of Considered
-            The first of these, whose expected costs are too close to each other to be ranked.
+        contenders : list of Contender
+            The one with the least expected cost, then those whose costs are too close to it to be
+            ranked.
         """
         chosen = np.zeros(1, dtype=np.intp)
         if len(self.primitives) > 1:
@@ -131,19 +114,19 @@ class Selector:
             most = max(self._max_score or np.inf, float(scores.min()))
             near_score = max(_RELATIVE_SCORE * float(scores.min()), _NEAR_SCORE)
             chosen = nearest[(scores <= near_score) & (scores <= most)]
-        found = []
-        for i in chosen.tolist():
-            primitive = self.primitives[i]
+        found = list[Contender]()
+        for primitive in (self.primitives[i] for i in chosen):
             ends = primitive.model.turned(start, goal, self._robot.continuous)
-            expected = primitive.model.predict(*ends, duration)
-            cost = float("nan") if len(chosen) == 1 else self._cost(i, start, goal, expected)
-            found.append(Considered(primitive, expected, cost))
-        n_close = 1
-        if len(found) > 1:
-            found.sort(key=lambda one: rank_of(one.cost))
-            near = (1.0 + _USUAL_ERROR) * found[0].cost
-            n_close += sum(one.cost <= near for one in found[1:_MAX_CONTENDERS])
-        return tuple(found), tuple(found[:n_close])
+            found.append((primitive, primitive.model.predict(*ends, duration)))
+        if len(found) == 1:
+            return found
+        costs = [
+            rank_of(self._cost(i, start, goal, expected))
+            for i, (_, expected) in zip(chosen.tolist(), found, strict=True)
+        ]
+        cheapest = np.argsort(costs, kind="stable")[:_MAX_CONTENDERS]
+        near = (1.0 + _USUAL_ERROR) * min(costs)
+        return [found[i] for i in cheapest if costs[i] <= near]
 
     def _cost(
         self, i: int, start: FloatArray, goal: FloatArray, expected: ConditionalDistribution

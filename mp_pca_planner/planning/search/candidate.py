@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -253,9 +254,11 @@ def _solved(context: Context, request: Request, setting: Setting, budget: Budget
         best, n_passes = _best_of(program, starts, setting, budget)
         passes += n_passes
         motions = _motions_at(context, request, setting, program, best.unknowns)
+        began = time.perf_counter()
         found = checked(context, request, setting.bases, motions)
+        budget.checks.append(time.perf_counter() - began)
         is_wrong = bool(found.check.violations or found.collisions or found.strayed)
-        if (is_wrong and budget.is_over()) or not (is_wrong or found.check.touched):
+        if budget.is_over() if is_wrong else not found.check.touched or budget.is_late():
             break
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.

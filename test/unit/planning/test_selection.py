@@ -32,9 +32,9 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
     n_contested = 0
     for motion in arm_demonstrations(6, 9):
         start, goal = (JointState(robot.joint_names, q) for q in motion.positions[[0, -1]])
-        _, contenders = Selector(robot, primitives).choose(start.positions, goal.positions)
+        contenders = Selector(robot, primitives).choose(start.positions, goal.positions)
         plan = planner.plan(JointGoal(goal), start)
-        names = [c.primitive.name for c in contenders]
+        names = [primitive.name for primitive, _ in contenders]
         named = [planner.plan(JointGoal(goal, primitive=name), start) for name in names]
         cheapest = min(named, key=lambda one: one.solution.cost)
         assert plan.primitive == cheapest.primitive
