@@ -31,7 +31,6 @@ from support.nodes import (
     publish_states,
     resident_megabytes,
     simulated_robot,
-    words,
 )
 from support.tables import benchmark_parser, show
 from trajectory_msgs.msg import JointTrajectory
@@ -133,7 +132,7 @@ def user_among(n_obstacles: int, start: np.ndarray, **others: float) -> Iterator
     """The user of a node and a simulated robot that stands among obstacles."""
     limits = {f"limits.{j}.{key}": value for j in JOINT_NAMES for key, value in LIMITS.items()}
     with (
-        arm_node(*words(collision="true", **limits, **others)) as (node, folder),
+        arm_node(collision="true", **limits, **others) as (node, folder),
         simulated_robot(folder / "robot.txt", start),
         NodeClient() as client,
     ):

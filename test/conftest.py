@@ -36,16 +36,6 @@ SHARED_DATA = _SHARED if _SHARED.exists() else None
 """Real recordings beside the project, where they exist."""
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Declare what makes tests longer than they need to be every time."""
-    parser.addoption(
-        "--planned-sequences",
-        type=int,
-        default=12,
-        help="random sequences of goals that are planned and followed (test_server.py)",
-    )
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests with the special kinds of slowness are slow."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from support.tables import benchmark_parser, show
+from support.tables import options, show
 
 from mp_pca_planner.cli.example_robots import DEMONSTRATIONS_SEED
 from mp_pca_planner.control.closed_loop import ControlLoop, ErrorModel, verify
@@ -31,6 +31,7 @@ from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
 from mp_pca_planner.robot.examples import example_file
 from mp_pca_planner.robot.model import Robot
 
+FREQUENCY = 30.0  # natural frequency of the laws [rad/s]
 ARMATURES = (0.0, 0.05, 0.1)
 """Inertias of the panda's rotors [kg·m²]."""
 
@@ -40,16 +41,12 @@ HEADER += ["bound / worst error, median", "largest"]
 
 def main() -> None:
     """Print a row per law."""
-    parser = benchmark_parser(__doc__)
-    parser.add_argument("--motions", type=int, default=20)
-    parser.add_argument("--trials", type=int, default=50, help="per motion")
-    parser.add_argument("--natural-frequency", type=float, default=30.0)
-    arguments = parser.parse_args()
-    n, frequency = arguments.trials, arguments.natural_frequency
+    arguments = options(__doc__, motions=20, trials=50, json=False)
+    n = arguments.trials
     arm = Robot.from_file(config_file("human_arm.urdf"), JOINT_NAMES)
     wanted = generate_motions(arguments.motions, 2)
     motions = planned(arm, generate_motions(40, 1), wanted)
-    rows = [bounds(kind, arm, motions, n, frequency) for kind in KINDS]
+    rows = [bounds(kind, arm, motions, n) for kind in KINDS]
     urdf, joints = example_file("panda")
     panda = Robot.from_file(urdf, joints)
     reaches = random_reaches(panda, panda.limits(), 24, DEMONSTRATIONS_SEED)
@@ -59,7 +56,7 @@ def main() -> None:
         return panda.with_drives({joint: {"armature": size} for joint in panda.joint_names})
 
     of_panda = [
-        [f"{size:g}", *bounds(kind, driven(size), motions, 5, frequency)]
+        [f"{size:g}", *bounds(kind, driven(size), motions, 5)]
         for kind in KINDS
         for size in ARMATURES
     ]
@@ -80,15 +77,13 @@ def planned(
     return [planner.plan(JointGoal(goal), start).trajectory for start, goal in ends]
 
 
-def bounds(
-    kind: str, robot: Robot, motions: Sequence[Trajectory], n_trials: int, frequency: float
-) -> list[str]:
+def bounds(kind: str, robot: Robot, motions: Sequence[Trajectory], n_trials: int) -> list[str]:
     """Row of a law: bounds of motions, and simulations of them."""
     held = bounded = saturated = 0
     ratios = [np.full(robot.n_joints, np.nan)]
     errors, limits = ErrorModel(), robot.limits().effort
     for i, motion in enumerate(motions):
-        law = ControlLaw.from_frequency(kind, robot, motion, frequency)
+        law = ControlLaw.from_frequency(kind, robot, motion, FREQUENCY)
         loop = ControlLoop(robot, law, motion, limits)
         known = analyse(loop, errors)
         found = verify(loop, errors, known.error_bound, n_trials, seed=i)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Thirty-nine damaged sets of recordings with known truth: what is learned, rejected and named.
 
-    python3 -m campaigns.damaged_sets [--only NAME …]
+    python3 -m campaigns.damaged_sets [--only "copy"]
 
 A demonstration that is no whole motion of its recording is a half motion. The exit status is 1 if
 there is one, if a recording is rejected that is good or for another reason than its damage, or if a
@@ -11,7 +11,6 @@ foreign recording is not named.
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from support.motion_kinds import generate_kinds
+from support.tables import options, show
 
 from mp_pca_planner.primitives.build import PrimitiveOptions
 from mp_pca_planner.primitives.foreign import foreign_recordings
@@ -409,22 +409,19 @@ def _is_whole(positions: Floats, motions: Floats) -> bool:
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--only", nargs="+", choices=SETS, default=list(SETS), metavar="NAME")
-    n_right, names = 0, parser.parse_args().only
-    columns = ("learned", "whole", "halves", "wrong", "missed", "unnamed", "silent", "alarms")
-    print(f"{'set':<42}" + "".join(f"{column:>9}" for column in columns))
-    for name in names:
+    only, n_right, rows = options(__doc__ or "", only="").only, 0, list[list[str]]()
+    header = ("set", "learned", "whole", "halves", "wrong", "missed", "unnamed", "silent", "alarms")
+    for name in (name for name in SETS if only in name):
         with tempfile.TemporaryDirectory() as folder:
             found = judge(name, Path(folder))
         lists = (*found.wrong.values(), found.false_alarms)
-        counts = (found.n_motions, found.n_whole, *map(len, lists))
-        print(f"{name:<42}" + "".join(f"{count:>9}" for count in counts))
+        rows.append([name, *map(str, (found.n_motions, found.n_whole, *map(len, lists)))])
         for what in filter(None, lists):
-            print(f"    {'; '.join(what)}")
+            print(f"{name}: {'; '.join(what)}")
         n_right += found.is_right
-    print(f"{n_right} of {len(names)} sets are right")
-    return int(n_right < len(names))
+    show({"Damaged sets": (header, rows)}, as_json=False)
+    print(f"{n_right} of {len(rows)} sets are right")
+    return int(n_right < len(rows))
 
 
 if __name__ == "__main__":

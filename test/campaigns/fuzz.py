@@ -13,7 +13,6 @@ control characters, or writes outside of its output folder. The script exits wit
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import json
@@ -48,6 +47,7 @@ from campaigns.fuzz_files import (
     spoil_text,
     spoil_yaml,
 )
+from support.tables import options
 
 from mp_pca_planner.cli.main import main as command
 
@@ -211,13 +211,8 @@ def _prepare(folder: Path) -> None:
 
 def main() -> int:
     """Test all inputs; print the failures and a row per format."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--inputs", type=int, default=20000)
-    parser.add_argument("--formats", default=",".join(FORMATS))
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--only", type=int, help="number of the only input, whose file is kept")
-    arguments = parser.parse_args()
+    jobs, every = os.cpu_count() or 1, ",".join(FORMATS)
+    arguments = options(__doc__, inputs=20000, formats=every, seed=0, jobs=jobs, only=-1)
     names = arguments.formats.split(",")
     folder = Path(tempfile.mkdtemp())
     (folder / "seeds").mkdir()
@@ -225,7 +220,7 @@ def main() -> int:
         make_seeds(folder / "seeds")
         check_seeds(folder / "seeds", folder / "check")
     test = partial(try_input, seed=arguments.seed, folder=folder)
-    if arguments.only is not None:
+    if arguments.only >= 0:
         for problem in test((names[0], arguments.only), "--debug"):
             print(problem.replace("\\n", "\n"))
         print(f"its files are in {folder}")

@@ -11,7 +11,6 @@ with 1 otherwise.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import signal
@@ -23,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from campaigns.fuzz_files import GOAL, START, make_seeds
+from support.tables import options
 
 from mp_pca_planner.cli.main import main as command
 from mp_pca_planner.exceptions import PlannerError
@@ -41,10 +41,7 @@ WRITERS = {
 
 def main() -> int:
     """Kill each command many times; print a line for it, and its problems."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, kills=200, seed=0)
     random, problems = np.random.default_rng(arguments.seed), list[str]()
     with tempfile.TemporaryDirectory() as temporary:
         seeds, work = Path(temporary, "seeds"), Path(temporary, "work")

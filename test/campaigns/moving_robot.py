@@ -42,7 +42,7 @@ from typing import Any
 import numpy as np
 from support.problems import Scene
 from support.referee import Verdict
-from support.tables import benchmark_parser, show
+from support.tables import options, show
 from support.virtual_node import VirtualNode, scene_and_model
 
 from mp_pca_planner.execution.outcomes import GoalOutcome
@@ -381,15 +381,11 @@ def untrue(run: Run) -> list[str]:
 
 def main() -> int:
     """Print a row per robot, and each problem with its seed."""
-    parser = benchmark_parser(__doc__)
-    parser.add_argument("--events", type=int, default=1000, help="of each robot")
-    parser.add_argument("--robots", default="panda,ur5")
-    parser.add_argument("--seed", type=int, default=0, help="of the first run")
-    parser.add_argument(
-        "--controller-state", action="store_true", help="the controller states its command"
+    arguments = options(
+        __doc__,
+        **{"events": 1000, "robots": "panda,ur5", "seed": 0, "json": False},
+        **{"controller_state": False, "servos": False},
     )
-    parser.add_argument("--servos", action="store_true", help="goals and stops of lagging drives")
-    arguments = parser.parse_args()
     drives = list(product(LAGS, SAGS)) if arguments.servos else [None]
     found: dict[str, dict[str, Any]] = {}
     for name, servos in product(arguments.robots.split(","), drives):

@@ -10,7 +10,6 @@ version; `stop_latency` measures how soon ``~/stop`` answers during the inputs t
 
 from __future__ import annotations
 
-import argparse
 import os
 import random
 import sys
@@ -40,7 +39,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from support.nodes import URDF, NodeClient, arm_node, described_client, words
+from support.nodes import URDF, NodeClient, arm_node, described_client
+from support.tables import options
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -100,14 +100,11 @@ ODD_STATES = ("nan velocities", "inf", "lengths", "split", "subsets", "clocks", 
 
 def main() -> int:
     """Run the fuzz test and print the results."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--messages", type=int, default=2000, help="garbage for each topic")
-    parser.add_argument("--share", type=int, default=1, help="set each parameter to 1 in so many")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, messages=2000, share=1)
     os.environ.update(this_machine_only())
-    given = words(save_folder="'{folder}'", state_timeout=3600.0)
+    given = {"save_folder": "'{folder}'", "state_timeout": 3600.0}
     with (
-        arm_node(*given, may_trace=True) as (node, folder),
+        arm_node(**given, may_trace=True) as (node, folder),
         described_client() as client,
     ):
         fuzzer = Fuzzer(node, client)

@@ -19,7 +19,6 @@ The script exits with 1 otherwise.
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import sys
@@ -31,7 +30,6 @@ from pathlib import Path
 from subprocess import Popen
 
 import numpy as np
-from rclpy.parameter import Parameter
 from support.arm import JOINTS, arm_primitive
 from support.commands import with_folder
 from support.nodes import (
@@ -48,6 +46,7 @@ from support.nodes import (
     times,
     words,
 )
+from support.tables import options
 
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros.client import (
@@ -119,8 +118,7 @@ class User:
         elif phase == "planning":
             goal = self._publish(GOAL)
         elif phase == "set-up":
-            value = Parameter("naturalness", value=self._random.uniform()).to_parameter_msg()
-            self._client.set_parameters(value)
+            self._client.try_to_set({"naturalness": self._random.uniform()})
         time.sleep(self._random.uniform(0.0, 0.02))
         began = time.monotonic()
         os.kill(process, FAULTS[fault])
@@ -226,11 +224,7 @@ PARTS: dict[str, tuple[Callable[[int, Random], list[str]], int]] = {
 
 def main() -> int:
     """Run a part and print its problems."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=PARTS)
-    parser.add_argument("--number", type=int, help="of rounds, or of each signal")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+    arguments = options(__doc__, part=PARTS, number=0, seed=0)
     os.environ.update(this_machine_only())
     part, number = PARTS[arguments.part]
     problems = part(arguments.number or number, np.random.default_rng(arguments.seed))

@@ -9,7 +9,6 @@ by 5 MB.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 import sys
@@ -31,6 +30,7 @@ from support.nodes import (
     publish_states,
     resident_megabytes,
 )
+from support.tables import options
 
 from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.ros.client import NoAnswerError, is_served, this_machine_only
@@ -46,10 +46,7 @@ MOST_MEGABYTES, PATIENCE = 5.0, 5.0
 
 def main() -> int:
     """Run the soak test and print the results."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--goals", type=int, default=21_000, help="number of goals")
-    parser.add_argument("--rate", type=float, default=45.0, help="goals per second of all clients")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, goals=21_000, rate=45.0)
     os.environ.update(this_machine_only())
     n, rate = arguments.goals // len(KINDS), arguments.rate / len(KINDS)
     outcomes: Queue[Outcome] = PROCESSES.Queue()

@@ -16,7 +16,6 @@ The script exits with status 1 if a reaction comes later.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
@@ -27,11 +26,11 @@ from pathlib import Path
 
 import numpy as np
 from node import LIMITS
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from support.arm import JOINTS, arm_robot
 from support.hostile_meshes import write_bombs
-from support.nodes import NodeClient, arm_node, goal_message, other_process, simulated_robot, words
+from support.nodes import NodeClient, arm_node, goal_message, other_process, simulated_robot
+from support.tables import options
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -54,19 +53,15 @@ TIMEOUT = 60.0
 
 def main() -> int:
     """Run the trials, print the results, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, default=200)
-    parser.add_argument("--primitives", type=int, default=300, help="primitives that are reloaded")
-    parser.add_argument("--quiet", action="store_true", help="without the other process")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, trials=200, primitives=300, quiet=False)
     os.environ.update(this_machine_only())
     n = arguments.trials
     ends = [motion.positions[-1] for motion in generate_motions(2 * n + 10, seed=2)]
     limits = {f"limits.{j}.{key}": value for j in JOINTS for key, value in LIMITS.items()}
-    given = words(duration=DURATION, obstacle_margin=MARGIN, **limits)
+    given = {"duration": DURATION, "obstacle_margin": MARGIN, **limits}
     found, n_read = list[tuple[float, float]](), 0
     with (
-        arm_node(*given, n_primitives=arguments.primitives, may_trace=True) as (_, folder),
+        arm_node(**given, n_primitives=arguments.primitives, may_trace=True) as (_, folder),
         simulated_robot(folder / "robot.txt", ends[0]),
         NodeClient() as client,
         nullcontext() if arguments.quiet else other_process(_keep_busy, folder),
@@ -189,8 +184,7 @@ def _keep_busy(folder: Path, is_ready: Event) -> None:
         is_ready.set()
         for k in count():
             client.call("reload_primitives", TIMEOUT)
-            value = Parameter("naturalness", value=0.5 + 0.1 * (k % 5)).to_parameter_msg()
-            client.set_parameters(value)
+            client.set(naturalness=0.5 + 0.1 * (k % 5))
             bomb = Marker(ns="bomb", id=k % 2, type=Marker.MESH_RESOURCE)
             bomb.mesh_resource = f"file://{bombs[k % len(bombs)]}"
             bomb.scale.x = bomb.scale.y = bomb.scale.z = 1.0

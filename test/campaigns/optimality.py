@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import minimize
 from support.problems import held_out_problems, scene_of
-from support.tables import benchmark_parser, show
+from support.tables import options, show
 
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.options import PlannerOptions
@@ -33,9 +33,7 @@ FEASIBLE = 1e-6
 
 def main() -> None:
     """Print a row per robot and coupling."""
-    parser = benchmark_parser(__doc__)
-    parser.add_argument("--problems", type=int, default=25, help="of each robot")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, problems=25, json=False)
     n_problems = arguments.problems
     rows = []
     for name in ROBOTS:
@@ -69,8 +67,8 @@ def solved_programs(
     robot, limits = scene.robot, scene.limits
     components = PrimitiveOptions(coupling, n_components)
     primitive = build_primitive(scene.demonstrations, name, components)
-    options = PlannerOptions(naturalness=0.0, max_solve_time=60.0)
-    planner = Planner(robot, [primitive], limits, options, collision=False)
+    chosen = PlannerOptions(naturalness=0.0, max_solve_time=60.0)
+    planner = Planner(robot, [primitive], limits, chosen, collision=False)
     last: list[tuple[Program, Solution]] = []
 
     def keeping(program, *rest):

@@ -30,7 +30,7 @@ from unittest import mock
 import numpy as np
 from support.motion_referee import RigidArm, judge
 from support.problems import Problem, Scene, held_out_problems, random_problems, scene_of
-from support.tables import Table, benchmark_parser, show
+from support.tables import Table, options, show
 
 import mp_pca_planner as mp
 from mp_pca_planner.arrays import FloatArray
@@ -52,11 +52,11 @@ CREEP = 0.02  # speed over which friction changes its sign [rad/s]
 Call = Callable[[], mp.Plan]
 
 
-def planner_of(scene: Scene, world: mp.World | None = None, **options: object) -> mp.Planner:
+def planner_of(scene: Scene, world: mp.World | None = None, **chosen: object) -> mp.Planner:
     """A planner with one primitive of 8 components."""
     primitive = build_primitive(scene.demonstrations, "reach", PrimitiveOptions("arm", 8))
-    chosen = mp.PlannerOptions(**options)
-    return mp.Planner(scene.robot, [primitive], scene.limits, chosen, world=world)
+    how = mp.PlannerOptions(**chosen)
+    return mp.Planner(scene.robot, [primitive], scene.limits, how, world=world)
 
 
 def repeats(arguments: argparse.Namespace) -> tuple[Table, list[str]]:
@@ -205,15 +205,11 @@ PARTS = {"repeats": repeats, "limits": limits}
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table of a part, and what is wrong."""
-    parser = benchmark_parser(__doc__)
-    parser.add_argument("part", choices=PARTS)
-    parser.add_argument("--number", type=int, help="of calls, or of plans")
-    parser.add_argument("--times", type=int, default=5, help="that a call is repeated")
-    parser.add_argument("--burners", type=int, default=4, help="processes beside the second half")
-    parser.add_argument("--seed", type=int, default=0, help="of the plans")
-    options = parser.parse_args(arguments)
-    table, problems = PARTS[options.part](options)
-    show({f"Random plans: {options.part}": table}, as_json=options.json)
+    given = options(
+        __doc__, arguments, part=PARTS, number=0, times=5, burners=4, seed=0, json=False
+    )
+    table, problems = PARTS[given.part](given)
+    show({f"Random plans: {given.part}": table}, as_json=given.json)
     print(*problems, f"{len(problems)} problems", sep="\n", file=sys.stderr)
     return int(bool(problems))
 

@@ -9,14 +9,13 @@ descriptions, huge messages, and mesh files that are bombs. Printed are the medi
 percentile and the longest time of both services for each kind. The goal is that no answer takes
 20 ms longer than the longest one of the bare service, on a machine that does nothing else::
 
-    python3 -m campaigns.stop_latency [--seconds 5] [--primitives 300]
+    python3 -m campaigns.stop_latency [--seconds 5] [--primitives 300] [--only goals]
 
 The script exits with status 1 if an answer takes longer, or is missing.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 import re
@@ -32,7 +31,6 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import Point
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -51,6 +49,7 @@ from support.nodes import (
     publish_states,
     ros_node,
 )
+from support.tables import options
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -71,11 +70,7 @@ Times = dict[str, np.ndarray]
 
 def main() -> int:
     """Run the attacks, print the results, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=5.0, help="time of each kind of input")
-    parser.add_argument("--primitives", type=int, default=300, help="primitives that are reloaded")
-    parser.add_argument("--only", default="", help="kinds whose names contain this")
-    arguments = parser.parse_args()
+    arguments = options(__doc__, seconds=5.0, primitives=300, only="")
     os.environ.update(this_machine_only())
     here, there = PROCESSES.Pipe(duplex=False)
     answers: list[Times] = []
@@ -108,7 +103,7 @@ def measure(client: NodeClient, attack: Attack, seconds: float, answers: Connect
     They are `LOST` without an answer.
     """
     # The input before may have been another robot, and obstacles.
-    _obstacles(client)(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+    client.publish_markers(Marker(action=Marker.DELETEALL))
     client.publish_description(URDF)
     client.wait_for_model()
     while answers.poll():
@@ -125,33 +120,20 @@ def measure(client: NodeClient, attack: Attack, seconds: float, answers: Connect
     return {name: np.array(times or [LOST]) for name, times in found.items()}
 
 
-def _obstacles(client: NodeClient) -> Callable[[Any], None]:
-    """Publish a message of obstacles, or its bytes."""
-    if "obstacles" not in client._publishers:
-        topic = f"{client.planner}/obstacles"
-        client._publishers["obstacles"] = client.node.create_publisher(MarkerArray, topic, 10)
-    return lambda message: client.publish("obstacles", message)
-
-
 def attacks(client: NodeClient, folder: Path) -> Iterator[tuple[str, Attack]]:
     """Names of inputs, and functions that send them once."""
-    numbers, obstacles = itertools.count(1), _obstacles(client)
-    describe = client.publish_description
+    numbers, describe = itertools.count(1), client.publish_description
 
     def set_parameters(**values: object) -> None:
         with suppress(NoAnswerError):
-            client.set_parameters(
-                *(Parameter(k, value=v).to_parameter_msg() for k, v in values.items())
-            )
+            client.try_to_set(values)
 
     def send_goal() -> None:
         client.publish_goal(goal_message(np.array(GOAL) + 1e-3 * (next(numbers) % 50)))
 
     around = np.random.default_rng(1).uniform(-1.0, 1.0, (15, 3))
     around *= 0.9 / np.linalg.norm(around, axis=1)[:, None]
-    boxes = MarkerArray(
-        markers=[_marker("b", k, Marker.CUBE, x, 0.1) for k, x in enumerate(around)]
-    )
+    boxes = [_marker("b", k, Marker.CUBE, x, 0.1) for k, x in enumerate(around)]
     chain = "".join(
         f'<link name="l{k}"/><joint name="j{k}" type="{"revolute" if k < 190 else "fixed"}">'
         f'<parent link="l{k}"/><child link="l{k + 1}"/><limit effort="1" velocity="1"/></joint>'
@@ -169,7 +151,7 @@ def attacks(client: NodeClient, folder: Path) -> Iterator[tuple[str, Attack]]:
 
     yield "nothing", lambda: None
     yield "goals", send_goal
-    yield "goals among obstacles", lambda: (obstacles(boxes), send_goal())
+    yield "goals among obstacles", lambda: (client.publish_markers(*boxes), send_goal())
     yield "reload of many primitives", lambda: client.call("reload_primitives", 60.0)
     yield (
         "parameters",
@@ -199,8 +181,10 @@ def attacks(client: NodeClient, folder: Path) -> Iterator[tuple[str, Attack]]:
     for file in (*sorted(folder.glob("*.stl")), *write_bombs(folder)):
         marker = _marker("mesh", 0, Marker.MESH_RESOURCE, (3.0, 0.0, 0.0), 1.0)
         marker.mesh_resource = f"file://{file}"
-        one = MarkerArray(markers=[marker])
-        yield f"mesh {file.name}", lambda one=one: (obstacles(one), time.sleep(0.5))
+        yield (
+            f"mesh {file.name}",
+            lambda one=marker: (client.publish_markers(one), time.sleep(0.5)),
+        )
 
 
 def _marker(space: str, number: int, kind: int, place: Any, size: float) -> Marker:

@@ -100,7 +100,7 @@ def test_goals_of_the_action_are_answered_and_the_state_is_published(tmp_path):
 
 def use_action(bench, name):
     """Have the node send its motions to an action, once it has found that."""
-    bench.set(controller_action=name)
+    bench.client.set(controller_action=name)
     bench.client.wait_for_diagnostics(lambda values: values["controller_action"] == "ready")
 
 
@@ -145,7 +145,7 @@ def bench(_control_msgs_folder, tmp_path_factory):
         set_domain(patch, 87)
         folder = tmp_path_factory.mktemp("robot")
         with benched(folder, "--controller-topic", "/arm/joint_trajectory") as bench:
-            bench.set(controller_state_topic="/arm/controller_state")
+            bench.client.set(controller_state_topic="/arm/controller_state")
             use_action(bench, "/arm/follow_joint_trajectory")
             yield bench
 

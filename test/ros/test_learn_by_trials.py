@@ -12,19 +12,17 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 pytest.importorskip("cmaes", reason="cmaes (extra 'learn') is not installed")
 
-from support.arm import JOINTS, arm_primitive
+from support.arm import JOINTS
 from support.domains import set_domain
-from support.nodes import running_node, simulated_robot, words
+from support.nodes import GOAL, arm_node, simulated_robot
 from support.patience import HANG
 
 from mp_pca_planner.files import config_file
-from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.primitives.file import load_primitive
 
 pytestmark = pytest.mark.slow
 EXAMPLE = Path(__file__).parents[2] / "examples" / "learn_by_trials.py"
 URDF = str(config_file("human_arm.urdf"))
-
-
 PAYLOAD, N_TRIALS = 0.8, 13
 
 
@@ -32,15 +30,11 @@ def test_trials_save_effort_on_a_robot_with_an_unknown_load(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     set_domain(monkeypatch, 68)
-    primitive = tmp_path / "arm.npz"
-    save_primitive(arm_primitive(), primitive)
-    start = arm_primitive().boundary_states[0, 3]
     with (
-        running_node(
-            tmp_path / "node.txt", *words(primitives=[str(primitive)], max_solve_time=HANG)
-        ),
-        simulated_robot(tmp_path / "robot.txt", start, "--payload", str(PAYLOAD)),
+        arm_node(max_solve_time=HANG) as (_, folder),
+        simulated_robot(folder / "robot.txt", GOAL, "--payload", str(PAYLOAD)),
     ):
+        primitive = folder / "primitives" / "arm_0.npz"
         done = subprocess.run(
             [sys.executable, EXAMPLE, primitive, URDF, str(N_TRIALS)],
             cwd=tmp_path,

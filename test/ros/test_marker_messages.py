@@ -50,7 +50,6 @@ from mp_pca_planner.ros.world_markers import to_obstacle_markers
 MODEL = assemble_model(URDF, [arm_primitive()], Settings())
 
 LATCHED = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-RELIABLE = QoSProfile(depth=5)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -131,18 +130,6 @@ def test_markers_are_read_whole_whatever_lists_and_texts_surround_their_points()
                 one.points, one.colors = [], one.colors[:1]
                 one.uv_coordinates = one.uv_coordinates[:1]
             assert found == expected
-
-
-def test_reading_large_meshes_does_not_cost_time_per_point() -> None:
-    def seconds(n_points: int) -> float:
-        content, times = written(box(points=[Point()] * n_points)), list[float]()
-        for _ in range(5):
-            begin = time.process_time()
-            read_markers(content)
-            times.append(time.process_time() - begin)
-        return min(times)
-
-    assert seconds(60_000) < 100 * seconds(1)
 
 
 # Keeping
@@ -301,10 +288,6 @@ class Publisher:
     def send(self, number: int) -> None:
         self._publisher.publish(MarkerArray(markers=[box(number)]))
 
-    @property
-    def is_met(self) -> bool:
-        return self._publisher.get_subscription_count() > 0
-
 
 class Listener:
     """A subscription of markers and the node of the publishers, spun together."""
@@ -343,11 +326,10 @@ def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Node, Node]]:
         yield node, sender
 
 
-@pytest.mark.parametrize("qos", [RELIABLE, BEST_EFFORT], ids=["reliable", "best_effort"])
 def test_publishers_that_latch_nothing_are_not_asked_for_more_than_they_offer(
-    nodes: tuple[Node, Node], qos: QoSProfile
+    nodes: tuple[Node, Node],
 ) -> None:
-    listener, publisher = Listener(*nodes), Publisher(nodes[1], qos)
+    listener, publisher = Listener(*nodes), Publisher(nodes[1], BEST_EFFORT)
     listener.until_it_hears(publisher, 1)
     listener.listen(1.0)  # the subscription follows what was discovered
     listener.until_it_hears(publisher, 2)

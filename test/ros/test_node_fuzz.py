@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from campaigns.node_fuzz import Fuzzer
 from support.domains import set_domain
-from support.nodes import PATIENCE, arm_node, described_client, words
+from support.nodes import PATIENCE, arm_node, described_client
 
 
 @pytest.mark.slow
@@ -19,7 +19,7 @@ def test_good_goals_are_served_after_garbage_and_odd_values_on_every_input(
 ) -> None:
     set_domain(monkeypatch, 37)
     with (
-        arm_node(*words(**PATIENCE | {"max_solve_time": 0.05})) as (node, folder),
+        arm_node(**PATIENCE | {"max_solve_time": 0.05}) as (node, folder),
         described_client() as client,
     ):
         fuzzer = Fuzzer(node, client)

@@ -29,7 +29,6 @@ from mp_pca_planner.motion.collision import CollisionModel
 from mp_pca_planner.motion.interpolation import interpolate
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 from mp_pca_planner.ros.messages import to_trajectory
-from mp_pca_planner.ros.nodes import LATCHED
 
 RADIUS, MARGIN = 0.03, 0.01
 TRANSPORT = 0.02  # the longest that a message may take for a motion to continue another one [s]
@@ -77,7 +76,7 @@ def test_first_obstacle_of_a_node_leaves_a_clear_motion_alone(
 ) -> None:
     set_domain(monkeypatch, 86)
     with benched(tmp_path) as bench:
-        bench.set(duration=6.0)
+        bench.client.set(duration=6.0)
         moving = bench.send(GOAL)
         wait_for_obstacles(bench, "1", "none", ball(np.array([0.0, 0.0, -3.0])))
         assert bench.execution(moving)["outcome"] == "arrived"
@@ -106,13 +105,9 @@ def bench(shared_bench: Bench) -> Bench:
 
 def wait_for_obstacles(bench: Bench, number: str, rejected: str, *markers: Marker) -> None:
     """Publish markers, and wait until the diagnostics say so."""
-    client = bench.client
-    if "obstacles" not in client._publishers:
-        topic = f"{client.planner}/obstacles"
-        client._publishers["obstacles"] = client.node.create_publisher(MarkerArray, topic, LATCHED)
     if markers:
-        client.publish("obstacles", MarkerArray(markers=list(markers)))
-    client.wait_for_diagnostics(
+        bench.client.publish_markers(*markers)
+    bench.client.wait_for_diagnostics(
         lambda values: values["obstacles"] == number and rejected in values["obstacle_rejected"],
         HANG,
     )
@@ -235,10 +230,10 @@ def test_obstacle_in_an_unknown_frame_rejects_goals_until_the_frame_is_known(ben
     in_map = ball(hand(GOAL) + np.array([0.0, 0.0, 1.0]), header=Header(frame_id="/map"))
     wait_for_obstacles(bench, "0", "'ball/0' is stated in the frame 'map'", in_map)
     assert "the frame 'map', which is not a link" in bench.send(GOAL).report.message
-    bench.set(fixed_frames=["map: 0 0 -1"])
+    bench.client.set(fixed_frames=["map: 0 0 -1"])
     wait_for_obstacles(bench, "1", "none")
     assert "'lower_arm' and 'ball/0'" in bench.send(GOAL).report.message
-    bench.set(fixed_frames=["map: 0 0 3"])
+    bench.client.set(fixed_frames=["map: 0 0 3"])
     # The obstacle follows its frame within a moment.
     bench.wait(lambda: bench.send(GOAL).trajectory is not None)
-    bench.set(fixed_frames=[""])
+    bench.client.set(fixed_frames=[""])

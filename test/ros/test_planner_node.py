@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +25,6 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import ListParameters
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -35,7 +33,6 @@ from support.domains import set_domain
 from support.nodes import (
     GOAL,
     PATIENCE,
-    PATIENTLY,
     START,
     URDF,
     NodeClient,
@@ -46,6 +43,7 @@ from support.nodes import (
     planner_of,
     ros_node,
     running_node,
+    set_request,
     start_node,
     times,
     words,
@@ -111,26 +109,18 @@ def rest_at(client: NodeClient, primitives: Path, positions: Sequence[float] = S
 def forget_robot(client: NodeClient, primitives: Path) -> None:
     """Have the node forget its robot, as it does with the joints of its primitives."""
     for paths in ([""], [str(primitives)]):
-        message = Parameter("primitives", value=paths).to_parameter_msg()
-        (result,) = client.set_parameters(message)
-        assert result.successful, result.reason
+        client.set(primitives=paths)
 
 
 @contextmanager
 def parameters(client: NodeClient, **values: object) -> Iterator[None]:
     """Parameters that hold for a while."""
-
-    def set_all(wanted: dict[str, Any]) -> None:
-        messages = [Parameter(n, value=value).to_parameter_msg() for n, value in wanted.items()]
-        for result in client.set_parameters(*messages):
-            assert result.successful, result.reason
-
     defaults = {d.name: d.default for d in DECLARATIONS} | PATIENCE
-    set_all(values)
+    client.set(**values)
     try:
         yield
     finally:
-        set_all({name: defaults[name] for name in values})
+        client.set(**{name: defaults[name] for name in values})
 
 
 def assert_refused(answer: Answer, *words: str) -> None:
@@ -213,8 +203,8 @@ def test_wrong_parameters_are_refused_with_a_reason(client: NodeClient) -> None:
         ("limits.elbo.max_velocity", 1.0, "did you mean 'elbow'"),
         ("duratio", 1.0, "did you mean 'duration'"),
     ):
-        (result,) = client.set_parameters(Parameter(name, value=value).to_parameter_msg())
-        assert not result.successful and text in result.reason
+        (reason,) = client.try_to_set({name: value})
+        assert text in reason
     assert client.send(goal_message()).report.level == OK
 
 
@@ -505,9 +495,8 @@ def test_parameter_whose_planner_dies_is_refused(
     serve(client)
     planner = planner_of(node)
     os.kill(planner, signal.SIGSTOP)
-    value = Parameter("naturalness", value=0.3).to_parameter_msg()
     service = client._services["set_parameters"]
-    changed = service.call_async(service.srv_type.Request(parameters=[value]))
+    changed = service.call_async(set_request({"naturalness": 0.3}))
     assert client.call("stop", HANG).success
     os.kill(planner, signal.SIGKILL)
     client.wait(changed.done, HANG, "did not answer")
@@ -532,23 +521,20 @@ def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> Non
     with running_node(tmp_path / "log.txt", *arguments), NodeClient() as client:
         client.wait_for_node()
         assert "arm.npz" in client.wait_for_diagnostics()["text"]
-        duration = Parameter("duration", value=1.5).to_parameter_msg()
-        assert client.set_parameters(duration)[0].successful
+        client.set(duration=1.5)
         assert_refused(client.send(goal_message()), "arm.npz", "No such file")
         assert not client.call("reload_primitives").success
         save_primitive(arm_primitive(), file)
         assert client.call("reload_primitives").success
         assert_refused(client.send(goal_message()), "robot_description")
-        urdf = Parameter("robot_description", value=URDF).to_parameter_msg()
-        assert client.set_parameters(urdf)[0].successful
+        client.set(robot_description=URDF)
         assert_refused(client.send(goal_message()), "joint_states", *JOINTS)
         client.publish_state(JOINTS, START)
         assert client.send(goal_message()).report.level == OK
         diagnostics = client.wait_for_diagnostics(lambda values: "stopped" in values["text"])
         assert diagnostics["goals_served"] == "1"
         assert diagnostics["goals_refused"] == "3"
-        timeout = Parameter("state_timeout", value=0.0).to_parameter_msg()
-        assert client.set_parameters(timeout)[0].successful
+        client.set(state_timeout=0.0)
         client.wait_for_diagnostics(lambda values: values["text"] == "ready for goals")
 
 
@@ -562,14 +548,11 @@ def test_primitives_of_other_joints_bring_their_own_limits(tmp_path: Path) -> No
     files = [str(tmp_path / name) for name in ("arm.npz", "shoulder.npz")]
     save_primitive(arm_primitive(), files[0])
     save_primitive(build_primitive(demonstrations, "shoulder"), files[1])
-    arguments = ("-p", f"primitives:=['{files[0]}']", *PATIENTLY)
+    arguments = words(primitives=[files[0]], **PATIENCE)
     with running_node(tmp_path / "log.txt", *arguments), described_client() as client:
-        wanted = {"primitives": [files[1]], "limits.shoulder2.max_velocity": 0.5}
-        messages = [Parameter(name, value=v).to_parameter_msg() for name, v in wanted.items()]
-        for result in client.set_parameters(*messages):
-            assert result.successful, result.reason
-        elbow = Parameter("limits.elbow.max_velocity", value=1.0).to_parameter_msg()
-        assert "valid names: 'shoulder1', 'shoulder2'" in client.set_parameters(elbow)[0].reason
+        client.set(**{"primitives": [files[1]], "limits.shoulder2.max_velocity": 0.5})
+        (reason,) = client.try_to_set({"limits.elbow.max_velocity": 1.0})
+        assert "valid names: 'shoulder1', 'shoulder2'" in reason
         client.publish_state(JOINTS, START)
         trajectory = client.send(goal_message(GOAL[:2], JOINTS[:2])).trajectory
     assert trajectory is not None
@@ -590,8 +573,7 @@ def test_unusable_description_is_mended_by_parameters_one_after_the_other(
         client.wait_for_diagnostics(lambda values: "max_velocity" in values["text"])
         for joint in ("elbow", "shoulder3"):
             assert_refused(client.send(goal_message()), "max_velocity")
-            limit = Parameter(f"limits.{joint}.max_velocity", value=0.7).to_parameter_msg()
-            assert client.set_parameters(limit)[0].successful
+            client.set(**{f"limits.{joint}.max_velocity": 0.7})
         client.publish_state(JOINTS, START)
         trajectory = client.send(goal_message()).trajectory
     assert trajectory is not None

@@ -8,9 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,37 +16,33 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
-from support.arm import JOINTS, arm_primitive
+from support.arm import JOINTS
 from support.domains import set_domain
-from support.nodes import GOAL, START, NodeClient, goal_message, running_node
+from support.nodes import GOAL, START, NodeClient, arm_node, goal_message, simulated_robot
 from support.patience import HANG
 
 from mp_pca_planner.files import config_file
-from mp_pca_planner.primitives.file import load_primitive, save_primitive
+from mp_pca_planner.primitives.file import load_primitive
 from mp_pca_planner.recordings.cutting import read_segments
 from mp_pca_planner.ros.client import READY
 
 URDF_FILE = str(config_file("human_arm.urdf"))
 
 
-@contextmanager
-def started(*words: str) -> Iterator[subprocess.Popen[str]]:
-    """A command of the package, killed at the end unless it has ended."""
-    command = [sys.executable, "-m", "mp_pca_planner", *words]
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen(command, text=True, **pipes) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
 class Teacher:
-    """A person at the terminal of `teach`: reads its lines, presses keys."""
+    """A person at the terminal of `teach`, which ends with it: reads its lines, presses keys."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self.process, self.lines = process, list[str]()
+    def __init__(self, *words: str) -> None:
+        command = [sys.executable, "-m", "mp_pca_planner", "teach", *words]
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        self.process, self.lines = subprocess.Popen(command, text=True, **pipes), list[str]()
         threading.Thread(target=self._read, daemon=True).start()
+
+    def __enter__(self) -> Teacher:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
 
     def _read(self) -> None:
         assert self.process.stdout is not None
@@ -93,7 +87,7 @@ def move(client: NodeClient, goal: list[float], teacher: Teacher | None = None) 
     """Have the old primitive move the arm as a person would; with a teacher, until it is shown."""
     n_motions, n_executions = teacher.n_motions if teacher else 0, len(client.executions)
     message, deadline = goal_message(goal), time.monotonic() + HANG
-    message.header.frame_id = "arm_arm_4"
+    message.header.frame_id = "arm_0"
     while True:
         message.header.stamp = client.node.get_clock().now().to_msg()
         answer = client.send(message, HANG)
@@ -108,33 +102,28 @@ def move(client: NodeClient, goal: list[float], teacher: Teacher | None = None) 
 
 @pytest.mark.slow
 def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_taught(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     set_domain(monkeypatch, 66)
-    save_primitive(arm_primitive(), tmp_path / "arm_arm_4.npz")
-    output = tmp_path / "taught.npz"
-    command = ("teach", "--output", str(output), "--robot", URDF_FILE, "--timeout", str(HANG))
-    start = ",".join(map(str, START))
     halfway = (0.5 * (np.array(START) + GOAL)).tolist()
-    arguments = ("-p", f"primitives:=['{tmp_path}']", "-p", f"max_solve_time:={HANG}")
     with (
-        running_node(tmp_path / "node.txt", *arguments),
-        started("simulate", "--robot", URDF_FILE, "--start", start),
+        arm_node(max_solve_time=HANG) as (_, folder),
+        simulated_robot(folder / "robot.txt", START),
         NodeClient() as client,
     ):
+        output = folder / "taught.npz"
+        words = ("--output", str(output), "--robot", URDF_FILE, "--timeout", str(HANG))
         client.wait_for_node(HANG)
         client.wait_for_diagnostics(lambda values: values["text"] == READY, HANG)
-        with started(*command) as process:
-            teacher = Teacher(process)
+        with Teacher(*words) as teacher:
             teacher.wait_until_it_records(client, set())
             move(client, GOAL, teacher)
             move(client, START, teacher)
             move(client, halfway)
             killed = listeners(client)
-            process.kill()  # while the arm moves
+            teacher.process.kill()  # while the arm moves
         client.wait(lambda: len(client.executions) == 3, HANG, "did not arrive")
-        with started(*command) as process:
-            teacher = Teacher(process)
+        with Teacher(*words) as teacher:
             teacher.wait_until_it_records(client, killed)
             teacher.wait_for("motion 2: ")
             move(client, GOAL, teacher)
@@ -148,9 +137,9 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
             client.spin_once()
             assert len(client.reports) == n_sent  # nothing is sent without a yes
             teacher.press("y")
-            assert process.wait(HANG) == 0, teacher.lines
+            assert teacher.process.wait(HANG) == 0, teacher.lines
         assert teacher.has("arrived"), teacher.lines
-    primitive = load_primitive(output)
+        primitive = load_primitive(output)
+        segments = read_segments(folder / "taught_segments.csv", ["taught"])["taught"]
     assert primitive.name == "taught" and set(primitive.joint_names) == set(JOINTS)
-    segments = read_segments(tmp_path / "taught_segments.csv", ["taught"])["taught"]
     assert len(primitive.durations) == len(segments) >= 3

@@ -13,22 +13,20 @@ from pathlib import Path
 import numpy as np
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from support.arm import JOINTS, arm_primitive
 from support.nodes import (
     START,
     NodeClient,
+    arm_node,
     call,
     goal_message,
     ros_node,
-    running_node,
+    set_request,
     simulated_robot,
-    words,
 )
 from support.patience import HANG, NODE_EVER
 
-from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros.client import Answer, is_served, report_values
 
 LIMITS = {"velocity": 3.0, "acceleration": 15.0}
@@ -48,8 +46,8 @@ class Bench:
         Reports of motions that a busy machine may have spoilt.
     """
 
-    def __init__(self, client: NodeClient, node: Node, primitive: str) -> None:
-        self.primitive, self.has_copies = primitive, True
+    def __init__(self, client: NodeClient, node: Node) -> None:
+        self.has_copies = True
         self.client, self._node, self._stamps = client, node, count(1)
         self.measured: list[JointState] = []
         self.forgiven: list[dict[str, str]] = []
@@ -64,23 +62,15 @@ class Bench:
         """Where the robot was measured last."""
         return np.array(self.measured[0].position)
 
-    def message(self, positions: Sequence[float]) -> JointState:
-        """A goal, known by its stamp."""
-        goal = goal_message(list(positions))
-        goal.header.stamp.sec = next(self._stamps)
-        return goal
-
     def wait(self, is_done: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + HANG
-        while not is_done():
-            assert time.monotonic() < deadline
-            self.client.spin_once()
+        self.client.wait(is_done, HANG, "did not do it")
 
     def send(self, positions: Sequence[float]) -> Answer:
         """Send a goal; again while it is refused because the machine was too busy to plan it."""
         deadline = time.monotonic() + HANG
         while True:
-            message = self.message(positions)
+            message = goal_message(positions)
+            message.header.stamp.sec = next(self._stamps)  # by which it is known
             answer = self.client.send(message, HANG, with_trajectory=self.has_copies)
             if "send the goal again" not in answer.report.message:
                 return answer
@@ -116,12 +106,6 @@ class Bench:
             assert len(self.forgiven) <= 1, self.forgiven
             goals = (VIA, *goals)
 
-    def set(self, **values: object) -> None:
-        """Set parameters of the planner."""
-        messages = [Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
-        for result in self.client.set_parameters(*messages):
-            assert result.successful, result.reason
-
     @contextmanager
     def fault(self, name: str, value: object, normal: object) -> Iterator[None]:
         """Give the simulated robot a fault for a while."""
@@ -132,19 +116,18 @@ class Bench:
             self._set_fault(name, normal)
 
     def _set_fault(self, name: str, value: object) -> None:
-        message = Parameter(name, value=value).to_parameter_msg()
-        request = SetParameters.Request(parameters=[message])
-        done = call(self._node, SetParameters, "simulated_robot/set_parameters", request)
+        service, request = "simulated_robot/set_parameters", set_request({name: value})
+        done = call(self._node, SetParameters, service, request)
         assert done.results[0].successful, done.results[0].reason
 
     def begin_slowly(self, positions: Sequence[float]) -> Answer:
         """Send a goal, and wait until the robot is well on its way."""
         before = self.position
-        self.set(duration=SLOW)
+        self.client.set(duration=SLOW)
         try:
             answer = self.send(positions)
         finally:
-            self.set(duration=0.0)
+            self.client.set(duration=0.0)
         assert answer.trajectory is not None, answer.report.message
         self.wait(lambda: np.abs(self.position - before).max() > 0.05)
         return answer
@@ -153,18 +136,16 @@ class Bench:
 @contextmanager
 def benched(folder: Path, *options: str) -> Iterator[Bench]:
     """The node and the robot, which both have to end cleanly."""
-    save_primitive(arm_primitive(), folder / "arm.npz")
     limits = {f"limits.{j}.max_{k}": v for j in JOINTS for k, v in LIMITS.items()}
     given = {"max_solve_time": NODE_EVER, "state_timeout": STATE_TIMEOUT, **limits}
-    primitives = words(primitives=f"['{folder / 'arm.npz'}']")
     with (
-        running_node(folder / "log.txt", *primitives, *words(**given)),
+        arm_node(**given),
         simulated_robot(folder / "robot.txt", START, *options),
         NodeClient() as client,
         ros_node("user") as user,
     ):
         client.wait_for_node(HANG)
         client.wait_for_model()
-        bench = Bench(client, user, str(folder / "arm.npz"))
+        bench = Bench(client, user)
         bench.wait(lambda: bool(bench.measured))
         yield bench

@@ -9,10 +9,9 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from subprocess import Popen
@@ -21,10 +20,10 @@ from typing import IO, Any
 
 import numpy as np
 import rclpy
-from rcl_interfaces.msg import Parameter, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -33,13 +32,10 @@ from std_srvs.srv import Trigger
 from support.arm import JOINTS, arm_primitive
 from support.patience import HANG, NODE_EVER
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from mp_pca_planner.files import config_file
-from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.primitives.primitive import MovementPrimitive
-from mp_pca_planner.recordings.synthetic import generate_motions
 from mp_pca_planner.ros.client import GoalClient
 from mp_pca_planner.ros.nodes import LATCHED
 
@@ -64,12 +60,15 @@ PROCESSES = multiprocessing.get_context("spawn")
 PATIENCE = {"state_timeout": NODE_EVER, "max_solve_time": NODE_EVER}
 
 
+def set_request(values: Mapping[str, object]) -> SetParameters.Request:
+    """The request that sets parameters."""
+    given = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    return SetParameters.Request(parameters=given)
+
+
 def words(**parameters: object) -> tuple[str, ...]:
     """Arguments of a node that set parameters."""
     return tuple(word for k, v in parameters.items() for word in ("-p", f"{k}:={v}"))
-
-
-PATIENTLY = words(**PATIENCE)
 
 
 class NodeClient(GoalClient):
@@ -98,15 +97,8 @@ class NodeClient(GoalClient):
         """Publish on a goal topic, ``joint_states`` or ``robot_description``."""
         self._publishers[topic].publish(message)
 
-    def publish_state(
-        self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float] = ()
-    ) -> None:
-        self.publish_state_message(
-            JointState(name=list(names), position=list(positions), velocity=list(velocities))
-        )
-
-    def publish_state_message(self, message: JointState) -> None:
-        self.publish("joint_states", message)
+    def publish_state(self, names: Sequence[str], positions: Sequence[float]) -> None:
+        self.publish("joint_states", JointState(name=list(names), position=list(positions)))
 
     def publish_description(self, urdf: str) -> None:
         self.publish("robot_description", String(data=urdf))
@@ -115,10 +107,25 @@ class NodeClient(GoalClient):
         """Wait until the node has primitives and a robot model."""
         self.wait_for_diagnostics(lambda values: values["model"] != "none")
 
-    def set_parameters(self, *parameters: Parameter) -> list[SetParametersResult]:
-        """Set parameters one by one."""
-        request = SetParameters.Request(parameters=list(parameters))
-        return list(self.result(self._services["set_parameters"], request).results)
+    def try_to_set(self, values: Mapping[str, object]) -> list[str]:
+        """Set parameters one by one; why they are refused, '' if they are not."""
+        request = set_request(values)
+        results = self.result(self._services["set_parameters"], request).results
+        return ["" if one.successful else one.reason or "for no reason" for one in results]
+
+    def set(self, **values: object) -> None:
+        """Set parameters, which have to be accepted."""
+        refused = self.try_to_set(values)
+        assert not any(refused), refused
+
+    def publish_markers(self, *markers: Marker) -> None:
+        """Publish markers of obstacles, which are latched."""
+        if "obstacles" not in self._publishers:
+            publisher = self.node.create_publisher(
+                MarkerArray, f"{self.planner}/obstacles", LATCHED
+            )
+            self._publishers["obstacles"] = publisher
+        self.publish("obstacles", MarkerArray(markers=list(markers)))
 
     def stop(self, timeout: float = 10.0) -> tuple[Trigger.Response, JointTrajectory | None]:
         """What is answered to a stop, and what is published."""
@@ -126,16 +133,13 @@ class NodeClient(GoalClient):
         answer = self.call("stop")
         return answer, self.next_trajectory(n, timeout) if answer.success else None
 
-    def wait_for_preview(
-        self, is_expected: Callable[[MarkerArray], bool] = bool, timeout: float = 10.0
-    ) -> MarkerArray:
-        """The newest preview, once it is as expected: it comes a little after its motion."""
+    def wait_for_preview(self, is_expected: Callable[[MarkerArray], bool]) -> None:
+        """Wait until the newest preview is as expected: it comes a little after its motion."""
         self.wait(
             lambda: bool(self.previews) and is_expected(self.previews[-1]),
-            timeout,
+            HANG,
             "published no such preview",
         )
-        return self.previews[-1]
 
 
 def start_node(
@@ -166,27 +170,28 @@ def running_node(
     assert may_trace or "Traceback" not in log.read_text()
 
 
-@cache
-def _raise_arm() -> MovementPrimitive:
-    return build_primitive(generate_motions(20, seed=1), "raise_arm")
-
-
 @contextmanager
 def arm_node(
-    *ros_arguments: str, n_primitives: int = 1, may_trace: bool = False
+    *ros_arguments: str,
+    n_primitives: int = 1,
+    options: Sequence[str] = (),
+    may_trace: bool = False,
+    **parameters: object,
 ) -> Iterator[tuple[Popen[str], Path]]:
-    """A node with primitives that differ in their names, and a folder with its log.txt.
+    """A node with primitives arm_0, … of the arm in primitives/, and the folder of its log.txt.
 
-    In arguments, ``{folder}`` stands for the folder.
+    In values of parameters, ``{folder}`` stands for the folder.
     """
     with TemporaryDirectory() as name:
         folder, library = Path(name), Path(name, "primitives")
         library.mkdir()
         for k in range(n_primitives):
-            save_primitive(replace(_raise_arm(), name=f"raise_{k}"), library / f"{k:04}.npz")
-        others = [word.replace("{folder}", name) for word in ros_arguments]
-        given = ("-p", f"primitives:=['{library}']", *others)
-        with running_node(folder / "log.txt", *given, may_trace=may_trace) as node:
+            save_primitive(replace(arm_primitive(), name=f"arm_{k}"), library / f"arm_{k}.npz")
+        given = [
+            w.replace("{folder}", name) for w in words(primitives=[str(library)], **parameters)
+        ]
+        log, arguments = folder / "log.txt", (*given, *ros_arguments)
+        with running_node(log, *arguments, options=options, may_trace=may_trace) as node:
             yield node, folder
 
 

@@ -23,6 +23,22 @@ def benchmark_parser(documentation: str) -> argparse.ArgumentParser:
     return parser
 
 
+def options(
+    documentation: str, arguments: Sequence[str] | None = None, **defaults: Any
+) -> argparse.Namespace:
+    """Options of a campaign by their defaults; False is a flag, a dictionary of parts a choice."""
+    parser = argparse.ArgumentParser(description=documentation.splitlines()[0])
+    for name, default in defaults.items():
+        how: dict[str, Any] = {"type": type(default), "default": default}
+        if default is False:
+            how = {"action": "store_true"}
+        if isinstance(default, Mapping):
+            parser.add_argument(name, choices=default)
+        else:
+            parser.add_argument(f"--{name.replace('_', '-')}", **how)
+    return parser.parse_args(arguments)
+
+
 def show(
     tables: Mapping[str, Table],
     *,

@@ -250,16 +250,28 @@ def under_way(planned: Planned) -> RunningMotion:
     return RunningMotion(planned, 0.5 * planned.trajectory.duration, False)
 
 
-def on(running: RunningMotion) -> JointState:
-    return PublishedMotion(running.planned.trajectory, 0.0).state(running.place)
+def from_there(goal: Any, running: RunningMotion, key: int = 2) -> PlanRequest:
+    """The request of a goal from where a running motion is left."""
+    start = PublishedMotion(running.planned.trajectory, 0.0).state(running.place)
+    return PlanRequest(key, goal, start, {}, running)
 
 
-def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPlanner) -> None:
-    first = planner.plan(request(measured={"grip": 0.02}))
-    assert isinstance(first, Planned)
-    running = under_way(first)
-    goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
+def beside(change: Any, **others: Any) -> JointGoal:
+    return JointGoal(JointState(JOINTS, GOAL.state.positions + change), **others)
+
+
+@pytest.fixture
+def first(planner: GoalPlanner) -> Planned:
+    planned = planner.plan(request(measured={"grip": 0.02}))
+    assert isinstance(planned, Planned)
+    return planned
+
+
+def test_goal_that_drifts_displaces_the_motion_that_is_under_way(
+    planner: GoalPlanner, first: Planned
+) -> None:
+    goal = beside(0.01)
+    found = planner.plan(from_there(goal, under_way(first)))
     assert isinstance(found, Planned)
     assert found.message == "the motion is continued to the new goal"
     assert found.primitives == first.primitives
@@ -267,19 +279,18 @@ def test_goal_that_drifts_displaces_the_motion_that_is_under_way(planner: GoalPl
     np.testing.assert_array_equal(found.trajectory.positions[-1], goal.state.positions)
 
 
-def test_plan_of_a_pose_is_not_kept_if_the_motion_is_displaced_to_it(planner: GoalPlanner) -> None:
-    first = planner.plan(request(measured={"grip": 0.02}))
-    assert isinstance(first, Planned)
-    running = under_way(first)
+def test_plan_of_a_pose_is_not_kept_if_the_motion_is_displaced_to_it(
+    planner: GoalPlanner, first: Planned
+) -> None:
     wrist = arm_robot().frame_positions(GOAL.state.positions[None], ["wrist"])[0, 0]
     for key, change, is_continued in ((2, 0.01, True), (3, 0.15, False)):
         goal = PoseGoal(Pose("wrist", wrist - [change, 0.0, 0.0]))
-        found = planner.plan(PlanRequest(key, goal, on(running), {}, running))
+        found = planner.plan(from_there(goal, under_way(first), key))
         assert isinstance(found, Planned) and ("continued" in found.message) == is_continued
         assert (key in planner.plans) != is_continued
 
 
-def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
+def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner, first: Planned) -> None:
     class Forbidden:
         """A constraint that a motion breaks once."""
 
@@ -288,43 +299,43 @@ def test_displaced_motion_keeps_the_constraints(planner: GoalPlanner) -> None:
         def values(self, robot: Robot, q: np.ndarray) -> tuple[np.ndarray, None]:
             return np.where(np.arange(len(q)) == len(q) // 2, -1.0, 1.0)[:, None], None
 
-    first = planner.plan(request(measured={"grip": 0.02}))
-    assert isinstance(first, Planned) and planner.model is not None
+    assert planner.model is not None
     planner.model = replace(planner.model, constraints=(Forbidden(),))
-    running = under_way(first)
-    goal = JointGoal(JointState(JOINTS, GOAL.state.positions + 0.01))
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
+    found = planner.plan(from_there(beside(0.01), under_way(first)))
     assert not isinstance(found, Planned) or "continued" not in found.message
 
 
-def test_end_of_a_motion_is_displaced_to_a_near_goal(planner: GoalPlanner) -> None:
-    first = planner.plan(request(measured={"grip": 0.02}))
-    assert isinstance(first, Planned)
-    running = RunningMotion(first, first.trajectory.duration, True)
-    for change, is_continued in ((0.02, True), (0.04, False)):
-        goal = JointGoal(JointState(JOINTS, GOAL.state.positions + change))
-        found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
-        assert isinstance(found, Planned) and ("continued" in found.message) == is_continued
+ONE_JOINT = np.array([0.0, -1.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(
-    ("change", "others", "is_continued"),
-    [(0.14, {}, True), (0.16, {}, False), (0.01, {"duration": 3.0}, False), (0.0, None, False)],
+    ("goal", "at_end", "is_reloaded", "is_continued"),
+    [
+        (beside(0.02), True, False, True),
+        (beside(0.04), True, False, False),
+        (beside(0.14 * ONE_JOINT), False, False, True),
+        (beside(0.16 * ONE_JOINT), False, False, False),
+        (beside(0.01 * ONE_JOINT, duration=3.0), False, False, False),
+        (beside(0.0), False, True, False),
+    ],
 )
-def test_motion_that_leads_elsewhere_or_is_timed_is_planned(
-    planner: GoalPlanner, change: float, others: dict[str, float] | None, is_continued: bool
+def test_motion_is_displaced_to_a_near_goal_and_else_planned(
+    planner: GoalPlanner,
+    first: Planned,
+    goal: JointGoal,
+    at_end: bool,
+    is_reloaded: bool,
+    is_continued: bool,
 ) -> None:
-    first = planner.plan(request(measured={"grip": 0.02}))
-    assert isinstance(first, Planned)
-    if others is None:
-        others, first = {}, replace(first, primitives=("reloaded since",))
+    if is_reloaded:
+        first = replace(first, primitives=("reloaded since",))
     running = under_way(first)
-    end = GOAL.state.positions - np.array([0.0, change, 0.0, 0.0])
-    goal = JointGoal(JointState(JOINTS, end), **others)
-    found = planner.plan(PlanRequest(2, goal, on(running), {}, running))
+    if at_end:
+        running = RunningMotion(first, first.trajectory.duration, True)
+    found = planner.plan(from_there(goal, running))
     assert isinstance(found, Planned)
     assert ("continued" in found.message) == is_continued
-    np.testing.assert_allclose(found.trajectory.positions[-1], end, atol=1e-9)
+    np.testing.assert_allclose(found.trajectory.positions[-1], goal.state.positions, atol=1e-9)
 
 
 def test_goal_unlike_the_demonstrations_is_rejected_in_motion_as_at_rest(library: str) -> None:
@@ -334,8 +345,7 @@ def test_goal_unlike_the_demonstrations_is_rejected_in_motion_as_at_rest(library
     assert isinstance(first, Planned)
     most = float(first.values["in_span_score"]) + 1.0
     planner.set_up(SetUp(2, URDF, Settings(primitives=(library,), max_in_span_score=most)))
-    away = JointGoal(JointState(JOINTS, GOAL.state.positions + np.array([0.0, 0.9, -0.6, 0.0])))
-    running = under_way(first)
-    for one in (request(2, away), PlanRequest(3, away, on(running), {}, running)):
+    away = beside(np.array([0.0, 0.9, -0.6, 0.0]))
+    for one in (request(2, away), from_there(away, under_way(first))):
         found = planner.plan(one)
         assert isinstance(found, Rejected) and "in-span score is" in found.reason

@@ -135,16 +135,12 @@ def test_stop_at_a_point_is_as_short_as_an_acceleration_allows(speed):
     assert least * (1.0 - 1e-6) <= stop.duration <= 1.21 * least
 
 
-def test_stop_at_a_point_does_not_exist_where_none_keeps_the_limits():
-    state = JointState(JOINTS, LIMITS.upper - 1e-3, np.full(4, 1.5))
-    assert stop_at_point([state], braking_from(state), ROBOT, LIMITS) is None
-
-
-def test_stop_that_does_not_exist_is_given_up_at_once():
+def test_stop_at_a_point_does_not_exist_where_none_keeps_the_limits_and_is_given_up_at_once():
     slow = JointState(JOINTS, START, [0.5, 0.0, 0.0, 0.0])
     fast = JointState(JOINTS, START, [2.1, 0.0, 0.0, 0.0])  # than its limit
+    near = JointState(JOINTS, LIMITS.upper - 1e-3, np.full(4, 1.5))
     weak = ROBOT.limits({name: {"max_effort": 0.1} for name in JOINTS})  # for its weight
-    for state, limits in ((fast, LIMITS), (slow, weak)):
+    for state, limits in ((near, LIMITS), (fast, LIMITS), (slow, weak)):
         spent = []
         for _ in range(3):
             began = time.process_time()
@@ -191,18 +187,10 @@ def test_stop_of_a_silent_robot_is_near_its_command_if_none_is_allowed_from_else
 
 
 def test_stop_of_a_silent_robot_is_allowed_from_wherever_it_may_have_been_held():
-    now = 0.2
-    measured = MeasuredStates(lambda: now, lambda: now)
-    tracker = Tracker(measured, lambda: now)
-    tracker.expect(JOINTS)
-    tracker.publish(curved())
-    measured.receive(JOINTS, curved().state(now).positions)
-    now = 0.9
-    error, limits = GoalError("its states are old"), LIMITS
-    said, stop = find_stop(error, tracker, ROBOT, limits, Settings())
+    said, stop = silent_stop(0.9, 0.2, LIMITS)
     assert "not known whether the robot stops" in said and stop.last_point_only
     held = JointState(JOINTS, curved().state(0.2).positions)
-    assert_is_allowed_from([curved().state(0.9), held], stop.sent, limits)
+    assert_is_allowed_from([curved().state(0.9), held], stop.sent, LIMITS)
     on_path = spline(curved().trajectory)(np.linspace(0.9, DURATION, 10001))
     assert np.abs(on_path - stop.end).max(axis=1).min() < 2e-4
 
