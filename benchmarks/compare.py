@@ -28,18 +28,16 @@ from methods import (
     promp_method,
 )
 from peers import crocoddyl_method, ompl_method
-from support.motion_referee import RigidArm, SceneReferee, judge
-from support.problems import (
-    Problem,
-    Scene,
+from scenes import (
     demonstrations_in,
-    held_out_problems,
-    random_problems,
+    own_problems,
     requested_ends,
     robot_of_scene,
     scene_problem,
     scenes_in,
 )
+from support.motion_referee import RigidArm, SceneReferee, judge
+from support.problems import Problem, Scene, random_problems
 from support.tables import Table, benchmark_parser, show
 
 from mp_pca_planner.cli.common import progress_bar
@@ -374,7 +372,7 @@ def _in_free_space(arguments: argparse.Namespace) -> tuple[dict[str, Any], list[
         raise PlannerError(f"--seed must not be {arguments.seed}, which chooses the demonstrations")
     peers = _named_peers(arguments.peers, list(PEERS))
     scene = _scene(arguments, *_robot_file(arguments.robot or HUMAN_ARM), arguments.limits)
-    draw = random_problems if arguments.random_ends else held_out_problems
+    draw = random_problems if arguments.random_ends else own_problems
     problems = draw(scene, arguments.problems, arguments.seed)
     methods, absent = set_up(scene, peers, arguments.time_limit or 10.0)
     n_slow = arguments.peer_problems

@@ -39,7 +39,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from support.nodes import URDF, NodeClient, arm_node, described_client
+from support.arm import URDF
+from support.nodes import NodeClient, arm_node, described_client
 from support.tables import options
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray

@@ -30,12 +30,11 @@ from pathlib import Path
 from subprocess import Popen
 
 import numpy as np
-from support.arm import JOINTS, arm_primitive
+from support.arm import JOINTS, URDF, arm_primitive
 from support.commands import with_folder
 from support.nodes import (
     GOAL,
     START,
-    URDF,
     NodeClient,
     arm_node,
     described_client,

@@ -26,10 +26,10 @@ from pathlib import Path
 
 import numpy as np
 from node import LIMITS
-from sensor_msgs.msg import JointState
 from support.arm import JOINTS, arm_robot
+from support.bench import Bench
 from support.hostile_meshes import write_bombs
-from support.nodes import NodeClient, arm_node, goal_message, other_process, simulated_robot
+from support.nodes import NodeClient, arm_node, other_process, simulated_robot
 from support.tables import options
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
@@ -96,14 +96,13 @@ class User:
     """Sends goals and obstacles, and measures when trajectories come."""
 
     def __init__(self, client: NodeClient) -> None:
-        self._client, self._robot, self._stamps = client, arm_robot(), count(1)
+        self._client, self._robot, self._bench = client, arm_robot(), Bench(client, client.node)
         topic = f"{client.planner}/obstacles"
         self._obstacles = client.node.create_publisher(MarkerArray, topic, EVERY)
-        self._state = np.zeros(len(JOINTS))
-        client.node.create_subscription(JointState, "joint_states", self._on_state, 10)
         client.wait_for_node(TIMEOUT)
         client.wait_for_model()
         client.wait(lambda: self._obstacles.get_subscription_count() > 0, TIMEOUT, "not met")
+        client.wait(lambda: bool(self._bench.measured), TIMEOUT, "was not heard")
 
     def trial(self, goal: np.ndarray, share: float) -> tuple[float, float] | None:
         """Put an obstacle at a share of the way to a goal.
@@ -134,19 +133,17 @@ class User:
 
     def _wait_for_rest(self) -> None:
         """Wait until the robot rests, at its goal or where it was stopped."""
-        before = np.full_like(self._state, np.inf)
-        while np.abs(self._state - before).max() > 1e-4:
-            before = self._state
+        before = np.full(len(JOINTS), np.inf)
+        while np.abs(self._bench.position - before).max() > 1e-4:
+            before = self._bench.position
             self._spin_until(time.time() + 0.5)
 
     def _send(self, goal: np.ndarray) -> tuple[JointTrajectory, float]:
         """Send a goal until it is served; returns the trajectory and when it begins [s]."""
         deadline = time.time() + TIMEOUT
         while time.time() < deadline:
-            message = goal_message(goal)
-            message.header.stamp.sec = next(self._stamps)
             sent = time.time()
-            answer = self._client.send(message, TIMEOUT)
+            answer = self._bench.send(goal)
             if answer.trajectory is not None:
                 while 0.0 < (began := self._newest_stamp()) < sent:
                     self._client.spin_once()  # that of an earlier goal may come first
@@ -171,15 +168,10 @@ class User:
         while time.time() < end:
             self._client.spin_once(0.01)
 
-    def _on_state(self, message: JointState) -> None:
-        self._state = np.array(message.position[: len(JOINTS)])
-
 
 def _keep_busy(folder: Path, is_ready: Event) -> None:
     with NodeClient("busy") as client:
         client.wait_for_node(TIMEOUT)
-        topic = f"{client.planner}/obstacles"
-        obstacles = client.node.create_publisher(MarkerArray, topic, 10)
         bombs = write_bombs(folder)
         is_ready.set()
         for k in count():
@@ -188,7 +180,7 @@ def _keep_busy(folder: Path, is_ready: Event) -> None:
             bomb = Marker(ns="bomb", id=k % 2, type=Marker.MESH_RESOURCE)
             bomb.mesh_resource = f"file://{bombs[k % len(bombs)]}"
             bomb.scale.x = bomb.scale.y = bomb.scale.z = 1.0
-            obstacles.publish(MarkerArray(markers=[bomb]))
+            client.publish_markers(bomb)
 
 
 if __name__ == "__main__":

@@ -34,13 +34,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from support.arm import JOINTS, URDF
 from support.hostile_meshes import soup, write_bombs, write_stl
 from support.nodes import (
     GOAL,
-    JOINTS,
     PROCESSES,
     START,
-    URDF,
     NodeClient,
     arm_node,
     described_client,

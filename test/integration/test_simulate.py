@@ -23,10 +23,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from support.arm import JOINTS, arm_primitive
+from support.arm import JOINTS, URDF, arm_primitive
 from support.commands import refusal
 from support.domains import set_domain
-from support.nodes import URDF, ros_node
+from support.nodes import ros_node
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mp_pca_planner.files import config_file

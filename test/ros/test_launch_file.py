@@ -121,9 +121,9 @@ def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_wit
     prefix: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from rclpy.executors import SingleThreadedExecutor
-    from support.arm import JOINTS, arm_primitive
+    from support.arm import JOINTS, URDF, arm_primitive
     from support.domains import set_domain
-    from support.nodes import GOAL, PATIENCE, START, URDF, NodeClient, goal_message, ros_node
+    from support.nodes import GOAL, PATIENCE, START, NodeClient, goal_message, ros_node
     from trajectory_msgs.msg import JointTrajectory
 
     from mp_pca_planner.primitives.file import save_primitive

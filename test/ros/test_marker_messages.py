@@ -25,10 +25,10 @@ from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import ColorRGBA, Header
-from support.arm import arm_primitive
+from support.arm import URDF, arm_primitive
 from support.domains import set_domain
 from support.hostile_meshes import soup, write_stl
-from support.nodes import START, URDF, ros_node
+from support.nodes import START, ros_node
 from support.patience import HANG
 from visualization_msgs.msg import Marker, MarkerArray, MeshFile, UVCoordinate
 

@@ -21,8 +21,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Header
-from support.arm import JOINTS, arm_primitive
-from support.nodes import GOAL, GRIPPER_URDF, START
+from support.arm import GRIPPER_URDF, JOINTS, arm_primitive
+from support.nodes import GOAL, START
 from support.patience import NODE_EVER
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -57,7 +57,7 @@ STAMP = Time(sec=5, nanosec=7)
 
 CAMERA = f"camera: 0.5 0 1 0 0 {0.5**0.5} {0.5**0.5}"  # turned by 90° about z
 SETTINGS = Settings(max_solve_time=NODE_EVER, end_effector_frame="wrist", fixed_frames=(CAMERA,))
-ASSEMBLED = assemble_model(GRIPPER_URDF, [arm_primitive()], SETTINGS)
+ASSEMBLED = assemble_model(GRIPPER_URDF, [arm_primitive()], SETTINGS, {"finger": 0.0})
 MODEL = NodeModel(ASSEMBLED.robot, ASSEMBLED.facts, SETTINGS)
 
 

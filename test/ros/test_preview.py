@@ -12,14 +12,12 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from scipy.spatial.transform import Rotation
-from support.arm import arm_demonstrations, arm_robot
+from support.arm import URDF, arm_demonstrations, arm_robot
 from visualization_msgs.msg import Marker
 
-from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.ros.preview import shape_markers, to_preview
 
-URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MESHES = """
 <robot name="r">
   <link name="wrist">

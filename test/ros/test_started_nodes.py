@@ -21,14 +21,12 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import parameter_value_to_python
 from rosgraph_msgs.msg import Clock
-from support.arm import JOINTS, arm_primitive
+from support.arm import GRIPPER_URDF, JOINTS, URDF, arm_primitive
 from support.domains import set_domain
 from support.nodes import (
     GOAL,
-    GRIPPER_URDF,
     PATIENCE,
     START,
-    URDF,
     NodeClient,
     arm_node,
     call,
@@ -135,13 +133,9 @@ def test_node_in_a_namespace_feeds_the_controller_that_it_is_remapped_to() -> No
 
 
 def test_finger_with_a_mass_is_locked_where_it_is_measured_or_goals_are_refused() -> None:
-    massive = (
-        '<link name="finger_link"><inertial><mass value="0.3"/><inertia ixx="1e-4" iyy="1e-4" '
-        'izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-    )
     with arm_node(**PATIENCE), NodeClient() as client:
         client.wait_for_node()
-        client.publish_description(GRIPPER_URDF.replace('<link name="finger_link"/>', massive))
+        client.publish_description(GRIPPER_URDF)
         client.wait_for_model()
         client.publish_state(JOINTS, START)
         client.wait_for_diagnostics(lambda values: "'finger' are not known" in values["text"])

@@ -20,12 +20,8 @@ pytest.importorskip("rclpy", reason="ROS 2 (rclpy) is not installed")
 
 from geometry_msgs.msg import Point, Vector3
 from rclpy.serialization import serialize_message
-from support.arm import JOINTS, arm_primitive, arm_robot
-from support.nodes import (
-    GOAL,
-    START,
-    URDF,
-)
+from support.arm import JOINTS, URDF, arm_primitive, arm_robot
+from support.nodes import GOAL, START
 from support.patience import HANG
 from visualization_msgs.msg import Marker, MarkerArray
 

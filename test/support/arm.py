@@ -24,6 +24,21 @@ from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
 
 JOINTS = JOINT_NAMES
+URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
+GRIPPER_URDF = URDF.replace(
+    "</robot>",
+    """
+  <joint name="finger" type="prismatic">
+    <parent link="wrist"/><child link="finger_link"/><origin xyz="0 0 -0.1"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.1" velocity="1" effort="10"/>
+  </joint>
+  <link name="finger_link">
+    <inertial><mass value="0.2"/>
+      <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius="0.02"/></geometry></collision>
+  </link>
+</robot>""",
+)
 
 
 def mass_matrix(robot: Robot, q: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@
 from support.arm import JOINTS, arm_primitive, arm_robot
 from support.patience import EVER
 
+from mp_pca_planner.execution.link import Planned
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.planner import Planner
@@ -18,6 +19,12 @@ def planner(coupling="arm", overrides=None, **options):
     options = PlannerOptions(**{"max_solve_time": EVER, **options})
     limits = robot.limits(overrides or {})
     return Planner(robot, [arm_primitive(coupling)], limits, options, collision=False)
+
+
+def planned(trajectory, duration, goal=None):
+    """What the planner answers with a motion, as far as what follows depends on it."""
+    goal = goal or JointGoal(JointState(trajectory.joint_names, trajectory.positions[-1]))
+    return Planned(1, goal, trajectory, None, "", (), {}, (), {}, duration, 0.0)
 
 
 def request(i=0, **goal):

@@ -29,7 +29,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from support.arm import JOINTS, arm_primitive
+from support.arm import JOINTS, URDF, arm_primitive
 from support.patience import HANG, NODE_EVER
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
@@ -41,17 +41,6 @@ from mp_pca_planner.ros.nodes import LATCHED
 
 MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0].tolist(), MOTION[3].tolist()
-URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
-GRIPPER_URDF = URDF.replace(
-    "</robot>",
-    """
-  <joint name="finger" type="prismatic">
-    <parent link="wrist"/><child link="finger_link"/><axis xyz="1 0 0"/>
-    <limit lower="0" upper="0.04" velocity="0.1" effort="10"/>
-  </joint>
-  <link name="finger_link"/>
-</robot>""",
-)
 # Fresh processes: ROS does not survive a fork.
 PROCESSES = multiprocessing.get_context("spawn")
 

@@ -5,17 +5,15 @@
 from __future__ import annotations
 
 import numpy as np
-from support.arm import JOINTS, arm_primitive
+from support.arm import JOINTS, URDF, arm_primitive
 from support.patience import NODE_EVER
 from support.virtual_node import VirtualNode
 
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.execution.planning import assemble_model
 from mp_pca_planner.execution.server import NodeModel
-from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, SequenceGoal
 
-URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MOTION = arm_primitive().boundary_states[0]
 START, GOAL = MOTION[0], MOTION[3]
 HALF = 0.5 * (START + GOAL)

@@ -10,12 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import simpson
 from support.arm import JOINTS, arm_robot
+from support.arm_plans import planned
 from support.dense import assert_keeps, minimum_jerk_motion, spline
 
-from mp_pca_planner.execution.link import Planned, RunningMotion
+from mp_pca_planner.execution.link import RunningMotion
 from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.planning import displaced
-from mp_pca_planner.motion.goal import JointGoal, JointState
+from mp_pca_planner.motion.goal import JointState
 
 ROBOT = arm_robot()
 LIMITS = ROBOT.limits(
@@ -35,12 +36,7 @@ def adapt(change, place=PLACE, limits=LIMITS):
 
 def running(trajectory, place):
     """A motion that was planned for the same duration."""
-    return RunningMotion(planned(trajectory), place, False)
-
-
-def planned(trajectory, duration=DURATION):
-    goal = JointGoal(JointState(JOINTS, trajectory.positions[-1]))
-    return Planned(1, goal, trajectory, None, "", (), {}, (), {}, duration, 0.0)
+    return RunningMotion(planned(trajectory, DURATION), place, False)
 
 
 def test_displacement_is_the_minimum_jerk_polynomial_to_the_change_of_the_goal():

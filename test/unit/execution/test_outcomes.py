@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.arm_plans import planned
 from support.dense import minimum_jerk_motion
 
-from mp_pca_planner.execution.link import Planned
 from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.execution.outcomes import ACCEPTED, Execution, is_same_goal
 from mp_pca_planner.execution.tracking import Following, How
@@ -17,10 +17,8 @@ from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, Se
 DURATION, PERIOD = 2.0, 0.05
 
 
-def planned(motion, goal=None):
-    """What the planner answered, as far as reports of it depend on that."""
-    goal = goal or JointGoal(JointState(("a", "b"), motion.end))
-    return Planned(1, goal, motion.trajectory, None, "", (), {}, (), {}, DURATION, 0.0)
+def execution(motion, goal=None, name="goal"):
+    return Execution(name, motion, planned(motion.trajectory, DURATION, goal))
 
 
 class World:
@@ -40,7 +38,7 @@ class World:
 
     def begin(self, goal="goal"):
         old, motion = self.execution, self.motion()
-        self.execution = Execution(goal, motion, planned(motion))
+        self.execution = execution(motion, name=goal)
         if old is not None:
             self.note(old.replaced())
 
@@ -214,13 +212,13 @@ def test_answers_of_a_controller_are_in_the_report(world):
 def test_rest_of_a_goal_is_for_all_joints_and_that_of_a_sequence_or_a_stop_is_none(world):
     motion, via = world.motion(), JointState(("a",), [0.5])
     part = JointGoal(JointState(("a",), [1.0]), duration=4.0, primitive="reach")
-    rest = Execution("goal", motion, planned(motion, part)).rest_of_goal()
+    rest = execution(motion, part).rest_of_goal()
     assert (rest.duration, rest.primitive) == (None, "reach")
     np.testing.assert_array_equal(rest.state.positions, motion.end)
-    pose = Execution("goal", motion, planned(motion, PoseGoal(POSE, 2.0))).rest_of_goal()
+    pose = execution(motion, PoseGoal(POSE, 2.0)).rest_of_goal()
     assert (pose.pose, pose.duration) == (POSE, None)
     sequence = SequenceGoal((via, JointState(("a",), [1.0])))
-    assert Execution("goal", motion, planned(motion, sequence)).rest_of_goal() is None
+    assert execution(motion, sequence).rest_of_goal() is None
     world.stop()
     assert world.execution.rest_of_goal() is None
 

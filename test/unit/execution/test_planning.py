@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot
+from support.arm import GRIPPER_URDF, JOINTS, URDF, arm_demonstrations, arm_primitive, arm_robot
 
 from mp_pca_planner.exceptions import PlannerError, RobotError
 from mp_pca_planner.execution.link import Planned, PlanRequest, Rejected, RunningMotion, SetUp
@@ -24,14 +24,12 @@ from mp_pca_planner.execution.planning import (
     is_outdated,
     unknown_positions,
 )
-from mp_pca_planner.files import config_file
 from mp_pca_planner.motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from mp_pca_planner.planning.objectives import effort, time
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.robot.model import Robot
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
 
-URDF = config_file("human_arm.urdf").read_text(encoding="utf-8")
 MESHED = URDF.replace(
     "</robot>",
     '<link name="tool"><collision><geometry><mesh filename="package://tools/tool.stl"/></geometry>'
@@ -78,53 +76,43 @@ def test_missing_meshes_are_noted_once_and_needed_among_obstacles(tmp_path: Path
     assert collision is not None and ("chest", "tool") in collision.pairs
 
 
-FINGER = (
-    '<link name="finger"><inertial><mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" '
-    'ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry><sphere radius="0.02"/></geometry>'
-    '</collision></link><joint name="grip" type="prismatic"><parent link="wrist"/>'
-    '<child link="finger"/><origin xyz="0 0 -0.1"/><axis xyz="1 0 0"/>'
-    '<limit lower="0" upper="0.1" velocity="1" effort="10"/></joint>'
-)
-FINGERED = URDF.replace("</robot>", FINGER + "</robot>")
-
-
 def finger_clearance(model: Model, q: np.ndarray) -> float:
     """Distance of the finger from a ball beside the arm."""
     world = World([Obstacle("ball", [Sphere(0.1, [0.5, 0.5, 0.0])])])
     pairs = in_world(model, world)
     found = pairs.near(q[None], np.inf)
-    return float(found.distances[found.pairs == pairs.pairs.index(("finger", "ball"))][0])
+    return float(found.distances[found.pairs == pairs.pairs.index(("finger_link", "ball"))][0])
 
 
 def test_a_joint_that_mimics_one_that_moves_is_rejected_even_if_it_is_measured() -> None:
     # Its position changes during the motion, and the model has it fixed.
     mimic = f'<mimic joint="{JOINTS[3]}" multiplier="0.1"/>'
-    urdf = FINGERED.replace('<limit lower="0" upper="0.1"', f'{mimic}<limit lower="0" upper="0.1"')
-    model = assemble_model(urdf, PRIMITIVES, Settings(), {"grip": 0.04})
-    text = f"joint 'grip' mimics '{JOINTS[3]}', which the primitives move"
+    urdf = GRIPPER_URDF.replace('<limit lower="0" ', f'{mimic}<limit lower="0" ')
+    model = assemble_model(urdf, PRIMITIVES, Settings(), {"finger": 0.04})
+    text = f"joint 'finger' mimics '{JOINTS[3]}', which the primitives move"
     assert unknown_positions(model, World()).startswith(text)
-    assert model.robot.mimicking_joints == {"grip": JOINTS[3]}
+    assert model.robot.mimicking_joints == {"finger": JOINTS[3]}
 
 
 def test_joints_that_the_primitives_do_not_move_are_locked_where_they_are_measured() -> None:
     q = arm_demonstrations()[0].positions[0]
     settings = Settings(obstacle_margin=0.0)
-    given = assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints="grip = 0.05"))
-    assert dict(given.robot.locked_positions) == {"grip": 0.05}
-    for name, words in (("gripp", "did you mean 'grip'"), (JOINTS[0], "do not move")):
+    given = assemble_model(GRIPPER_URDF, PRIMITIVES, Settings(locked_joints="finger = 0.05"))
+    assert dict(given.robot.locked_positions) == {"finger": 0.05}
+    for name, words in (("fingerp", "did you mean 'finger'"), (JOINTS[0], "do not move")):
         with pytest.raises(PlannerError, match=words):
-            assemble_model(FINGERED, PRIMITIVES, Settings(locked_joints=f"{name}=0.05"))
-    before = assemble_model(FINGERED, PRIMITIVES, settings)
-    assert "'grip' are not known" in unknown_positions(before, World())
-    measured = {"grip": 0.08, JOINTS[0]: 0.3, "elsewhere": 1.0}
+            assemble_model(GRIPPER_URDF, PRIMITIVES, Settings(locked_joints=f"{name}=0.05"))
+    before = assemble_model(GRIPPER_URDF, PRIMITIVES, settings)
+    assert "'finger' are not known" in unknown_positions(before, World())
+    measured = {"finger": 0.08, JOINTS[0]: 0.3, "elsewhere": 1.0}
     assert is_outdated(before, measured, World())
-    model = assemble_model(FINGERED, PRIMITIVES, settings, measured)
+    model = assemble_model(GRIPPER_URDF, PRIMITIVES, settings, measured)
     assert not unknown_positions(model, World())
-    assert dict(model.robot.locked_positions) == {"grip": 0.08}
+    assert dict(model.robot.locked_positions) == {"finger": 0.08}
     assert abs(finger_clearance(model, q) - finger_clearance(before, q)) > 0.004
     for noise in (-9e-4, 9e-4):
-        assert not is_outdated(model, {"grip": 0.08 + noise}, World())
-    assert is_outdated(model, {"grip": 0.0788}, World())
+        assert not is_outdated(model, {"finger": 0.08 + noise}, World())
+    assert is_outdated(model, {"finger": 0.0788}, World())
     assert not is_outdated(model, {}, World())
 
 
@@ -140,10 +128,10 @@ def library(tmp_path: Path) -> str:
 @pytest.fixture
 def planner(library: str) -> GoalPlanner:
     planner = GoalPlanner()
-    done = planner.set_up(SetUp(1, FINGERED, Settings(primitives=(library,)), {"grip": 0.02}))
+    done = planner.set_up(SetUp(1, GRIPPER_URDF, Settings(primitives=(library,)), {"finger": 0.02}))
     assert (done.number, done.problem, done.joint_names) == (1, "", JOINTS)
     assert done.model is not None
-    assert dict(done.model.locked) == {"grip": 0.02}
+    assert dict(done.model.locked) == {"finger": 0.02}
     return planner
 
 
@@ -159,15 +147,15 @@ def test_goals_are_rejected_until_all_that_a_plan_needs_is_known(library: str) -
     assert (without_robot.joint_names, without_robot.model) == (JOINTS, None)
     rejected = planner.plan(request())
     assert isinstance(rejected, Rejected) and "being set up" in rejected.reason
-    done = planner.set_up(SetUp(3, FINGERED, Settings(primitives=(library,))))
-    assert done.model is not None and "'grip'" in done.model.unknown
+    done = planner.set_up(SetUp(3, GRIPPER_URDF, Settings(primitives=(library,))))
+    assert done.model is not None and "'finger'" in done.model.unknown
     rejected = planner.plan(request(2))
-    assert isinstance(rejected, Rejected) and "'grip'" in rejected.reason
+    assert isinstance(rejected, Rejected) and "'finger'" in rejected.reason
     # Where it was measured last, it is locked.
     for position, is_new in ((0.09, True), (0.09, False), (0.02, True)):
-        planned = planner.plan(request(3, measured={"grip": position}))
+        planned = planner.plan(request(3, measured={"finger": position}))
         assert isinstance(planned, Planned) and (planned.facts is not None) == is_new
-        assert planned.facts is None or dict(planned.facts.locked) == {"grip": position}
+        assert planned.facts is None or dict(planned.facts.locked) == {"finger": position}
 
 
 @pytest.mark.parametrize(
@@ -192,7 +180,7 @@ def test_set_up_that_is_refused_leaves_the_one_before(
     assert done.model is None and done.problem
     assert done.is_unreadable == is_unreadable
     assert planner.model is model
-    assert isinstance(planner.plan(request(measured={"grip": 0.02})), Planned)
+    assert isinstance(planner.plan(request(measured={"finger": 0.02})), Planned)
 
 
 def test_primitives_are_read_again_only_when_that_is_asked_for(
@@ -200,8 +188,8 @@ def test_primitives_are_read_again_only_when_that_is_asked_for(
 ) -> None:
     Path(library).unlink()
     settings = Settings(primitives=(library,), naturalness=0.5)
-    assert not planner.set_up(SetUp(2, FINGERED, settings)).problem
-    again = planner.set_up(SetUp(3, FINGERED, settings, rereads=True))
+    assert not planner.set_up(SetUp(2, GRIPPER_URDF, settings)).problem
+    again = planner.set_up(SetUp(3, GRIPPER_URDF, settings, rereads=True))
     assert again.is_unreadable and library in again.problem
 
 
@@ -223,7 +211,7 @@ def test_obstacle_that_comes_during_planning_is_not_hit(planner: GoalPlanner) ->
     hand = robot.frame_positions(GOAL.state.positions[None], [robot.frame_names[-1]])[0, 0]
     ball = World([Obstacle("ball", Sphere(0.05, hand))])
     planner.settle = lambda: setattr(planner, "world", ball)
-    rejected = planner.plan(request(measured={"grip": 0.0}))
+    rejected = planner.plan(request(measured={"finger": 0.0}))
     assert isinstance(rejected, Rejected)
     assert rejected.reason.startswith("the obstacles changed during planning")
 
@@ -262,7 +250,7 @@ def beside(change: Any, **others: Any) -> JointGoal:
 
 @pytest.fixture
 def first(planner: GoalPlanner) -> Planned:
-    planned = planner.plan(request(measured={"grip": 0.02}))
+    planned = planner.plan(request(measured={"finger": 0.02}))
     assert isinstance(planned, Planned)
     return planned
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.arm import JOINTS, arm_primitive
-from support.served_arm import GOAL, HALF, LIMITS, MODEL, START, URDF, WAIT, Node, model
+from support.arm import GRIPPER_URDF, JOINTS, URDF, arm_primitive
+from support.served_arm import GOAL, HALF, LIMITS, MODEL, START, WAIT, Node, model
 
 from mp_pca_planner.execution.link import WorkerDied
 from mp_pca_planner.execution.outcomes import MotionOutcome
@@ -264,19 +264,13 @@ LIFT = (
     '<child link="{}"/><axis xyz="0 0 1"/>'
     '<limit lower="0" upper="1" velocity="1" effort="1000"/></joint>'
 )
-FINGER = (
-    '<link name="finger"><inertial><mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" '
-    'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="finger_joint" type="prismatic">'
-    '<parent link="wrist"/><child link="finger"/><axis xyz="1 0 0"/>'
-    '<limit lower="0" upper="0.1" velocity="1" effort="10"/></joint>'
-)
 
 
-@pytest.mark.parametrize(("joint", "is_served"), [("finger_joint", True), ("lift", False)])
+@pytest.mark.parametrize(("joint", "is_served"), [("finger", True), ("lift", False)])
 def test_gripper_may_close_while_the_arm_plans_and_a_lift_may_not_move(joint, is_served):
     root = URDF.partition('<parent link="')[2].partition('"')[0]
-    urdf = URDF.replace("</robot>", LIFT.format(root) + FINGER + "</robot>")
-    here = {"finger_joint": 0.1, "lift": 0.1}
+    urdf = GRIPPER_URDF.replace("</robot>", LIFT.format(root) + "</robot>")
+    here = {"finger": 0.1, "lift": 0.1}
     settings = Settings(limits=LIMITS, max_solve_time=60.0, limits_file="")
     node = Node(assemble_model(urdf, [arm_primitive()], settings, here))
     assert node.model.facts.carriers == ("lift",)
