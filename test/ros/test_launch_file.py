@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -120,10 +121,9 @@ def launched(prefix: Path, *arguments: str) -> subprocess.Popen[str]:
 def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_with_the_launch(
     prefix: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rclpy.executors import SingleThreadedExecutor
     from support.arm import JOINTS, URDF, arm_primitive
     from support.domains import set_domain
-    from support.nodes import GOAL, PATIENCE, START, NodeClient, goal_message, ros_node
+    from support.nodes import GOAL, PATIENCE, START, NodeClient, goal_message
     from trajectory_msgs.msg import JointTrajectory
 
     from mp_pca_planner.primitives.file import save_primitive
@@ -148,25 +148,18 @@ def test_launched_node_uses_arguments_before_the_file_of_parameters_and_ends_wit
         "stamp_trajectories:=false",  # with stamps, motions begin with a hold
     )
     try:
-        with (
-            NodeClient(namespace="left", joint_states="/franka/joint_states") as client,
-            ros_node("controller") as controller,
-        ):
+        with NodeClient(namespace="left", joint_states="/franka/joint_states") as client:
             received: list[JointTrajectory] = []
-            controller.create_subscription(
-                JointTrajectory, "/controller/joint_trajectory", received.append, 1
-            )
+            topic = "/controller/joint_trajectory"
+            client.node.create_subscription(JointTrajectory, topic, received.append, 1)
             client.wait_for_node(with_trajectory=False)
             client.wait_for_model()
-            client.publish_state(JOINTS, START)
-            answer = client.send(goal_message(GOAL), with_trajectory=False)
-            while answer.values["status"] == "refused":  # until the state has come through
-                assert "present state is not known" in answer.report.message
+            deadline = time.monotonic() + HANG
+            while not received:  # until the state has come through
                 client.publish_state(JOINTS, START)
                 answer = client.send(goal_message(GOAL), with_trajectory=False)
-            executor = SingleThreadedExecutor(context=controller.context)
-            executor.add_node(controller)
-            executor.spin_once(timeout_sec=10.0)
+                assert time.monotonic() < deadline, answer.report.message
+                client.spin_once()
     finally:
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does at Ctrl-C
         output, _ = process.communicate(timeout=HANG)

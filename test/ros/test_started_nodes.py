@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from builtin_interfaces.msg import Time
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import parameter_value_to_python
 from rosgraph_msgs.msg import Clock
 from support.arm import GRIPPER_URDF, JOINTS, URDF, arm_primitive
@@ -108,13 +106,9 @@ def test_node_in_a_namespace_feeds_the_controller_that_it_is_remapped_to() -> No
     with (
         arm_node(*remapped, **PATIENCE),
         NodeClient(namespace="left", planner="planner") as client,
-        ros_node("controller_manager") as controllers,
     ):
-        controllers.create_subscription(
-            JointTrajectory, "/left/controller/joint_trajectory", executed.append, 10
-        )
-        executor = SingleThreadedExecutor(context=controllers.context)
-        executor.add_node(controllers)
+        topic = "/left/controller/joint_trajectory"
+        client.node.create_subscription(JointTrajectory, topic, executed.append, 10)
         client.publish_description(URDF)
         client.wait_for_node(with_trajectory=False)
         client.wait_for_model()
@@ -122,9 +116,7 @@ def test_node_in_a_namespace_feeds_the_controller_that_it_is_remapped_to() -> No
         goal = ",".join(f"{name}={value!r}" for name, value in zip(JOINTS, GOAL, strict=True))
         there = ("--namespace", "left", "--node", "planner")
         assert main(["send_goal", goal, "--wait", "0", *there]) == 0
-        deadline = time.monotonic() + HANG
-        while not executed and time.monotonic() < deadline:
-            executor.spin_once(0.1)
+        client.wait(lambda: bool(executed), HANG, "moved no controller")
         # A client waits for no motion where others get it.
         answer, trajectory = client.stop()
     assert answer.success, answer.message

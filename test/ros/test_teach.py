@@ -111,7 +111,7 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
         simulated_robot(folder / "robot.txt", START),
         NodeClient() as client,
     ):
-        output = folder / "taught.npz"
+        output = folder / "primitives" / "taught.npz"  # which the node reads
         words = ("--output", str(output), "--robot", URDF_FILE, "--timeout", str(HANG))
         client.wait_for_node(HANG)
         client.wait_for_diagnostics(lambda values: values["text"] == READY, HANG)
@@ -140,6 +140,6 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
             assert teacher.process.wait(HANG) == 0, teacher.lines
         assert teacher.has("arrived"), teacher.lines
         primitive = load_primitive(output)
-        segments = read_segments(folder / "taught_segments.csv", ["taught"])["taught"]
+        segments = read_segments(output.with_name("taught_segments.csv"), ["taught"])["taught"]
     assert primitive.name == "taught" and set(primitive.joint_names) == set(JOINTS)
     assert len(primitive.durations) == len(segments) >= 3
