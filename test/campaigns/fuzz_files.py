@@ -18,10 +18,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pyarrow
 import yaml
 from pyarrow import parquet
+from support.arm import arm_robot
 from support.bags import EPOCH, JOINT_STATE, Message, Messages, S, storage_file, write_messages
 from support.forged import rewrite
 from support.marker_bags import TF
@@ -157,16 +157,15 @@ def _markers() -> tuple[Messages, list[Any]]:
     """Transforms of the markers of the map while the arm moves."""
     recording = continuous_recording(generate_motions(1, seed=1, rate=RATE), seed=1)
     placements = yaml.safe_load(config_file("human_arm_markers.yaml").read_text())["markers"]
-    model = pin.buildModelFromUrdf(str(config_file("human_arm.urdf")))
-    data, messages, entries = model.createData(), MarkerMessages(), []
-    for time, q in zip(recording.times[::5], recording.positions[::5], strict=True):
-        pin.framesForwardKinematics(model, data, np.array(q))
+    links = [placement["link"] for placement in placements.values()]
+    offsets = np.array([placement["position"] for placement in placements.values()])
+    points = arm_robot().attach_points(links, offsets)
+    places, _ = points.positions_and_jacobians(recording.positions[::5])
+    messages, entries = MarkerMessages(), []
+    for time, found in zip(recording.times[::5], places, strict=True):
         stamp = EPOCH + int(time * 1e9)
-        transforms = []
-        for name, placement in placements.items():
-            link = data.oMf[model.getFrameId(placement["link"])]
-            place = link.act(np.array(placement["position"]))
-            transforms.append(messages.transform("world", name, place, stamp))
+        named = zip(placements, found, strict=True)
+        transforms = [messages.transform("world", name, place, stamp) for name, place in named]
         entries.append(("/tf", TF, stamp, messages.make(TF, transforms=transforms)))
     return messages, entries
 
@@ -317,23 +316,7 @@ def spoil_parquet(path: Path, random: Random) -> None:
         n = int(random.choice([2, 100, 1_000, 10_000]))
         parquet.write_table(pyarrow.concat_tables([table] * n), path, row_group_size=10_000)
         return None
-    columns = table.to_pydict()
-    for name in random.choice(list(columns), int(random.integers(1, 3))).tolist():
-        values, at = columns[name], int(random.integers(0, len(columns[name])))
-        match random.integers(0, 5):
-            case 0:
-                del columns[name]
-                break
-            case 1:
-                columns[name] = [str(random.choice(ODD_TEXTS))] * len(values)
-            case 2:
-                values[at] = None
-            case 3 if isinstance(values[at], list):
-                odd = float(random.choice(ODD_NUMBERS))
-                values[at] = [odd] * int(random.choice([0, 3, 4, 500]))
-            case 4 if not isinstance(values[at], list):
-                values[at] = type(values[at])(random.choice([-1, 0, 2**40, 7]))
-    parquet.write_table(pyarrow.table(columns), path)
+    parquet.write_table(pyarrow.table(spoil_tree(table.to_pydict(), random)), path)
     return None
 
 

@@ -537,7 +537,7 @@ def test_node_waits_for_what_is_missing_and_says_for_what(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_domain")
-def test_limits_mend_a_description_one_by_one_and_other_primitives_bring_their_own(
+def test_other_primitives_bring_their_limits_which_mend_a_description_one_by_one(
     tmp_path: Path,
 ) -> None:
     demonstrations = [
@@ -549,8 +549,13 @@ def test_limits_mend_a_description_one_by_one_and_other_primitives_bring_their_o
     save_primitive(build_primitive(demonstrations, "shoulder"), files[1])
     limits = {"limits.shoulder1.max_velocity": 0.9}
     arguments = words(primitives=[files[0]], **PATIENCE, **limits)
-    with running_node(tmp_path / "log.txt", *arguments), NodeClient() as client:
-        client.wait_for_node()
+    with running_node(tmp_path / "log.txt", *arguments), described_client() as client:
+        client.set(**{"primitives": [files[1]], "limits.shoulder2.max_velocity": 0.5})
+        (reason,) = client.try_to_set({"limits.elbow.max_velocity": 1.0})
+        assert "valid names: 'shoulder1', 'shoulder2'" in reason
+        client.publish_state(JOINTS, START)
+        short = client.send(goal_message(GOAL[:2], JOINTS[:2])).trajectory
+        client.set(primitives=[files[0]])
         client.publish_description(re.sub('velocity="2[05]"', 'velocity="0"', URDF))
         client.wait_for_diagnostics(lambda values: "max_velocity" in values["text"])
         for joint in ("elbow", "shoulder3"):
@@ -558,17 +563,11 @@ def test_limits_mend_a_description_one_by_one_and_other_primitives_bring_their_o
             client.set(**{f"limits.{joint}.max_velocity": 0.7})
         client.publish_state(JOINTS, START)
         trajectory = client.send(goal_message()).trajectory
-        assert trajectory is not None
-        peaks = np.abs(column(trajectory, "velocities")).max(axis=0)
-        assert (peaks[[0, 2, 3]] <= np.array([0.9, 0.7, 0.7]) * (1 + 1e-6)).all()
-        client.set(**{"primitives": [files[1]], "limits.shoulder2.max_velocity": 0.5})
-        (reason,) = client.try_to_set({"limits.elbow.max_velocity": 1.0})
-        assert "valid names: 'shoulder1', 'shoulder2'" in reason
-        client.publish_state(JOINTS, START)
-        trajectory = client.send(goal_message(GOAL[:2], JOINTS[:2])).trajectory
-    assert trajectory is not None
-    assert tuple(trajectory.joint_names) == JOINTS[:2]
-    assert np.abs(column(trajectory, "velocities")[:, 1]).max() <= 0.5 * (1 + 1e-6)
+    assert short is not None and trajectory is not None
+    assert tuple(short.joint_names) == JOINTS[:2]
+    assert np.abs(column(short, "velocities")[:, 1]).max() <= 0.5 * (1 + 1e-6)
+    peaks = np.abs(column(trajectory, "velocities")).max(axis=0)
+    assert (peaks <= np.array([0.9, 0.5, 0.7, 0.7]) * (1 + 1e-6)).all()
 
 
 @pytest.mark.usefixtures("own_domain")
