@@ -2,25 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arm that most tests plan for: its model, demonstrations and a primitive."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
 from mp_pca_planner.files import config_file
-from mp_pca_planner.motion.collision import CollisionModel
-from mp_pca_planner.planning.options import PlannerOptions
-from mp_pca_planner.planning.planner import Planner
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 from mp_pca_planner.recordings.demonstration import Demonstration
 from mp_pca_planner.recordings.synthetic import JOINT_NAMES, generate_motions
-from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
 
 JOINTS = JOINT_NAMES
@@ -65,20 +59,6 @@ def arm_primitive(coupling: str = "arm", n_components: int = 4) -> MovementPrimi
     """A primitive learned from them."""
     options = PrimitiveOptions(coupling=coupling, n_components=n_components)
     return build_primitive(arm_demonstrations(), f"arm_{coupling}_{n_components}", options)
-
-
-def sequence_planner(
-    robot: Robot,
-    primitives: Sequence[MovementPrimitive],
-    limits: JointLimits,
-    *,
-    collision: CollisionModel | None = None,
-    max_solve_time: float = float("inf"),
-    **options: Any,
-) -> Planner:
-    """A planner without a time limit unless given."""
-    chosen = PlannerOptions(max_solve_time=max_solve_time, **options)
-    return Planner(robot, primitives, limits, chosen, collision)
 
 
 def file_bytes(primitive: MovementPrimitive) -> bytes:

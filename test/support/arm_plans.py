@@ -14,11 +14,11 @@ from mp_pca_planner.recordings.synthetic import generate_motions
 REQUESTS = [(m.positions[0], m.positions[-1]) for m in generate_motions(200, 123)]
 
 
-def planner(coupling="arm", overrides=None, **options):
+def planner(coupling="arm", overrides=None, collision=False, **options):
     robot = arm_robot()
     options = PlannerOptions(**{"max_solve_time": EVER, **options})
     limits = robot.limits(overrides or {})
-    return Planner(robot, [arm_primitive(coupling)], limits, options, collision=False)
+    return Planner(robot, [arm_primitive(coupling)], limits, options, collision)
 
 
 def planned(trajectory, duration, goal=None):

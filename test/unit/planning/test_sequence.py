@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
-from support.arm import JOINTS, arm_demonstrations, arm_primitive, arm_robot, sequence_planner
+from support.arm import JOINTS, arm_demonstrations, arm_robot
+from support.arm_plans import planner as arm_planner
 
 from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.motion.collision import CollisionModel
@@ -25,9 +26,8 @@ from mp_pca_planner.planning.resolve import resolve
 
 
 def planner(max_solve_time: float = np.inf, **overrides: float) -> Planner:
-    robot = arm_robot()
-    limits = robot.limits(dict.fromkeys(JOINTS, overrides) if overrides else {})
-    return sequence_planner(robot, [arm_primitive()], limits, max_solve_time=max_solve_time)
+    limits = dict.fromkeys(JOINTS, overrides) if overrides else {}
+    return arm_planner(overrides=limits, max_solve_time=max_solve_time)
 
 
 def configurations(n: int, seed: int = 0) -> list[np.ndarray]:
@@ -207,10 +207,7 @@ def test_poses_are_reached_on_the_way_and_at_the_end(mode: str, turned: bool) ->
 def test_bodies_that_meet_between_poses_are_found_and_avoided() -> None:
     robot, (start, *ends) = arm_robot(), configurations(3)
     goal = SequenceGoal(tuple(wrist_pose(q + 0.1) for q in ends))
-    meets, careful = (
-        sequence_planner(robot, [arm_primitive()], robot.limits(), collision=collision)
-        for collision in (None, CollisionModel(robot))
-    )
+    meets, careful = arm_planner(), arm_planner(collision=CollisionModel(robot))
     referee = CollisionModel(robot)
     assert referee.collisions(meets.plan(goal, start).trajectory)
     plan = careful.plan(goal, start)

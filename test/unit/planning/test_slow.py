@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.arm import JOINTS, arm_primitive, arm_robot, sequence_planner
+from support.arm import JOINTS, arm_robot
 from support.arm_plans import planner, request
 from support.chain import ACROSS_BASE, chain, chain_planner
 
@@ -116,7 +116,7 @@ def test_sequences_rest_at_each_target_without_any_time(mode, times, moving):
     targets = tuple(goal.state for goal, _ in requests)
     start = requests[0][1]
     start = replace_rates(start, 0.1) if moving else start
-    subject = sequence_planner(arm_robot(), [arm_primitive()], LIMITS, max_solve_time=NO_TIME)
+    subject = planner(overrides=OVERRIDES, max_solve_time=NO_TIME)
     plan = subject.plan(SequenceGoal(targets, times), start, mode)
     assert_serves(plan, start)
     # Passing all targets without a rest keeps the limits only in the last of these times.
