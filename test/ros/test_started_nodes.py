@@ -141,6 +141,7 @@ def test_finger_with_a_mass_is_locked_where_it_is_measured_or_goals_are_refused(
             answer = client.send(goal_message(GOAL))
             assert answer.trajectory is not None, answer.report.message
             assert client.wait_for_diagnostics()["locked_joints"] == f"finger={position}"
+            client.call("stop", HANG)  # the robot rests, and may be sent there again
 
 
 def test_motions_start_where_the_robot_is_by_the_simulators_clock() -> None:
