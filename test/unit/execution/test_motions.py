@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
-from scipy.interpolate import BPoly
 
 from mp_pca_planner.execution.motions import PublishedMotion
 from mp_pca_planner.motion.interpolation import interpolate
@@ -29,17 +28,6 @@ def columns(times, derivative=0):
 def motion(times=TIMES, **options):
     states = [columns(times, d) for d in range(3)]
     return PublishedMotion(Trajectory(JOINTS, times - times[0], *states, **options), began=10.0)
-
-
-def test_states_between_points_are_the_quintic_through_both_neighbours():
-    random = np.random.default_rng(0)
-    times = np.array([0.0, 0.4, 1.1])
-    states = random.normal(size=(3, 3, 1))
-    found = PublishedMotion(Trajectory(("a",), times, *states), 0.0).state(0.9)
-    quintic = BPoly.from_derivatives(times, states.transpose(1, 0, 2))
-    expected = [quintic(0.9, d)[0] for d in range(3)]
-    actual = [found.positions[0], found.velocities[0], found.accelerations[0]]
-    np.testing.assert_allclose(actual, expected, rtol=1e-9)
 
 
 def test_motion_of_one_point_is_there_at_every_place():
