@@ -30,14 +30,3 @@ def write_scene(path, obstacles, robot="robot"):
     }
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     return path
-
-
-def write_request(path, joints, start, goal):
-    """Write a request between two configurations."""
-    goals = [{"joint_name": j, "position": float(q)} for j, q in zip(joints, goal, strict=True)]
-    content = {
-        "start_state": {"joint_state": {"name": list(joints), "position": list(map(float, start))}},
-        "goal_constraints": [{"joint_constraints": goals}],
-    }
-    path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    return path

@@ -8,7 +8,6 @@ import hashlib
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -98,26 +97,6 @@ def test_motions_are_whole(
         (report,) = load_recordings([path], segment=segment).reports
         assert report.repairs == repairs
         np.testing.assert_allclose([(m.start, m.end) for m in report.motions], spans, atol=0.12)
-
-
-@pytest.mark.parametrize(
-    ("messages", "options"),
-    [
-        (stamped(REACHES[150:250]), {}),
-        (stamped(REACHES[:130]) + stamped(REACHES[:250])[185:], {"max_gap": 0.4}),
-        (
-            stamped(REACHES[:130]) + stamped(REACHES[:250])[185:],
-            {"max_gap": 0.4, "segment": "none"},
-        ),
-    ],
-)
-def test_a_recording_of_halves_is_rejected(
-    tmp_path: Path, messages: list[Message], options: dict[str, Any]
-) -> None:
-    path = write_bag(tmp_path / "x", "mcap", messages)
-    (refusal,) = load_recordings([path], **options).refused
-    words = r"cuts off each of its motions \(\d\).*from rest to rest.*--segment none"
-    assert re.search(words, refusal.reason)
 
 
 def test_units_other_than_radians_are_named_with_the_next_step(tmp_path: Path) -> None:
