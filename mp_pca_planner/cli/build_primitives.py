@@ -87,11 +87,7 @@ def _add_cutting(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--cut", choices=CUTS, help=help_text)
     help_text = "shortest rest that cuts, but episodes [s] (default: 0.6)"
     group.add_argument("--min-rest", metavar="S", type=seconds, help=help_text)
-    help_text = "shortest motion [s] (default: 0.25)"
-    group.add_argument("--min-motion", metavar="S", type=seconds, help=help_text)
     add_file(group, "--segments", "FILE.csv", "table recording,start_time_s,end_time_s[,label]")
-    help_text = "use only motions with these labels in the table"
-    group.add_argument("--label", metavar="a,b,c", type=name_list, help=help_text)
     add_file(group, "--write-segments", "FILE.csv", "table of the motions to write")
 
 
@@ -178,7 +174,6 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             segment=arguments.segment,
             segments_csv=arguments.segments,
             segmentation=_segmentation(arguments),
-            labels=arguments.label,
             overviews=arguments.report is not None,
             jobs=arguments.jobs,
             dask=arguments.dask,
@@ -285,16 +280,12 @@ def _without_components(primitive: MovementPrimitive) -> str:
 
 
 def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:
-    chosen = {
-        "min_rest": arguments.min_rest,
-        "min_duration": arguments.min_motion,
-        "cut": arguments.cut,
-    }
+    chosen = {"min_rest": arguments.min_rest, "cut": arguments.cut}
     given = {name: value for name, value in chosen.items() if value is not None}
     if given and (arguments.segments is not None or arguments.segment != "auto"):
         raise RecordingError(
-            "--cut, --min-rest and --min-motion are for --segment auto: remove them with "
-            "--segments and with --segment none"
+            "--cut and --min-rest are for --segment auto: remove them with --segments and with "
+            "--segment none"
         )
     return SegmentationOptions(**given)
 

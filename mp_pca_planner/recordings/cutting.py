@@ -431,36 +431,3 @@ def segments_table(motions: Iterable[tuple[str, float, float, str]]) -> bytes:
         return text.getvalue().encode()
     except UnicodeEncodeError as error:
         raise RecordingError(f"a table of segments can't be written in UTF-8: {error}") from None
-
-
-def segments_by_hand(
-    path: str | Path | None, labels: Sequence[str] | None, names: Sequence[str]
-) -> dict[str, list[Segment]] | None:
-    """The rows of a table with some labels, by recording; None if there is no table.
-
-    Parameters
-    ----------
-    path :
-        The table, see :func:`read_segments`.
-    labels :
-        The labels; all by default.
-    names :
-        Names of the recordings.
-
-    Raises
-    ------
-    RecordingError
-        If the table is malformed, or no row has one of the labels.
-    """
-    if path is None:
-        if labels is not None:
-            raise RecordingError("labels select motions of a table of segments: also give one")
-        return None
-    by_hand = read_segments(path, names)
-    if labels is None:
-        return by_hand
-    known = sorted({row.label for rows in by_hand.values() for row in rows} - {""})
-    for label in labels:
-        if label not in known:
-            raise RecordingError(f"'{path}': {unknown_name('label', label, known)}")
-    return {name: [row for row in rows if row.label in labels] for name, rows in by_hand.items()}

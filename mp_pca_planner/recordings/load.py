@@ -37,7 +37,6 @@ from ..robot.model import Robot
 from . import bags, cutting
 from .continuity import units_advice
 from .copies import parts_of_others
-from .cutting import segments_by_hand
 from .demonstration import Demonstration
 from .joint_states import Names
 from .reading import LoadOptions, read_recording, scale_of_calibration
@@ -111,7 +110,7 @@ def load_demonstrations(
         segment : {'auto', 'none'}
             Whether recordings are cut at rests ('auto'), or each is one motion ('none').
         segments_csv : path
-            A table of motions cut by hand, and `labels` the labels to take of it.
+            A table of motions cut by hand.
         max_gap : float
             Longest time without samples that doesn't cut a recording [s]; 0.5 by default.
         salvage : bool
@@ -215,8 +214,8 @@ def load_recordings(
     Raises
     ------
     RecordingError
-        If a path holds no recording, the table of segments is malformed, there are no motions of a
-        label, or the cluster can't be used. Errors of a single recording are in `refused` instead.
+        If a path holds no recording, the table of segments is malformed, or the cluster can't be
+        used. Errors of a single recording are in `refused` instead.
     """
     if isinstance(options.get("scale"), (str, Path)):
         options["scale"] = scale_of_calibration(options["scale"])
@@ -277,14 +276,15 @@ class Loaded:
 
 def _tasks(found: Sequence[Path], options: LoadOptions) -> list[LoadTask]:
     names = bags.recording_names(found)
-    by_hand = segments_by_hand(options.segments_csv, options.labels, names)
-    tasks = []
-    for path, name in zip(found, names, strict=True):
-        rows = None if by_hand is None else tuple(by_hand.get(name, ()))
-        # A recording with motions of other labels only has nothing to load.
-        if by_hand is None or by_hand.get(name) != []:
-            tasks.append(LoadTask(path, name, rows, options))
-    return tasks
+    if options.segments_csv is None:
+        return [
+            LoadTask(path, name, None, options) for path, name in zip(found, names, strict=True)
+        ]
+    by_hand = cutting.read_segments(options.segments_csv, names)
+    return [
+        LoadTask(path, name, tuple(by_hand.get(name, ())), options)
+        for path, name in zip(found, names, strict=True)
+    ]
 
 
 def _load_all(

@@ -58,9 +58,7 @@ class LoadOptions:
         A table of motions cut by hand, see :func:`.cutting.read_segments`; instead of
         `segment`.
     segmentation : SegmentationOptions
-        Shortest rest and motion of "auto".
-    labels : sequence of str or None
-        Labels in `segments_csv` of the motions to take; by default all.
+        The cuts of "auto".
     markers : MarkerSource or None
         Finds the joint states from markers, see :func:`.marker_joint_states.marker_source`;
         `topic` and `joints` are not used then.
@@ -97,7 +95,6 @@ class LoadOptions:
     segment: Literal["auto", "none"] = "auto"
     segments_csv: str | Path | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
-    labels: Sequence[str] | None = None
     markers: Any = None
     state_field: str | None = None
     episodes: Sequence[int | str] | None = None

@@ -129,6 +129,8 @@ _NOISE_PERCENTILE = 5.0
 _TURNING_RATIO, _PASSING_RATIO = 0.6, 0.1
 # Below this rate [Hz] valleys don't cut: the speed between samples is unknown.
 _MIN_VALLEY_RATE = 20.0
+# No motion is shorter [s]: a valley that would leave one doesn't cut.
+_MIN_DURATION = 0.25
 # A motion covers more than this share of the usual extent of the motions of all recordings.
 _SET_RATIO = 0.05
 # A motion covers more than this many standard deviations of the noise. Unfiltered noise, the worst
@@ -152,34 +154,29 @@ CUTS = ("valleys", "rests")
 
 @dataclass(frozen=True)
 class SegmentationOptions:
-    """Shortest rest, and shortest motion.
+    """The cuts between motions.
 
     Attributes
     ----------
     min_rest : float
         Shorter rests don't cut [s], but they may be valleys.
-    min_duration : float
-        No motion is shorter [s]: a valley that would leave one doesn't cut.
     cut : {'valleys', 'rests'}
         Whether valleys of the speed cut, too, or rests alone.
 
     Raises
     ------
     RecordingError
-        If a time is no positive number, or `cut` is unknown.
+        If the time is no positive number, or `cut` is unknown.
     """
 
     min_rest: float = 0.6
-    min_duration: float = 0.25
     cut: str = "valleys"
 
     def __post_init__(self) -> None:
-        for name in ("min_rest", "min_duration"):
-            value = getattr(self, name)
-            if not 0.0 < value < np.inf:
-                raise RecordingError(
-                    f"segmentation option '{name}' must be over 0 and under inf, got {value}"
-                )
+        if not 0.0 < self.min_rest < np.inf:
+            raise RecordingError(
+                f"the shortest rest 'min_rest' must be over 0 and under inf, got {self.min_rest}"
+            )
         if self.cut not in CUTS:
             raise RecordingError(unknown_name("kind of cuts", self.cut, CUTS))
 
@@ -256,13 +253,13 @@ def find_motions(
     speed = joint_speed(piece.velocities)
     runs = _moving_runs(speed, thresholds, round(options.min_rest * piece.rate))
     if options.cut == "valleys" and piece.recorded_rate >= _MIN_VALLEY_RATE:
-        window = max(1, round(options.min_duration * piece.rate))
+        window = max(1, round(_MIN_DURATION * piece.rate))
         runs = [part for run in runs for part in _split_at_valleys(piece, speed, run, window)]
     return [
         (first, last)
         for first, last in runs
         if speed[first : last + 1].max() >= thresholds.moving
-        and last - first >= options.min_duration * piece.rate
+        and last - first >= _MIN_DURATION * piece.rate
     ]
 
 

@@ -47,7 +47,7 @@ def used(path: Path) -> list[dict]:
     return load_primitive(path).metadata["demonstrations"]
 
 
-def test_written_segments_fed_back_give_the_same_motions_and_labels_select_them(
+def test_written_segments_fed_back_give_the_same_motions_and_labels_part_them(
     bags: Path, tmp_path: Path
 ) -> None:
     first, second, table = tmp_path / "1.npz", tmp_path / "2.npz", tmp_path / "cuts.csv"
@@ -59,10 +59,9 @@ def test_written_segments_fed_back_give_the_same_motions_and_labels_select_them(
         np.testing.assert_array_equal(array, arrays(second)[name])
     labelled = [row + x for row, x in zip(rows, "uvvwuuvw", strict=True)]
     table.write_text("\n".join([header, *labelled]))
-    some = ("--segments", table, "--output", second, "--force")
-    facts = build(bags, *some, "--label", "u,w")
-    assert facts["n_motions"] == 5 and sorted(d["label"] for d in used(second)) == list("uuuww")
-    assert "valid names: 'u', 'v', 'w'" in refusal(bags, *some, "--label", "x")
+    build(bags, "--segments", table, "--output", tmp_path / "labels", "--by", "label")
+    for label, n in (("u", 3), ("v", 3), ("w", 2)):
+        assert [d["label"] for d in used(tmp_path / f"labels/{label}.npz")] == n * [label]
 
 
 def test_the_file_is_that_of_python_from_processes_and_from_states_in_a_field(
@@ -103,7 +102,6 @@ def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--label", "u"], "labels select motions of a table"),
         (["--min-rest", "1", "--segment", "none"], "are for --segment auto"),
         (["--report", "page.txt"], "must end in .html"),
         (["--field", "a.b"], "'a.b' needs a topic"),
@@ -116,12 +114,12 @@ def test_what_makes_no_sense_is_refused(
     assert not (tmp_path / "p.npz").exists()
 
 
-def test_shortest_rest_and_motion_decide_on_the_cuts(tmp_path: Path) -> None:
+def test_the_shortest_rest_decides_on_the_cuts(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "x", "mcap", stamped(reaching([0.0, 1.0, 0.2], rest=1.0)))
     output = tmp_path / "p.npz"
     assert build(path, "--output", output)["n_motions"] == 2
-    # The valley of the speed at the rest still cuts, unless a part would be too short.
-    merged = build(path, "--output", output, "--force", "--min-rest", "3", "--min-motion", "2")
+    # The valley of the speed at the rest would still cut.
+    merged = build(path, "--output", output, "--force", "--min-rest", "3", "--cut", "rests")
     assert merged["n_motions"] == 1
 
 
