@@ -91,10 +91,12 @@ def planner(number: int, random: Random) -> list[str]:
             user = User(client, node, random)
             for k, fault, phase in product(range(number), FAULTS, PHASES):
                 try:
-                    found.setdefault((fault, phase), []).append(user.trial(fault, phase))
+                    took = user.trial(fault, phase)
                 except AssertionError as problem:
                     problems.append(f"round {k}, {fault}, {phase}: {problem}")
                     print(problems[-1], file=sys.stderr, flush=True)
+                else:
+                    found.setdefault((fault, phase), []).append(took)
     for (fault, phase), seconds in found.items():
         stop, served = np.max(seconds, axis=0)
         print(f"{fault:12} {phase:8} ~/stop {1e3 * stop:.1f} ms, next goal {served:.1f} s")
