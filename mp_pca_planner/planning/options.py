@@ -37,12 +37,16 @@ class SolverOptions:
         First radius of the trust region, in scaled unknowns (about 1). Without naturalness, optima
         are tens of standard deviations of the weights away, and the quadratic model of efforts is
         accurate over that distance.
+    goes_back : bool
+        Whether it goes back by one step, for a shorter one, where the linearised constraints
+        contradict each other. Otherwise the search ends there.
     """
 
     tolerance: float = 3e-5
     feasible: float = 1e-6
     max_iterations: int = 60
     first_radius: float = 30.0
+    goes_back: bool = False
 
 
 @dataclass(frozen=True)

@@ -141,6 +141,7 @@ def solve(
         memory = here.hessian * 0.0, radius, np.zeros(0, dtype=np.intp)
     curvature, radius, sides = memory
     converged, last_step = x.size == 0, time.perf_counter()
+    before_step: tuple[FloatArray, MotionPoint] | None = None
     while not converged and iterations < options.max_iterations:
         is_feasible, enough = violated <= options.feasible, options.tolerance * here.cost
         hessian = here.hessian + curvature
@@ -164,8 +165,13 @@ def solve(
         restores = violated - step.infeasibility > options.feasible
         stuck = (predicted <= enough and not restores) or radius < _MIN_RADIUS
         before, last_step = last_step, time.perf_counter()
-        if converged or stuck or is_late(last_step - before):
+        back = before_step if stuck and options.goes_back and not is_feasible else None
+        if converged or (stuck and back is None) or is_late(last_step - before):
             break
+        if back is not None:  # from here, the linearised constraints contradict each other
+            away, (x, here), before_step = x - back[0], back, None
+            violated, radius = infeasibility(program, here), 0.25 * math.sqrt(float(away @ away))
+            continue
         if here.equalities.size:
             step = _restored(program, x, here, step)
         there = program.evaluate(x + step.change)
@@ -179,6 +185,7 @@ def solve(
         if step.infeasibility <= options.feasible:  # otherwise, multipliers may be penalties
             curvature = _learned(curvature, here, step, there)
         if decrease > 0.0:
+            before_step = x, here
             x, here, violated = x + step.change, there, after
             if violated <= options.feasible:
                 feasible = x, there
