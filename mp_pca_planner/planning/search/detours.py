@@ -41,13 +41,14 @@ _RANGE, _N_SHORTCUTS = 0.5, 50
 PATH_REACH = 1.0
 """Distance beyond the ends, joint by joint, within which the first search stays [rad or m].
 
-Each further one reaches as much further. Most paths are near the ends.
+Those after the first three reach as much further, and so on. Most paths are near the ends: another
+seed finds them sooner than a search farther away.
 """
 
 # Searches for paths at most, with different seeds; the first of them are compared, and the shortest
-# path is tried first. Configurations that the first search checks; each further one checks as many
-# more.
-_N_PATHS, _N_COMPARED, _N_CHECKS = 60, 4, 5_000
+# path is tried first. Searches of the same reach, and the configurations that the first of them
+# check; those that reach farther check as many more.
+_N_PATHS, _N_COMPARED, _N_OF_REACH, _N_CHECKS = 60, 4, 3, 6_000
 # Share of the remaining time at which the search for a path is cut off.
 _SHARE_OF_SEARCH = 0.75
 # Configurations that are checked before the clock is read again: it takes a tenth of a check.
@@ -61,8 +62,8 @@ _STEP, _FINE_STEP = 0.07, 0.03
 _EVALUATIONS = (60, 120)
 # Tolerance of the solver: most of the cost depends on the path. Sum of constraint violations that
 # counts as rounding: less than the margins of constraints. Clearances are curved, so its first
-# radius is 1.
-_TOLERANCE, _FEASIBLE = 1e-3, 1e-4
+# radius is small.
+_TOLERANCE, _FEASIBLE, _FIRST_RADIUS = 3e-3, 1e-4, 1.5
 
 
 def missing_planner() -> str:
@@ -137,7 +138,7 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
 def _setting(context: Context, request: Request, basis: MotionBasis, duration: float) -> Setting:
     """The first setting near a path."""
     options = context.options
-    solver = SolverOptions(_TOLERANCE, _FEASIBLE, first_radius=1.0)
+    solver = SolverOptions(_TOLERANCE, _FEASIBLE, first_radius=_FIRST_RADIUS, goes_back=True)
     if request.duration_is_free and request.timing == SHORTEST:
         return replace(first_setting(context, request, basis, shortest=True), solver=solver)
     return Setting(
@@ -208,7 +209,8 @@ def paths(
     for seed in range(1, _N_PATHS + 1):
         search = budget.part(time_share=_SHARE_OF_SEARCH)
         # Few searches take far longer than most: another seed is often faster.
-        near = _around(ends, PATH_REACH * seed, bounds)
+        times = 1 + (seed - 1) // _N_OF_REACH
+        near = _around(ends, PATH_REACH * times, bounds)
         path = sampled_path(
             collides,
             near,
@@ -216,7 +218,7 @@ def paths(
             search.is_over,
             seed=seed,
             step=_STEP,
-            max_checks=_N_CHECKS * seed,
+            max_checks=_N_CHECKS * times,
         )
         if path is not None:
             found.append(path)
