@@ -23,6 +23,7 @@ import yaml
 from pyarrow import parquet
 from support.arm import arm_robot
 from support.bags import EPOCH, JOINT_STATE, Message, Messages, S, storage_file, write_messages
+from support.datasets import write_dataset
 from support.forged import rewrite
 from support.marker_bags import TF
 from support.marker_bags import Messages as MarkerMessages
@@ -119,28 +120,12 @@ def make_seeds(folder: Path) -> None:
     header = ",".join(["time", *JOINT_NAMES])
     table = np.column_stack([q.times, q.positions])
     np.savetxt(folder / "table.csv", table, "%.6g", delimiter=",", header=header, comments="")
-    _write_dataset(folder / "dataset")
+    motions = [motion.positions for motion in generate_motions(5, 3, rate=RATE)]
+    write_dataset(folder / "dataset", motions, list(JOINT_NAMES))
     bag, primitive = str(folder / "a.mcap"), str(folder / "a.npz")
     segments = str(folder / "a.csv")
     if command(["build_primitives", bag, "--output", primitive, "--write-segments", segments]):
         raise SystemExit("no valid primitive could be made")
-
-
-def _write_dataset(folder: Path) -> None:
-    """A dataset of LeRobot with five episodes in one file."""
-    state, path = "observation.state", "data/chunk-000/file-{:03d}.parquet"
-    features = {state: {"dtype": "float32", "shape": [4], "names": list(JOINT_NAMES)}}
-    info = {"codebase_version": "v3.0", "fps": RATE, "data_path": path, "features": features}
-    motions = [motion.positions for motion in generate_motions(5, 3, rate=RATE)]
-    columns = {
-        state: [row.tolist() for q in motions for row in q],
-        "timestamp": np.concatenate([np.arange(len(q)) / RATE for q in motions]),
-        "episode_index": np.repeat(np.arange(len(motions)), [len(q) for q in motions]),
-    }
-    for part in ("meta", "data/chunk-000"):
-        (folder / part).mkdir(parents=True)
-    (folder / "meta/info.json").write_text(json.dumps(info))
-    parquet.write_table(pyarrow.table(columns), folder / path.format(0))
 
 
 @cache
