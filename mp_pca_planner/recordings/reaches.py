@@ -61,7 +61,7 @@ _SENSOR_NOISE = 1e-4
 
 
 def random_reaches(
-    robot: Robot, limits: JointLimits, n_motions: int, seed: int, *, task: int = 0
+    robot: Robot, limits: JointLimits, n_motions: int, seed: int
 ) -> list[Demonstration]:
     """Generate reaches that keep the limits of a robot.
 
@@ -75,8 +75,6 @@ def random_reaches(
         Number of reaches, at least 1.
     seed : int
         Chooses the motions. The first ones don't depend on their number.
-    task : int
-        Chooses the postures that they connect, and their detours.
 
     Raises
     ------
@@ -86,7 +84,7 @@ def random_reaches(
     if n_motions < 1:
         raise RecordingError(f"the number of motions must be at least 1, got {n_motions}")
     arm, n = ReachingArm(robot, limits), robot.n_joints
-    rng = np.random.default_rng([task, n])
+    rng = np.random.default_rng([0, n])
     longest = 2.0 * _POSTURES * np.linalg.norm(arm.half_range)
     for _ in range(_MAX_DRAWS):
         ends = [arm.posture(rng, _POSTURES) for _ in range(2)]
@@ -96,7 +94,7 @@ def random_reaches(
     peak_shifts = rng.normal(0.0, _JOINT_PEAK_SHIFT, n)
     found = []
     for i in range(n_motions):
-        own = np.random.default_rng([seed, task, i])
+        own = np.random.default_rng([seed, 0, i])
         curve, duration = _reach(arm, ends, detours, peak_shifts, own)
         times = np.linspace(0.0, duration, round(duration * _RATE) + 1)
         name = f"made-up reach {i}"
