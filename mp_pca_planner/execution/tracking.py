@@ -272,6 +272,8 @@ class Tracker:
         # Whether it was seen to.
         self._is_lossy = False
         self._lags: deque[float] = deque(maxlen=_MOST_LAGS)
+        # Until it was at rest again, a robot that is slowed looks like one with slow servos.
+        self._is_lag_known = False
         self._observed = -math.inf
 
     def expect(self, joint_names: tuple[str, ...]) -> None:
@@ -326,6 +328,7 @@ class Tracker:
         if len(self._lags) >= _FEWEST_LAGS:
             usual = sorted(self._lags)[3 * len(self._lags) // 4]
             longest = min(longest, usual)
+            self._is_lag_known |= measured.at_rest
         arguments = now, measured, command, settings, longest
         found = _follow(self.motion, *arguments)
         if found.how is How.ON_TIME and command is None:
@@ -345,6 +348,14 @@ class Tracker:
             return found  # it has left the end of the one before
         self._is_lossy = True
         return possible[0]
+
+    def check_lag(self) -> None:
+        """Raise an `UnconfirmedError` if a robot lags that may be slowed, for all that is known."""
+        if not self._is_lag_known and self._lags and self._lags[-1] > _LAG_SPREAD:
+            raise UnconfirmedError(
+                "the robot lags, and whether it usually does is known after its first motion only; "
+                "send the goal again when it is at rest"
+            )
 
     def _observe_lag(
         self, following: Following, measured: MeasuredState, settings: Settings
@@ -516,6 +527,8 @@ def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: fl
         if settings.start_from == MEASURED:
             raise GoalError(_motion_refusal(where, settings))
         check_joinable(where)
+        if where.command is None:
+            tracker.check_lag()
         then = now + latency + 2.0 * TRANSPORT
         expected = following.at(then)
         place, end = following.motion.near_point(expected), following.motion.duration

@@ -550,6 +550,19 @@ def test_goal_after_stops_that_were_all_lost_begins_where_the_motion_ended(node,
     node.assert_rests_at(HALF)
 
 
+def test_goal_of_a_robot_that_was_slowed_in_its_first_motion_waits_until_it_rests(node):
+    node.robot.faults.speed_scaling = 0.9
+    node.run(1.0)
+    node.ask(GOAL, duration=2.0)
+    node.run(0.9)
+    node.robot.faults.speed_scaling = 1.0
+    node.run(0.4)  # it lags by 0.1 s from now on, as one with slow servos
+    node.ask(HALF)
+    node.run(6.0)
+    assert node.verdict().largest_jump < 1e-3
+    node.assert_rests_at(HALF)
+
+
 SLOW = {name: {"max_velocity": 0.2, "max_acceleration": 3.0, "max_jerk": 60.0} for name in JOINTS}
 
 
