@@ -279,7 +279,7 @@ class Tracker:
     def expect(self, joint_names: tuple[str, ...]) -> None:
         """Set the joints whose state is needed; states and motions of others are forgotten."""
         self.measured.expect(joint_names)
-        self._forget()
+        self.motion, self._before = None, []
 
     def publish(self, motion: PublishedMotion) -> None:
         """Record that a motion was published."""
@@ -296,9 +296,6 @@ class Tracker:
         if self._before:
             self.motion = self._before.pop(0)
 
-    def _forget(self) -> None:
-        self.motion, self._before, self._is_lossy = None, [], False
-
     def where(self, settings: Settings) -> Where:
         """Where the robot is.
 
@@ -314,7 +311,7 @@ class Tracker:
             away = np.abs(command.state.positions - measured.positions)
             command = command if np.all(away <= _BELIEVED + lag) else None
         if self.motion is not None and now < self.motion.began - 1.0:
-            self._forget()  # time was set back
+            self.motion, self._before = None, []  # time was set back
         following = self._followed(now, measured, command, settings)
         return Where(now, measured, command, following)
 
@@ -578,10 +575,13 @@ def join(
             "another motion was published while this one was planned; send the goal again"
         )
     may_stamp = settings.stamp_trajectories and tracker.measured.stamps.is_usable
+    begin = PublishedMotion.after_wait if may_stamp else PublishedMotion.on_receipt
     if old is None or following is None:
         _check_rest(start, where)
-    if old is None or following is None or _is_held(start, following):
-        return (PublishedMotion.after_wait if may_stamp else PublishedMotion.on_receipt)(rest, now)
+        return begin(rest, now)
+    is_held = following.is_over and start.place >= following.motion.duration
+    if is_held and old.motion is following.motion:
+        return begin(rest, now)
     if following.how is not old.how or following.motion is not old.motion:
         raise TooLateError(
             f"the robot was {old.how.value} when planning began and is {following.how.value} now; "
@@ -589,13 +589,6 @@ def join(
         )
     check_joinable(where)
     return continued(rest, start.place, following, now, stamp=may_stamp)
-
-
-def _is_held(start: MotionStart, following: Following) -> bool:
-    """Whether a start is the end of a motion that the robot holds."""
-    motion = following.motion
-    is_same = start.following is not None and start.following.motion is motion
-    return is_same and following.is_over and start.place >= motion.duration
 
 
 def continued(

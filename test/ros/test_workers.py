@@ -81,7 +81,9 @@ def test_worker_is_ended_if_it_ignores_a_cancelled_request_and_not_once_it_has_a
     workers: Callable[[], WorkerProcess], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     worker, later = workers(), 0.0
-    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + later, time=time.time)
+    clock = SimpleNamespace(
+        monotonic=lambda: time.monotonic() + 5.0 * later, clock_gettime=time.clock_gettime
+    )
     monkeypatch.setattr(worker_module, "time", clock)
     worker.send(request(1))
     answer_of(worker, Planned)
