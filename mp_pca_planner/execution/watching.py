@@ -20,14 +20,11 @@ class Watcher:
         The robot.
     world : World
         The obstacles.
-    problem : str
-        Why motions can't be checked; empty if they can.
     """
 
     def __init__(self) -> None:
         self.model: Model | None = None
         self.world = World()
-        self.problem = ""
         self._watch: Watch | None = None
         self._place = 0.0
         self._checked: tuple[object, ...] = ()
@@ -46,15 +43,14 @@ class Watcher:
         if watch is None or model is None or self._checked == (watch.number, model, world):
             return None
         self._checked = watch.number, model, world
-        trajectory, self.problem = watch.trajectory, ""
+        trajectory = watch.trajectory
         if not len(world) or self._place >= trajectory.duration or trajectory.n_steps < 2:
             return Verdict(watch.number)
         try:
             known = self._collision
             if known is None or known[0] is not model or known[1] is not world:
                 known = self._collision = model, world, in_world(model, world)
-        except PlannerError as error:
-            self.problem = str(error)
+        except PlannerError:  # the planner says why nothing can be checked
             return Verdict(watch.number)
         found = [one for one in known[2].collisions(trajectory) if one.links[1] in world.names]
         # The robot has passed what ends before its place.

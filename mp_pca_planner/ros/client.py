@@ -435,9 +435,7 @@ class GoalClient(NodeInOwnContext):
         return self.send(message, timeout, with_trajectory=False)
 
     def execution(self, answer: Answer, margin: float = 30.0) -> DiagnosticStatus | None:
-        """The report on the execution of a motion; None if nothing was published or none comes.
-
-        None comes of a node without such reports.
+        """The report on the execution of a motion; None if nothing was published.
 
         Parameters
         ----------
@@ -453,9 +451,6 @@ class GoalClient(NodeInOwnContext):
         """
         is_under_way = answer.values.get("status") == GoalOutcome.UNDER_WAY
         if not is_served(answer.report) or is_under_way:
-            return None
-        topic = f"{self.planner}/execution_report"
-        if not (self.executions or self.node.count_publishers(topic)):
             return None
         duration, stamp = float(answer.values["duration"]), answer.values["goal_stamp"]
 

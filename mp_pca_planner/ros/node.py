@@ -202,9 +202,6 @@ class PlannerNode(Node):
         is_of_rclpy = type(error).__module__.startswith("rclpy")
         if is_of_rclpy or (isinstance(error, RuntimeError) and "deserialize" in str(error)):
             return to_text(f"rclpy rejects the received message: {error}")
-        if isinstance(error, OSError) and error.strerror:
-            file = f": '{error.filename!s:.80}'" if error.filename else ""
-            return to_text(f"the operating system reports: {error.strerror}{file}")
         self.n_internal_errors += 1
         lines = "".join(traceback.format_exception(error)).splitlines()
         text = "\n".join(map(printable, lines))

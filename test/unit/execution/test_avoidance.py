@@ -268,11 +268,10 @@ def test_what_the_robot_has_passed_does_not_count(watcher):
     assert watcher.look().place == np.inf
 
 
-def test_motions_that_can_not_be_checked_are_named(watcher, monkeypatch):
+def test_motions_that_can_not_be_checked_go_on(watcher, monkeypatch):
     bare = served_arm.URDF.replace("collision", "visual")
     monkeypatch.setattr(served_arm, "URDF", bare)
     watcher.model = model()
     watcher.world = ball_at(HALF)
     watcher.receive(Watch(1, straight(), 0.0))
     assert watcher.look().place == np.inf
-    assert "has no collision geometry" in watcher.problem
