@@ -23,7 +23,6 @@ from ..motion.trajectory import Trajectory
 from ..motion.validation import check_executable, check_limits
 from ..planning.plan import ALREADY_THERE
 from ..planning.resolve import check_goal
-from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .link import (
     Link,
@@ -86,11 +85,6 @@ class NodeModel:
     robot: Robot
     facts: ModelFacts
     settings: Settings
-
-    @property
-    def limits(self) -> JointLimits:
-        """Limits of the joints."""
-        return self.facts.limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +265,7 @@ class MotionServer:
             return
         if isinstance(request.goal, JointGoal):
             try:  # an invalid goal preempts none
-                check_goal(model.robot, model.limits, request.goal)
+                check_goal(model.robot, model.facts.limits, request.goal)
             except GoalError as error:
                 self.refuse(request.name, str(error))
                 return
@@ -543,8 +537,8 @@ class MotionServer:
             If it must not be published.
         """
         check, first = planned.check, start.state
-        if start.is_in_motion:
-            check = check_limits(motion.sent, model.robot, model.limits)
+        if start.following is not None and start.following.is_running:
+            check = check_limits(motion.sent, model.robot, model.facts.limits)
             if check.violations:
                 raise TooLateError(
                     f"where the motion joins the one under way, the {check.violations[0]}; send "
@@ -646,7 +640,7 @@ class MotionServer:
         if model is None:
             raise GoalError("the robot model is not known yet, and no motion was published")
         where = self._where(model)
-        arguments = (self.tracker, model.robot, model.limits, model.settings, time_left)
+        arguments = (self.tracker, model.robot, model.facts.limits, model.settings, time_left)
         said, motion = find_stop(where, *arguments, leaves_path=leaves_path)
         self._publish(Execution.of_stop(self.execution, motion, reason))
         return said

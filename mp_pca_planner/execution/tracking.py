@@ -492,11 +492,6 @@ class MotionStart:
     time: float
     measured: MeasuredState
 
-    @property
-    def is_in_motion(self) -> bool:
-        """Whether the robot moves on a motion."""
-        return self.following is not None and self.following.is_running
-
 
 def choose_start(where: Where, tracker: Tracker, settings: Settings, latency: float) -> MotionStart:
     """Choose the start of the next motion by the four rules.

@@ -372,7 +372,7 @@ class PlannerNode(Node):
 
     def _set_up_watcher(self) -> None:
         """Send it the set-up, or note that its last one is outdated: it must not fall behind."""
-        self._is_outdated = "set-up" in self._watcher.waits_for
+        self._is_outdated = "set-up" in self._watcher.due
         if not self._is_outdated:
             self._watcher.send(self._set_up_of(0, self._settings))
 

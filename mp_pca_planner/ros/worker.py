@@ -18,7 +18,7 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Set
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -120,6 +120,11 @@ class WorkerProcess:
         Called in another thread when a message has come.
     longest_solve : float
         Longest time for a solution [s].
+
+    Attributes
+    ----------
+    due : dict
+        When answers are due, by what they answer: keys of requests, and ``set-up`` [s].
     """
 
     def __init__(self, role: str, wake: Callable[[], None], longest_solve: float = 0.2) -> None:
@@ -132,8 +137,7 @@ class WorkerProcess:
         """Start the process, in place of one that has ended."""
         self._outbox.put(None)  # ends the thread that sends to that one
         self._outbox = SimpleQueue()
-        # When answers are due, by what they answer [s].
-        self._due: dict[object, float] = {}
+        self.due: dict[object, float] = {}
         self._killed_for, role = "", self.role
         context = multiprocessing.get_context("spawn")
         self._cancelled: Any = context.Value("Q", 0, lock=False)
@@ -156,25 +160,20 @@ class WorkerProcess:
         """Messages that wait to be sent."""
         return self._outbox.qsize()
 
-    @property
-    def waits_for(self) -> Set[object]:
-        """What it has to answer: keys of requests, and ``set-up``."""
-        return self._due.keys()
-
     def send(self, message: object) -> None:
         """Send a message; it never waits."""
         now = self._time()
         if isinstance(message, PlanRequest):
-            self._due[message.key] = now + self.longest_solve + _ANSWER_TIME
+            self.due[message.key] = now + self.longest_solve + _ANSWER_TIME
         elif isinstance(message, SetUp):
-            self._due["set-up"] = now + _SET_UP_TIME
+            self.due["set-up"] = now + _SET_UP_TIME
         self._outbox.put(message)
 
     def cancel(self, key: int) -> None:
         """Ask the planner to end its work on a request, and on all before."""
         self._cancelled.value = max(self._cancelled.value, key)
-        if key in self._due:
-            self._due[key] = min(self._due[key], self._time() + _ANSWER_TIME)
+        if key in self.due:
+            self.due[key] = min(self.due[key], self._time() + _ANSWER_TIME)
 
     def receive(self) -> list[object]:
         """The messages that have come."""
@@ -182,13 +181,13 @@ class WorkerProcess:
         while self._inbox:
             message = self._inbox.popleft()
             key = getattr(message, "key", "set-up" if isinstance(message, SetUpDone) else None)
-            self._due.pop(key, None)
+            self.due.pop(key, None)
             found.append(message)
         return found
 
     def check(self) -> None:
         """Kill the process if it does not answer in time."""
-        if not self._killed_for and self._due and self._time() > min(self._due.values()):
+        if not self._killed_for and self.due and self._time() > min(self.due.values()):
             self._killed_for = "it did not answer in time"
             self._process.kill()
 

@@ -140,7 +140,7 @@ def test_resting_robot_that_was_never_commanded_starts_where_it_is_measured(worl
     start = world.choose(start_from)
     assert start.state.positions.tolist() == [0.3, 0.4]
     assert not start.state.velocities.any() and not start.state.accelerations.any()
-    assert not start.is_in_motion
+    assert start.following is None or not start.following.is_running
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.1])
@@ -151,7 +151,7 @@ def test_held_end_is_where_the_next_motion_starts_whatever_a_load_pulls(lag):
     world.follow(2.5)
     start = world.choose()
     assert start.state.positions.tolist() == [1.0, -1.0]
-    assert not start.is_in_motion
+    assert start.following is None or not start.following.is_running
     np.testing.assert_allclose(world.choose("measured").state.positions, [1.0, -1.01], atol=1e-6)
 
 
