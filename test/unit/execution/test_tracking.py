@@ -187,7 +187,7 @@ def test_start_is_on_the_running_motion_ahead_by_the_latency(moving, start_from)
     path = spline(moving.motion.trajectory)
     expected = [path(start.time - moving.motion.began, order) for order in range(3)]
     np.testing.assert_allclose(start.state.values, expected, atol=1e-6)
-    assert start.is_in_motion
+    assert start.following is not None and start.following.is_running
 
 
 def test_start_beyond_the_end_of_the_running_motion_is_its_goal_at_rest(moving):
