@@ -212,3 +212,11 @@ def test_the_in_span_score_is_a_mahalanobis_distance(duration):
     squared = deviation @ np.linalg.solve(covariance[given, given], deviation)
     found = primitive.model.predict(request[:4], request[4:8], duration).in_span_score
     assert found == pytest.approx(np.sqrt(squared / deviation.size))
+
+
+def test_errors_are_expected_to_be_larger_far_from_the_demonstrations():
+    model = fit(*example(20))
+    near, far = (model.predict(*np.split(model.requests[0, :4] + x, 2)) for x in (0.0, 8.0))
+    assert far.variance > 4.0 * near.variance
+    # The naturalness of a plan doesn't depend on how far its request is.
+    np.testing.assert_array_equal(far.covariance, near.covariance)
