@@ -142,8 +142,21 @@ def test_obstacle_is_avoided_that_came_while_the_robot_was_not_seen_to_move(node
     assert clearance(node, world, came) > 0.0
     assert not node.robot.record.v[-1].any()
     assert node.outcomes[-1] in ("stopped", "arrived", "not_followed")
-    if fault == "held":  # it might have moved on at once
-        assert node.outcomes == ["stopped"]
+
+
+def test_held_robot_is_stopped_before_an_obstacle_at_once(node):
+    """When it moves on is unknown: how long its motion would take does not count."""
+    node.ask(GOAL, duration=8.0)
+    node.run(0.8)
+    node.robot.faults.held = True
+    node.run(0.7)
+    held = node.commanded
+    node.use_world(ball_at(place_on_motion(node, 0.6)))
+    node.run(0.1)
+    node.robot.faults.held = False
+    node.run(1.0)
+    assert node.outcomes == ["stopped"]
+    np.testing.assert_allclose(node.commanded, held, atol=1e-6)
 
 
 def test_robot_stops_in_an_obstacle_of_which_a_busy_machine_hears_late(node):
