@@ -166,6 +166,13 @@ def test_measured_start_may_move_by_the_tolerance_while_planning(world, moved, a
             world.join(standing(start), start)
 
 
+def test_motion_that_was_planned_before_another_was_published_is_not_joined(world):
+    start = world.choose()
+    world.begin()
+    with pytest.raises(TooLateError, match="another motion was published"):
+        world.join(standing(start), start)
+
+
 @pytest.mark.parametrize(("stamp", "clock_ahead"), [(False, 0.0), (True, 5.0), (True, -5.0)])
 def test_motion_is_not_stamped_unless_that_is_enabled_and_clocks_agree(world, stamp, clock_ahead):
     world.clock_ahead = clock_ahead

@@ -41,3 +41,14 @@ def test_the_plan_is_the_cheapest_of_those_with_each_contender() -> None:
         assert plan.solution.cost == pytest.approx(cheapest.solution.cost, rel=1e-6)
         n_contested += len(names) > 1
     assert n_contested
+
+
+def test_primitives_that_are_too_far_are_chosen_only_if_all_are() -> None:
+    primitives, robot = library(), arm_robot()
+    for motion in arm_demonstrations(6, 9):
+        ends = motion.positions[0], motion.positions[-1]
+        least = min(one.model.predict(*ends).in_span_score for one in primitives)
+        (only,), _ = Selector(robot, primitives, max_score=least + 1e-9).choose(*ends)
+        (first, *_), _ = Selector(robot, primitives, max_score=0.5 * least).choose(*ends)
+        for found in (only, first):
+            assert found.expected.in_span_score == pytest.approx(least)

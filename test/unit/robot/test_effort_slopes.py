@@ -30,7 +30,8 @@ def test_no_effort_changes_faster_than_its_bound(name):
         pytest.importorskip("example_robot_data.robots_loader")
     robot, random, step = ROBOTS[name](), np.random.default_rng(1), 1e-5
     # Each derivative may be large while the others are small.
-    sizes = np.vstack([np.full((1, 1500, 1), 2.0), 10.0 ** random.uniform(-2, 1, (3, 1500, 1))])
+    exponents = random.uniform(-2.0, [[[1.0]], [[2.0]], [[1.0]]], (3, 1500, 1))
+    sizes = np.vstack([np.full((1, 1500, 1), 2.0), 10.0**exponents])
     state = random.normal(size=(4, 1500, robot.n_joints)) * sizes
     later = [
         sum(state[d + k] * step**k / f for k, f in enumerate((1, 1, 2, 6)[: 4 - d]))
