@@ -16,7 +16,7 @@ from campaigns.moving_robot import LAGS, SAGS, campaign
 SEED = 0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_campaign_of_random_events_finds_no_problem(name):
     for result in campaign(name, n_events=30, seed=SEED):
