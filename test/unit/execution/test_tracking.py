@@ -263,6 +263,18 @@ def test_stale_state_waits_in_motion_and_is_refused_after_the_timeout(moving):
         moving.choose()
 
 
+def test_state_of_before_the_end_of_a_motion_does_not_say_that_the_robot_is_there(world):
+    """The controller may have rejected the motion, while no state says so."""
+    short = minimum_jerk_motion(JOINTS, world.here, (1.0, -1.0), 0.4)
+    world.publish(PublishedMotion.after_wait(short, world.now))
+    world.now += 0.48
+    assert not world.where().following.is_over
+    with pytest.raises(UnconfirmedError):
+        world.choose()
+    world.rest()
+    assert world.choose().state.positions == pytest.approx(world.here)
+
+
 def test_robot_that_is_seen_on_the_motion_before_is_continued_there(moving):
     old = moving.motion
     start = moving.choose()
