@@ -39,7 +39,9 @@ from support.nodes import (
     column,
     described_client,
     goal_message,
+    other_process,
     planner_of,
+    publish_states,
     ros_node,
     running_node,
     set_request,
@@ -324,31 +326,32 @@ def test_commands_send_goals_poses_sequences_and_stops_and_print_their_reports(
         assert trajectory is not None
         return json.loads(capsys.readouterr().out), trajectory
 
-    report, trajectory = send(f"elbow={math.degrees(GOAL[3])}", "--degrees")
-    assert float(report["goal_error"]) == 0.0
-    end = trajectory.points[-1].positions
-    np.testing.assert_allclose(end, [*START[:3], GOAL[3]], atol=1e-12)
-    assert main(["send_goal", "elbo=0.1"]) == 2
-    assert "did you mean 'elbow'" in capsys.readouterr().out
-    # A list is in the order of the robot description.
-    assert main(["send_goal", "[0.1, 0.2]", "--wait", "0"]) == 2
-    assert "has 2 values, but there are 4 joints: " in capsys.readouterr().err
-    report, trajectory = send("elbow=-0.3@2", "--via", "elbow=-0.6@1")
-    assert report["n_segments"] == "2"
-    at = [times(trajectory).index(WAIT + seconds * 10**9) for seconds in (1, 2)]
-    assert column(trajectory, "positions")[at, 3].tolist() == [-0.6, -0.3]
-    robot = arm_robot()
-    (wanted,) = robot.attached_poses(np.array([GOAL]), ["wrist"], np.zeros((1, 6)))[0]
-    pose = " ".join(map(str, wanted))
-    _, trajectory = send("--goal-pose", pose)
-    ends = robot.frame_positions(column(trajectory, "positions")[-1:], ["wrist"])
-    np.testing.assert_allclose(ends[0, 0], wanted[:3], atol=1e-5)
-    assert main(["send_goal", "--pose", pose, "--frame", "hand", "--wait", "0"]) == 2
-    assert "'hand'" in capsys.readouterr().out
-    n = len(client.trajectories)
-    assert main(["stop", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["success"] is True
-    assert client.next_trajectory(n, HANG) is not None
+    with other_process(publish_states, 50.0, START):
+        report, trajectory = send(f"elbow={math.degrees(GOAL[3])}", "--degrees")
+        assert float(report["goal_error"]) == 0.0
+        end = trajectory.points[-1].positions
+        np.testing.assert_allclose(end, [*START[:3], GOAL[3]], atol=1e-12)
+        assert main(["send_goal", "elbo=0.1"]) == 2
+        assert "did you mean 'elbow'" in capsys.readouterr().out
+        # A list is in the order of the robot description.
+        assert main(["send_goal", "[0.1, 0.2]", "--wait", "0"]) == 2
+        assert "has 2 values, but there are 4 joints: " in capsys.readouterr().err
+        report, trajectory = send("elbow=-0.3@2", "--via", "elbow=-0.6@1")
+        assert report["n_segments"] == "2"
+        at = [times(trajectory).index(WAIT + seconds * 10**9) for seconds in (1, 2)]
+        assert column(trajectory, "positions")[at, 3].tolist() == [-0.6, -0.3]
+        robot = arm_robot()
+        (wanted,) = robot.attached_poses(np.array([GOAL]), ["wrist"], np.zeros((1, 6)))[0]
+        pose = " ".join(map(str, wanted))
+        _, trajectory = send("--goal-pose", pose)
+        ends = robot.frame_positions(column(trajectory, "positions")[-1:], ["wrist"])
+        np.testing.assert_allclose(ends[0, 0], wanted[:3], atol=1e-5)
+        assert main(["send_goal", "--pose", pose, "--frame", "hand", "--wait", "0"]) == 2
+        assert "'hand'" in capsys.readouterr().out
+        n = len(client.trajectories)
+        assert main(["stop", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["success"] is True
+        assert client.next_trajectory(n, HANG) is not None
 
 
 def test_command_without_a_node_says_so(
@@ -455,8 +458,8 @@ def test_each_goal_of_a_burst_gets_its_report_and_the_newest_good_one_is_not_ove
 
 def serve(client: NodeClient) -> None:
     """Have a goal served, as soon as goals are."""
-    client.publish_state(JOINTS, START)
     for _ in range(100):
+        client.publish_state(JOINTS, START)
         answer = client.send(goal_message(), HANG)
         if answer.trajectory is not None:
             client.call("stop", HANG)
