@@ -195,13 +195,13 @@ def refuse_other_units(pieces: Sequence[Samples], *, were_degrees: bool) -> Piec
 def units_advice(reach: float, *, were_degrees: bool) -> str:
     """How to convert positions that reach so far, unless other joints are meant."""
     factor = "--scale JOINT=FACTOR (scale=), such as 0.001 for mm or 0.001534 for 4096 ticks a turn"
-    advice = f"convert other units with {factor}"
     if were_degrees:
         advice = f"instead of --degrees, give the whole factor to rad with {factor}"
-    elif reach <= _MAX_DEGREES:
-        shares = "LeRobot's shares from -100 to 100 with --scale CALIBRATION.json (scale=), "
-        shares = shares if reach <= _MAX_SHARE else ""
-        advice = f"convert degrees with --degrees (degrees=True), {shares}other units{advice[19:]}"
+    else:
+        shares = "LeRobot's shares from -100 to 100 with --scale CALIBRATION.json (scale=)"
+        ways = ["degrees with --degrees (degrees=True)"] if reach <= _MAX_DEGREES else []
+        ways += [shares] if reach <= _MAX_SHARE else []
+        advice = f"convert {', '.join([*ways, f'other units with {factor}'])}"
     return f"{advice}; or choose the joints of the arm with --joints (joints=)"
 
 

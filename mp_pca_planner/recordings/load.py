@@ -276,15 +276,10 @@ class Loaded:
 
 def _tasks(found: Sequence[Path], options: LoadOptions) -> list[LoadTask]:
     names = bags.recording_names(found)
-    if options.segments_csv is None:
-        return [
-            LoadTask(path, name, None, options) for path, name in zip(found, names, strict=True)
-        ]
-    by_hand = cutting.read_segments(options.segments_csv, names)
-    return [
-        LoadTask(path, name, tuple(by_hand.get(name, ())), options)
-        for path, name in zip(found, names, strict=True)
-    ]
+    table = options.segments_csv
+    by_hand = None if table is None else cutting.read_segments(table, names)
+    rows = (None if by_hand is None else tuple(by_hand.get(name, ())) for name in names)
+    return [LoadTask(*own, options) for own in zip(found, names, rows, strict=True)]
 
 
 def _load_all(
