@@ -22,7 +22,6 @@ import numpy as np
 from ...arrays import FloatArray
 from ...exceptions import MissingDependencyError, require
 from ..context import Budget, Context
-from ..motion import Motion
 from ..options import FREE, SHORTEST, SolverOptions
 from ..program.bases import MIN_NATURALNESS, MotionBasis
 from ..program.compile import SCALING_MARGIN, Setting, first_setting
@@ -111,7 +110,7 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
         at_least = 0.0 if request.timing == FREE else duration
         least *= SCALING_MARGIN
         duration = min(max(at_least, least), context.longest)
-        motion = _motion(request, basis, duration)
+        motion = basis.motion(request.start, request.goal, duration)
         _, check = sampled(context, [motion])
         duration = min(duration * slowdown(check.violations), context.longest)
     if budget.is_over():
@@ -129,7 +128,7 @@ def _near_path(context: Context, request: Request, path: FloatArray, budget: Bud
         setting = replace(
             setting,
             bases=(again,),
-            initial=(_motion(request, again, found.duration),),
+            initial=(again.motion(request.start, request.goal, found.duration),),
         )
     assert along is not None
     return min(found, along, key=lambda one: one.violation)
@@ -143,7 +142,7 @@ def _setting(context: Context, request: Request, basis: MotionBasis, duration: f
         return replace(first_setting(context, request, basis, shortest=True), solver=solver)
     return Setting(
         (basis,),
-        (_motion(request, basis, duration),),
+        (basis.motion(request.start, request.goal, duration),),
         max(request.naturalness, MIN_NATURALNESS),
         options.objectives,
         solver,
@@ -164,11 +163,8 @@ def _optimised(context: Context, request: Request, setting: Setting, budget: Bud
 
 def _along(context: Context, request: Request, basis: MotionBasis, duration: float) -> Candidate:
     """The motion along a path, without optimisation."""
-    return checked(context, request, (basis,), (_motion(request, basis, duration),))
-
-
-def _motion(request: Request, basis: MotionBasis, duration: float) -> Motion:
-    return basis.motion(request.start, request.goal, duration)
+    motion = basis.motion(request.start, request.goal, duration)
+    return checked(context, request, (basis,), (motion,))
 
 
 def paths(
