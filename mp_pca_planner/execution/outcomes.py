@@ -197,7 +197,7 @@ class Execution:
                 return None
             since = f"{now - self.motion.time:.2f} s after the stop"
             text = f"stopped: the robot was seen at rest {since}"
-            return self._end(MotionOutcome.STOPPED, "; ".join(filter(None, [text, self.reason])))
+            return self._end(MotionOutcome.STOPPED, self._with_reason(text))
         if following.motion is not self.motion:  # on a busy machine, the message comes late
             is_due = now > self.motion.time + START_DELAY and self._would_have_left(now)
             return self._never_started(now) if is_due else None
@@ -232,7 +232,7 @@ class Execution:
             if self._controller == ACCEPTED and late < START_DELAY:
                 return None  # the result of the controller comes a little later
             text = f"arrived: the largest error is {away}"
-            return self._end(MotionOutcome.ARRIVED, "; ".join(filter(None, [text, self.reason])))
+            return self._end(MotionOutcome.ARRIVED, self._with_reason(text))
         is_at_start = not self._has_left(following.place) and self._has_left(math.inf)
         is_waiting = self._how is How.HELD and is_at_start and duration > START_DELAY
         if is_waiting and self._would_have_left(now):
@@ -280,6 +280,9 @@ class Execution:
             return 0.0
         duration = self._last.motion.duration
         return min(self._last.place / duration, 1.0) if duration > 0.0 else 1.0
+
+    def _with_reason(self, text: str) -> str:
+        return f"{text}; {self.reason}" if self.reason else text
 
     def _end(self, outcome: MotionOutcome, message: str) -> ExecutionReport | None:
         if self.is_reported:

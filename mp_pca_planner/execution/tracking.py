@@ -389,9 +389,8 @@ def _follow(
     low, high = q.min(axis=0), q.max(axis=0)
     away = np.maximum(np.maximum(low - measured.positions, measured.positions - high), 0.0)
     place = now - motion.began
-    to_go = np.abs(motion.end - measured.positions)
     is_unseen = then < motion.duration <= place and now - measured.time > _MAX_AGE
-    if is_unseen and np.any(to_go > settings.following_tolerance):
+    if is_unseen and np.any(np.abs(motion.end - measured.positions) > settings.following_tolerance):
         place = math.nextafter(motion.duration, 0.0)  # no state says that the robot is at the end
     is_near = bool(np.all(away <= settings.following_tolerance))
     # A controller leads to a single point by a path of its own.
