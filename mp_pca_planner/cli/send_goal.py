@@ -32,8 +32,8 @@ Send a goal configuration, a sequence of them, or a pose to the running planner 
 
 The command waits for a node that has just started, prints its report, and waits until the robot has
 arrived. The status is 0 if it arrived, and 2 if the goal was rejected. It is 1 if the robot did not
-arrive, the node did not answer, or a newer goal or a stop came. With --wait 0, or a node without
-execution reports, status 0 means that the motion was published."""
+arrive, the node did not answer, or a newer goal or a stop came. With --wait 0, status 0 means that
+the motion was published."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
