@@ -120,6 +120,7 @@ setup(
         "test": [
             "cmaes>=0.10",
             "distributed>=2024.1",
+            "example-robot-data-loaders>=4.4",  # the arms of the demo and of moving robots
             "hypothesis>=6.100",
             "mypy==2.4.*",
             "playwright>=1.45",
