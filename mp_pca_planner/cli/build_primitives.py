@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import PrimitiveError, RecordingError
+from ..exceptions import RecordingError
 from ..files import write_whole
 from ..mocap.marker_joint_states import MarkerSource, marker_source
 from ..plotting.report import report_page
@@ -30,13 +30,15 @@ from ..recordings.segmentation import CUTS, SegmentationOptions
 from ..robot.model import Robot
 from .common import check_output, make_folder, primitive_lines, print_json, progress_bar
 from .options import (
+    add_bag_topic,
     add_file,
     add_report,
+    add_units,
     name_list,
+    reading_options,
     seconds,
     whole,
 )
-from .recording_options import add_bag_topic, add_units, reading_options
 from .terminal import DONE, complain, say
 
 
@@ -105,7 +107,13 @@ def _add_primitive(group: argparse._ArgumentGroup) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
-    _check_outputs(arguments)
+    output, force = arguments.output, arguments.force
+    check_output(arguments.report, ".html", force=force)
+    check_output(arguments.write_segments, ".csv", force=force)
+    if arguments.by is None:
+        check_output(output, ".npz", force=force)
+    elif arguments.report is not None or arguments.name is not None:
+        raise RecordingError("--report and --name are for one primitive: remove them or --by")
     options = PrimitiveOptions(
         coupling=arguments.coupling,
         n_components=arguments.components,
@@ -116,53 +124,33 @@ def run(arguments: argparse.Namespace) -> int:
     recordings = _load(arguments, robot)
     recordings.require_motion()
     if arguments.by is None:
-        name = arguments.name or arguments.output.stem
-        groups = {name: list(recordings.demonstrations)}
-        outputs = {name: arguments.output}
+        groups = {output: list(recordings.demonstrations)}
     else:
-        groups = _groups(recordings, arguments.by)
-        outputs = {name: arguments.output / f"{name}.npz" for name in groups}
-        for output in outputs.values():
-            check_output(output, ".npz", force=arguments.force)
-    built: dict[str, MovementPrimitive] = {}
-    failed: dict[str, str] = {}
+        make_folder(output)
+        found = _groups(recordings, arguments.by)
+        groups = {output / f"{name}.npz": motions for name, motions in found.items()}
+        for file in groups:
+            check_output(file, ".npz", force=force)
+    built: dict[Path, MovementPrimitive] = {}
     foreign: list[tuple[str, str]] = []
-    for name, motions in groups.items():
-        try:
-            origin = _origin(recordings, motions, robot)
-            statistics = MotionStatistics.of(motions, options)
-            built[name] = build_from_statistics(statistics, name, options, origin)
-            foreign += foreign_recordings(statistics, options.n_phases)
-        except PrimitiveError as error:
-            if arguments.by is None:
-                raise
-            failed[name] = str(error)
-    if not built:
-        raise PrimitiveError("; ".join(failed.values()))
-    pages = [report_page(recordings, x, foreign) for x in built.values() if arguments.report]
-    for name, primitive in built.items():
-        save_primitive(primitive, outputs[name], overwrite=arguments.force)
-    for page in pages:
-        write_whole(arguments.report, page.encode(), overwrite=arguments.force)
+    for file, motions in groups.items():
+        origin = _origin(recordings, motions, robot)
+        statistics = MotionStatistics.of(motions, options)
+        name = arguments.name or file.stem
+        built[file] = build_from_statistics(statistics, name, options, origin)
+        foreign += foreign_recordings(statistics, options.n_phases)
+    page = report_page(recordings, built[output], foreign) if arguments.report else ""
+    for file, primitive in built.items():
+        save_primitive(primitive, file, overwrite=force)
+    if page:
+        write_whole(arguments.report, page.encode(), overwrite=force)
     if arguments.write_segments is not None:
         table = segments_table(
             (x.recording, x.start_time, x.end_time, x.label) for x in recordings.demonstrations
         )
-        write_whole(arguments.write_segments, table, overwrite=arguments.force)
-    _print(arguments, recordings, built, outputs, failed, foreign)
+        write_whole(arguments.write_segments, table, overwrite=force)
+    _print(arguments, recordings, built, foreign)
     return DONE
-
-
-def _check_outputs(arguments: argparse.Namespace) -> None:
-    """Reject outputs that can't be written, before any computation."""
-    if arguments.by is None:
-        check_output(arguments.output, ".npz", force=arguments.force)
-    else:
-        if arguments.report is not None or arguments.name is not None:
-            raise RecordingError("--report and --name are for one primitive: remove them or --by")
-        make_folder(arguments.output)
-    check_output(arguments.report, ".html", force=arguments.force)
-    check_output(arguments.write_segments, ".csv", force=arguments.force)
 
 
 def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
@@ -232,51 +220,37 @@ def _origin(
 def _print(
     arguments: argparse.Namespace,
     recordings: RecordingSet,
-    built: Mapping[str, MovementPrimitive],
-    outputs: Mapping[str, Path],
-    failed: Mapping[str, str],
+    built: Mapping[Path, MovementPrimitive],
     foreign: Sequence[tuple[str, str]],
 ) -> None:
-    facts = [_facts(primitive, outputs[name]) for name, primitive in built.items()]
-    of_recordings = {
-        "n_recordings": len(recordings.reports),
-        "refused": [asdict(refusal) for refusal in recordings.refused],
-        "repairs": {report.name: report.repairs for report in recordings.reports},
-        "notes": {report.name: list(report.notes) for report in recordings.reports},
-        "foreign": [{"recording": name, "reason": why} for name, why in foreign],
-        "marker_residuals": {
-            report.name: {name: asdict(r) for name, r in report.marker_residuals.items()}
-            for report in recordings.reports
-            if report.marker_residuals
-        },
-    }
-    if not arguments.json:
-        for name, primitive in built.items():
-            say(*primitive_lines(outputs[name], primitive))
-        say("", *recordings.report.splitlines())
+    if arguments.json:
+        facts = [_facts(primitive, file) for file, primitive in built.items()]
+        of_recordings = {
+            "n_recordings": len(recordings.reports),
+            "refused": [asdict(refusal) for refusal in recordings.refused],
+            "repairs": {report.name: report.repairs for report in recordings.reports},
+            "notes": {report.name: list(report.notes) for report in recordings.reports},
+            "foreign": [{"recording": name, "reason": why} for name, why in foreign],
+            "marker_residuals": {
+                report.name: {name: asdict(r) for name, r in report.marker_residuals.items()}
+                for report in recordings.reports
+                if report.marker_residuals
+            },
+        }
+        of_primitives = facts[0] if arguments.by is None else {"primitives": facts}
+        print_json(of_primitives | of_recordings)
     else:
-        several = {"primitives": facts, "failed": dict(failed)}
-        print_json({**(facts[0] if arguments.by is None else several), **of_recordings})
-        for note in recordings.notes:
-            complain(note)
-        for refusal in recordings.refused:
-            complain(f"rejected {refusal.recording}: {refusal.reason}")
-    for name, reason in failed.items():
-        complain(f"no primitive of '{name}': {reason}")
+        for file, primitive in built.items():
+            say(*primitive_lines(file, primitive))
+        say("", *recordings.report.splitlines())
     for recording, reason in foreign:
         complain(f"warning: {recording}: {reason}; look at it, and leave it out if it is wrong")
     for primitive in built.values():
         if not primitive.n_components:
-            complain(_without_components(primitive))
-
-
-def _without_components(primitive: MovementPrimitive) -> str:
-    n = len(primitive.durations)
-    why = "it was learned from one motion" if n == 1 else f"its {n} motions have the same shape"
-    return (
-        f"warning: '{primitive.name}' has no components, because {why}: every plan has this "
-        "shape, and nothing can be optimised; record motions that differ"
-    )
+            complain(
+                f"warning: '{primitive.name}' has no components, as its motions have one shape: "
+                "every plan has it, and nothing can be optimised; record motions that differ"
+            )
 
 
 def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:

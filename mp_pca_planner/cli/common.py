@@ -8,20 +8,18 @@ import argparse
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import FloatArray, short
-from ..exceptions import PlannerError, RobotError, quote_names, unknown_name
-from ..files import check_writable, write_whole
+from ..exceptions import PlannerError, RobotError, quote_names
+from ..files import check_writable
 from .terminal import say
 
 # Only for type checking: these imports take a second, and some commands need neither.
 if TYPE_CHECKING:
-    from ..motion.trajectory import Trajectory
     from ..primitives.library import PrimitiveLibrary
     from ..primitives.primitive import MovementPrimitive
     from ..robot.model import Robot
@@ -45,7 +43,7 @@ def print_json(content: Any) -> None:
 
 
 def show(
-    arguments: argparse.Namespace, facts: Mapping[str, Any], *, hidden: Collection[str] = ()
+    arguments: argparse.Namespace, facts: Mapping[str, Any], shown: Collection[str] = ()
 ) -> None:
     """Print the results of a command: one JSON object if ``--json`` was given, else as text.
 
@@ -55,13 +53,13 @@ def show(
         The arguments.
     facts : mapping
         The results.
-    hidden : collection of str
-        Names that the text leaves out.
+    shown : collection of str
+        Names that the text has; all unless given.
     """
     if arguments.json:
         print_json(facts)
     else:
-        say(*fact_lines({name: x for name, x in facts.items() if name not in hidden}))
+        say(*fact_lines({name: x for name, x in facts.items() if name in (shown or facts)}))
 
 
 def fact_lines(facts: Mapping[str, Any], most: int = 12) -> list[str]:
@@ -122,23 +120,20 @@ def plain(content: Any) -> Any:
 
 @contextmanager
 def progress_bar(description: str, unit: str) -> Iterator[Progress]:
-    """A progress bar on stderr, if that is a terminal; called with (done, total)."""
+    """A progress bar on stderr, if that is a terminal; called with (done, total).
+
+    It appears after a second.
+    """
     from tqdm import tqdm
 
-    bars: list[tqdm[Any]] = []
+    shown: dict[str, Any] = {"unit": unit, "unit_scale": unit == "B", "delay": 1.0}
+    with tqdm(desc=description, leave=False, disable=None, **shown) as bar:
 
-    def update(done: int, total: int) -> None:
-        if not bars:  # before, the total is unknown
-            bar = partial(tqdm, unit=unit, unit_scale=unit == "B", leave=False, disable=None)
-            bars.append(bar(desc=description, total=total))
-        bars[0].total = total
-        bars[0].update(done - bars[0].n)
+        def update(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
 
-    try:
         yield update
-    finally:
-        for bar in bars:
-            bar.close()
 
 
 def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
@@ -152,50 +147,13 @@ def check_output(path: Path | None, suffix: str, *, force: bool) -> None:
     """
     if path is None:
         return
-    if suffix == ".png":
-        from ..plotting.style import require_matplotlib
+    if suffix in (".png", ".html"):
+        from ..plotting.style import require_matplotlib, require_pages
 
-        require_matplotlib()
-    if suffix == ".html":
-        from ..plotting.style import require_pages
-
-        require_pages()
+        (require_pages if suffix == ".html" else require_matplotlib)()
     if path.suffix != suffix:
         raise PlannerError(f"the output '{path}' must end in {suffix}")
     check_writable(path, overwrite=force)
-
-
-def check_motion_file(path: Path | None, *, force: bool) -> None:
-    """Reject a motion file that can't be written, before any computation.
-
-    Raises
-    ------
-    PlannerError
-        If its format is unknown, or it could not be written.
-    """
-    if path is not None:
-        from ..recordings.trajectory_files import check_format
-
-        check_format(path)
-        check_writable(path, overwrite=force)
-
-
-def write_motion(
-    path: Path | None, trajectory: Trajectory, facts: Mapping[str, Any], *, force: bool
-) -> None:
-    """Write a motion to the file given by an option; a .json file contains the report.
-
-    Raises
-    ------
-    PlannerError
-        If the file can't be written.
-    """
-    if path is None:
-        return
-    if path.suffix == ".json":
-        write_whole(path, json_text(facts).encode(), overwrite=force)
-    else:
-        trajectory.save(path, overwrite=force)
 
 
 def make_folder(path: Path) -> None:
@@ -210,20 +168,6 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlannerError(f"'{path}' can't be a folder: {error.strerror}") from None
-
-
-def check_frame(frame: str, robot: Robot | None) -> None:
-    """Reject the name of a link that the robot lacks; an empty name stands for the end effector.
-
-    Raises
-    ------
-    RobotError
-        If there is no such link, or no robot.
-    """
-    if frame and robot is None:
-        raise RobotError("--frame names a link of --robot: also pass --robot")
-    if frame and robot is not None and frame not in robot.frame_names:
-        raise RobotError(unknown_name("link", frame, robot.frame_names))
 
 
 def robot_of(file: Path, primitives: PrimitiveLibrary) -> Robot:

@@ -18,17 +18,13 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ..arrays import FloatArray, by_name, text_table
-from ..exceptions import PlannerError
 from ..files import config_file
-from ..motion.goal import JointState
 from ..motion.trajectory import Trajectory
-from ..motion.validation import check_executable, check_limits
 from ..plotting.motion import motion_figure
 from ..plotting.primitive import primitive_figure
 from ..plotting.style import picture, require_matplotlib
@@ -45,18 +41,13 @@ from .main import run_command
 from .terminal import DONE, FAILED, say
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_GOOD = "executable"
 _HEADER = ["goal", "duration [s]", "effort [N²m²s]", "solve [ms]", "goal to trajectory [ms]"]
-_HEADER += ["arrival error [mrad]", "checked on receipt"]
+_HEADER += ["arrival error [mrad]", "outcome"]
 # Numbers of recorded motions and of goals; the robot returns after each goal.
 _N_DEMONSTRATIONS, _N_GOALS = 30, 6
 # Seed of the goals, which are ends of motions that are not among the demonstrations.
 _GOAL_SEED = 2
-# Largest error [rad] and speed [rad/s] at which the robot counts as arrived, and difference between
-# its measured starts here and in the node [rad]: a robot that settles moves by some nanometres.
-_POSITION_ERROR, _SPEED, _START_ERROR = 1e-3, 1e-5, 1e-5
-# Longest times to wait for an arrival, and for a process that was signalled to end [s].
-_PATIENCE, _END_PATIENCE = 30.0, 10.0
+_END_PATIENCE = 10.0  # longest time to wait for a process that was signalled to end [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -114,7 +105,8 @@ def _learn(bag: Path, file: Path, robot: Robot) -> MovementPrimitive:
 
 
 def _pipeline(folder: Path) -> int:
-    """Record, learn, serve goals over topics and draw."""
+    """Record, learn, send goals over topics and draw."""
+    from ..execution.outcomes import MotionOutcome
     from ..ros.client import this_machine_only
 
     require_matplotlib()
@@ -127,15 +119,14 @@ def _pipeline(folder: Path) -> int:
     primitive = _learn(bag, file, robot)
     say("", "3. Starting the planner node and a simulated robot, sending goals over ROS 2 topics")
     os.environ.update(this_machine_only())
-    goals = [motion.positions[[0, -1]] for motion in generate_motions(_N_GOALS, _GOAL_SEED)]
-    home = goals[0][0]
-    start = ",".join(f"{name}={q}" for name, q in zip(JOINT_NAMES, home, strict=True))
+    ends = [motion.positions[[0, -1]] for motion in generate_motions(_N_GOALS, _GOAL_SEED)]
+    home = ends[0][0]
+    start = ",".join(f"{name}={q}" for name, q in by_name(JOINT_NAMES, home).items())
     node = ["planner_node", "--ros-args", "--log-level", "error", "-p", f"primitives:=['{file}']"]
     simulation = ["simulate", "--robot", str(arm), "--start", start]
     record = ["--record", str(folder / "commands.npz"), "--force"]
     with _children(node, [*simulation, *record]):
-        ends = [end for _, goal in goals for end in (goal, home)]
-        rows, motions = _serve(robot, home, ends)
+        rows, motions = _execute([q for _, goal in ends for q in (goal, home)])
     say(*text_table(rows, header=_HEADER).splitlines(), "", f"4. Drawing into {folder}")
     with picture(folder / "primitive.png", force=True) as figure:
         primitive_figure(figure, primitive, title="Demonstrations and components")
@@ -143,33 +134,33 @@ def _pipeline(folder: Path) -> int:
         with picture(folder / "motion.png", force=True) as figure:
             title = "Motion to the first goal"
             motion_figure(figure, {"planned": motions[0]}, title, robot.limits())
-    return DONE if all(row[-1] == _GOOD for row in rows) else FAILED
+    return DONE if all(row[-1] == MotionOutcome.ARRIVED for row in rows) else FAILED
 
 
 @contextmanager
 def _children(*commands: Sequence[str]) -> Iterator[None]:
     """Run commands of this package, and end them with the block; their stdout is discarded.
 
-    A signal raises KeyboardInterrupt in the block, one that comes earlier at its begin.
+    A signal raises KeyboardInterrupt in the block.
     """
-    processes, received = list[subprocess.Popen[bytes]](), list[int]()
-
-    def note(number: int, _: object) -> None:
-        received.append(number)
+    processes = list[subprocess.Popen[bytes]]()
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
+    def unblock() -> None:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+
     try:
-        for number in _SIGNALS:
-            signal.signal(number, note)
-        for words in commands:
-            command = [sys.executable, "-m", __package__.partition(".")[0], *words]
-            processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL))
+        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # until all processes are known
         for number in _SIGNALS:
             signal.signal(number, interrupt)
-        if received:
-            raise KeyboardInterrupt
+        for words in commands:
+            command = [sys.executable, "-m", __package__.partition(".")[0], *words]
+            processes.append(
+                subprocess.Popen(command, stdout=subprocess.DEVNULL, preexec_fn=unblock)
+            )
+        unblock()
         yield
     finally:
         for number in _SIGNALS:  # one is enough
@@ -184,54 +175,29 @@ def _children(*commands: Sequence[str]) -> Iterator[None]:
                 process.wait()
 
 
-def _serve(
-    robot: Robot, home: FloatArray, goals: Sequence[FloatArray]
-) -> tuple[list[list[str]], list[Trajectory]]:
+def _execute(goals: Sequence[FloatArray]) -> tuple[list[list[str]], list[Trajectory]]:
     """Send goals one after the other; returns rows of a table, and motions."""
-    from sensor_msgs.msg import JointState as Message
+    from sensor_msgs.msg import JointState
 
-    from ..ros.client import READY, GoalClient
+    from ..ros.client import READY, GoalClient, report_values
     from ..ros.messages import to_trajectory
 
-    state = np.full((2, len(home)), np.nan)
     rows, motions = list[list[str]](), list[Trajectory]()
-
-    def measure(message: Message) -> None:
-        order = [message.name.index(name) for name in JOINT_NAMES]
-        state[:] = np.array([message.position, message.velocity])[:, order]
-
-    def is_at(goal: FloatArray) -> bool:
-        near, still = np.abs(state - [goal, np.zeros_like(goal)]).max(axis=1)
-        return bool(near < _POSITION_ERROR and still < _SPEED)
-
     with GoalClient() as client:
-        client.node.create_subscription(Message, "joint_states", measure, 10)
         client.wait_for_node()
-        client.wait(partial(is_at, home), _PATIENCE, "has no robot at rest")
         client.wait_for_diagnostics(lambda values: values["text"] == READY)
         for goal in goals:
-            start = state[0].copy()
-            answer = client.send(Message(name=list(JOINT_NAMES), position=goal.tolist()))
-            verdict = str(answer.report.message)
+            message = JointState(name=list(JOINT_NAMES), position=goal.tolist())
+            message.header.stamp = client.node.get_clock().now().to_msg()
+            answer = client.send(message)
+            execution, end = client.execution(answer), {"outcome": answer.report.message}
+            if execution is not None:
+                end = report_values(execution)
             if answer.trajectory is not None:
                 motions.append(to_trajectory(answer.trajectory))
-                verdict = _verdict(robot, motions[-1], start)
-                client.wait(partial(is_at, goal), _PATIENCE, "moved no robot to the goal")
-            names = ("duration", "effort_cost", "solve_time_s")
-            numbers = [float(answer.values.get(name, "nan")) for name in names]
-            numbers += [answer.latency or np.nan, np.abs(state[0] - goal).max()]
-            shown = np.multiply(numbers, [1.0, 1.0, 1e3, 1e3, 1e3])
-            rows.append([str(len(rows) + 1), *(f"{x:.2f}" for x in shown), verdict])
+            values = answer.values | end | {"latency": answer.latency or "nan"}
+            names = ("duration", "effort_cost", "solve_time_s", "latency", "error")
+            numbers = np.array([float(values.get(name, "nan")) for name in names])
+            shown = numbers * [1.0, 1.0, 1e3, 1e3, 1e3]
+            rows.append([str(len(rows) + 1), *(f"{x:.2f}" for x in shown), end["outcome"]])
     return rows, motions
-
-
-def _verdict(robot: Robot, motion: Trajectory, start: FloatArray) -> str:
-    """Check a received motion independently of its report."""
-    first = motion.positions[0]
-    start = first if np.abs(first - start).max() < _START_ERROR else start
-    try:
-        check = check_limits(motion, robot, robot.limits())
-        check_executable(motion, check, JointState(JOINT_NAMES, start))
-    except PlannerError as error:
-        return str(error)
-    return _GOOD

@@ -15,8 +15,7 @@ from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.reading import inspect_recording
 from .common import fact_lines, primitive_lines, print_json
-from .options import add_json
-from .recording_options import add_bag_topic, add_units, reading_options
+from .options import add_bag_topic, add_json, add_units, reading_options
 from .terminal import DONE, PROGRAM, REFUSED, complain, say
 
 

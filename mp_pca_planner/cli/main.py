@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -16,34 +17,37 @@ from types import ModuleType
 
 from .. import __version__
 from ..exceptions import MissingDependencyError, PlannerError, unknown_name
-from .terminal import DEBUG, DEBUG_HELP, PROGRAM, OneLineParser, guard
+from .terminal import DEBUG, DEBUG_HELP, PROGRAM, Parser, UsageError, guard
 
-ROS_ARGUMENTS = "--ros-args"
+_ROS = "--ros-args"
 
-COMMANDS = {
-    "inspect": "show the contents of recordings or primitive files, with every defect",
-    "build_primitives": "learn a primitive from recordings",
-    "teach": "learn a primitive from motions that you show the running robot",
-    "plan": "plan a motion or a sequence, offline",
-    "view": "drag goals and obstacles on a page in the browser",
-    "refine": "improve a motion and keep it as a primitive",
-    "verify": "check a control law for a motion: error bound and simulations",
-    "planner_node": "run the ROS 2 node",
-    "send_goal": "send a goal to the node, and wait until the robot has arrived",
-    "send_obstacles": "give the node the obstacles of a scene, or remove them",
-    "stop": "bring the robot to rest",
-    "call": "make the node reload its primitives or save its last motion",
-    "simulate": "simulate a robot on ROS topics, with faults on demand",
-    "demo": "run the whole pipeline: record, learn, plan, execute",
-    "sequence": "another name of plan",
-}
-"""What each command is for."""
 _GROUPS = {
-    "learn from recordings": ("inspect", "build_primitives", "teach"),
-    "plan without ROS": ("plan", "view", "refine", "verify"),
-    "run on a robot": ("planner_node", "send_goal", "send_obstacles", "stop", "call"),
-    "try it": ("demo", "simulate"),
+    "learn from recordings": {
+        "inspect": "show the contents of recordings or primitive files, with every defect",
+        "build_primitives": "learn a primitive from recordings",
+        "teach": "learn a primitive from motions that you show the running robot",
+    },
+    "plan without ROS": {
+        "plan": "plan a motion or a sequence, offline",
+        "view": "drag goals and obstacles on a page in the browser",
+        "refine": "improve a motion and keep it as a primitive",
+        "verify": "check a control law for a motion: error bound and simulations",
+    },
+    "run on a robot": {
+        "planner_node": "run the ROS 2 node",
+        "send_goal": "send a goal to the node, and wait until the robot has arrived",
+        "send_obstacles": "give the node the obstacles of a scene, or remove them",
+        "stop": "bring the robot to rest",
+        "call": "make the node reload its primitives or save its last motion",
+    },
+    "try it": {
+        "demo": "run the whole pipeline: record, learn, plan, execute",
+        "simulate": "simulate a robot on ROS topics, with faults on demand",
+    },
 }
+COMMANDS = {name: text for group in _GROUPS.values() for name, text in group.items()}
+"""What each command is for."""
+COMMANDS["sequence"] = "another name of plan"
 _MODULES = {"sequence": "plan", "stop": "call"}
 """Modules of commands that have none of their own."""
 
@@ -97,7 +101,7 @@ def run_command(name: str, argv: Sequence[str]) -> int:
 
 
 def parse(name: str, argv: Sequence[str]) -> argparse.Namespace:
-    """Parse the arguments of a command; prints a message and exits if they are wrong.
+    """Parse the arguments of a command.
 
     Returns
     -------
@@ -107,24 +111,30 @@ def parse(name: str, argv: Sequence[str]) -> argparse.Namespace:
     Raises
     ------
     PlannerError
-        If there is no such command.
+        If there is no such command, or it does not accept the arguments.
     """
     if name and name not in COMMANDS and not name.startswith("-"):
         raise PlannerError(unknown_name("command", name, COMMANDS, most=len(COMMANDS)))
-    is_node = name == "simulate" and ROS_ARGUMENTS in argv
-    cut = list(argv).index(ROS_ARGUMENTS) if is_node else len(argv)
-    given = argparse.Namespace(ros_arguments=list(argv[cut:]))
-    words = [name, *argv[:cut]] if name else ["--help"]
-    return parser_with(name).parse_args(words, given)
+    words = list(argv)
+    cut = words.index(_ROS) if name == "simulate" and _ROS in words else len(words)
+    given = argparse.Namespace(ros_arguments=words[cut:])
+    try:
+        return parser_with(name).parse_args([name, *words[:cut]] if name else ["--help"], given)
+    except UsageError as error:
+        number = r" [-+]?[\d.]+(e[-+]?\d+)?"
+        if re.search(f"{number}{number}( |$)", " ".join(["", *words])) is None:
+            raise
+        hint = "put quotes around the numbers of a pose, as in '0.4 0.1 0.6'"
+        raise UsageError(f"{hint}: {error}") from None
 
 
 def parser_with(name: str) -> argparse.ArgumentParser:
     """The parser of the program with the options of one command."""
     groups = (
-        "\n".join([f"{title}:", *(f"  {command:<18}{COMMANDS[command]}" for command in members)])
+        "\n".join([f"{title}:", *(f"  {command:<18}{text}" for command, text in members.items())])
         for title, members in _GROUPS.items()
     )
-    parser = OneLineParser(
+    parser = Parser(
         prog=PROGRAM,
         usage="%(prog)s COMMAND …, or %(prog)s help COMMAND",
         description="Movement primitives from recordings, and motions made of them.",

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..arrays import read_values
 from ..planning.options import AUTO, BASES, MODES, OPTIMAL, TIMINGS
 from ..renaming import read_rename
 from ..robot.limits import given_limits
@@ -18,27 +19,9 @@ from ..robot.limits import given_limits
 if TYPE_CHECKING:
     from ..robot.model import Robot
 
-PLACE = "configuration, or pose 'FRAME: X Y Z …',"
-
 
 class Stop(str):
     """A value of ``--stop`` among those of ``--via``."""
-
-
-class Once(argparse.Action):
-    """Store a value that may be given once; argparse would silently take the last."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: object,
-        option_string: str | None = None,
-    ) -> None:
-        """Store the value."""
-        if getattr(namespace, self.dest) is not None:
-            parser.error(f"{option_string} is given more than once; pass places with --via")
-        setattr(namespace, self.dest, values)
 
 
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
@@ -105,37 +88,60 @@ def add_file(parser: argparse._ActionsContainer, name: str, metavar: str, help_t
     parser.add_argument(name, metavar=metavar, type=Path, help=help_text)
 
 
-def add_rename(parser: argparse._ActionsContainer, help_text: str) -> None:
-    """Add the option on new names of joints."""
-    options: dict[str, Any] = {"metavar": "OLD=NEW", "action": "append", "default": []}
-    parser.add_argument("--rename", **options, help=help_text)
+def add_bag_topic(parser: argparse._ActionsContainer) -> None:
+    """Add the options on the messages of recordings."""
+    help_text = "of the bags (default: the only JointState one), or column of LeRobot"
+    parser.add_argument("--topic", help=help_text)
+    help_text = "field of the topic's messages that is a JointState"
+    parser.add_argument("--field", metavar="a.b", help=help_text)
+    help_text = "read a damaged .mcap or .bag up to the damage"
+    parser.add_argument("--recover", "--salvage", action="store_true", help=help_text)
+
+
+def add_units(parser: argparse._ActionsContainer) -> None:
+    """Add the options on the units and names of the joints of recordings."""
+    help_text = "recorded in degrees, but joints with a --scale"
+    parser.add_argument("--degrees", action="store_true", help=help_text)
+    several: dict[str, Any] = {"action": "append", "default": []}
+    help_text = "new name of joints, * for any text (left_*=* strips a prefix)"
+    parser.add_argument("--rename", metavar="OLD=NEW", **several, help=help_text)
+    help_text = "whole factor to rad or m; or LeRobot's calibration FILE.json"
+    parser.add_argument("--scale", metavar="JOINT=FACTOR", **several, help=help_text)
+
+
+def reading_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The fields of :class:`.LoadOptions` by these options; without ``=``, a scale is a file."""
+    from ..recordings.reading import scale_of_calibration  # slow to import
+
+    scale: dict[str, float] = {}
+    for text in arguments.scale:
+        is_value = "=" in text
+        scale |= read_values(text, "--scale", "joint") if is_value else scale_of_calibration(text)
+    return {
+        "topic": arguments.topic,
+        "state_field": arguments.field,
+        "salvage": arguments.recover,
+        "degrees": arguments.degrees,
+        "rename": read_rename(arguments.rename),
+        "scale": scale,
+    }
 
 
 def add_robot_files(parser: argparse.ArgumentParser, *, is_needed: bool = True) -> None:
     """Add primitive files, and the options on the robot that they move."""
-    number_of_files = "+" if is_needed else "*"
-    help_text = "primitive files or folders"
-    parser.add_argument("primitives", metavar="FILE", nargs=number_of_files, help=help_text)
-    help_text = "robot description"
-    parser.add_argument("--robot", metavar="URDF", type=Path, required=is_needed, help=help_text)
+    add, several = parser.add_argument, "+" if is_needed else "*"
+    add("primitives", metavar="FILE", nargs=several, help="primitive files or folders")
+    add("--robot", metavar="URDF", type=Path, required=is_needed, help="robot description")
     add_file(parser, "--limits", "FILE.yaml", "limits, as in MoveIt's joint_limits.yaml")
-    add_rename(parser, "new name of joints in the file of --limits, * for any text")
-    parser.add_argument(
-        "--package-dirs",
-        metavar="DIR",
-        type=Path,
-        nargs="+",
-        default=[],
-        help="folders of packages with meshes; searched before ROS's",
-    )
+    folders: dict[str, Any] = {"metavar": "DIR", "type": Path, "nargs": "+", "default": []}
+    help_text = "folders of packages with meshes; searched before ROS's"
+    add("--package-dirs", **folders, help=help_text)
 
 
 def limits_given(arguments: argparse.Namespace, robot: Robot) -> dict[str, dict[str, float]]:
     """The content of the limits file by the joints of the robot; empty without a file."""
-    rename = read_rename(arguments.rename)
-    if arguments.limits is None:
-        return {}
-    return given_limits(arguments.limits, robot.movable_joints, rename)
+    file = arguments.limits
+    return {} if file is None else given_limits(file, robot.movable_joints)
 
 
 def add_targets(parser: argparse._ActionsContainer, place: str) -> None:
@@ -147,22 +153,12 @@ def add_targets(parser: argparse._ActionsContainer, place: str) -> None:
     parser.add_argument("--stop", **shared, dest="via", type=Stop, help=help_text)
 
 
-def add_request(parser: argparse.ArgumentParser, *, is_brief: bool = False) -> None:
-    """Add the options that :func:`plan.plan_request` reads.
-
-    Parameters
-    ----------
-    parser :
-        The parser.
-    is_brief :
-        Whether the help leaves out the options on how the motion is planned.
-    """
+def add_request(parser: argparse.ArgumentParser) -> None:
+    """Add the options that :func:`plan.plan_request` reads."""
     parser.usage = "%(prog)s FILE… --robot URDF --start VALUES --goal VALUES [OPTION …]"
-    if is_brief:
-        parser.epilog = "The options of `plan` on the motion, such as --timing, are accepted, too."
     add_robot_files(parser)
     _add_ends(parser)
-    _add_motion(parser, is_brief=is_brief)
+    _add_motion(parser)
     _add_collisions(parser)
 
 
@@ -172,52 +168,38 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
     ends.add_argument("--start", metavar="VALUES", required=True, help=help_text)
     goal = ends.add_mutually_exclusive_group(required=True)
     help_text = "goal [rad or m], to reach at T s; joints that are not named stay"
-    goal.add_argument("--goal", metavar="VALUES[@T]", action=Once, help=help_text)
+    goal.add_argument("--goal", metavar="VALUES[@T]", help=help_text)
     help_text = "pose in the base frame [m, quaternion]; 3 numbers: position only"
-    goal.add_argument("--goal-pose", metavar="'X Y Z …'", action=Once, help=help_text)
+    goal.add_argument("--goal-pose", metavar="'X Y Z …'", help=help_text)
     help_text = "link of --goal-pose (default: the last that most joints move)"
     ends.add_argument("--frame", metavar="LINK", help=help_text)
     ends.add_argument("--degrees", action="store_true", help="angles are in degrees")
-    add_targets(ends, PLACE)
+    add_targets(ends, "configuration, or pose 'FRAME: X Y Z …',")
 
 
-def _add_motion(parser: argparse.ArgumentParser, *, is_brief: bool) -> None:
-    motion = parser.add_argument_group("motion")
-
-    def add(name: str, help_text: str, **options: Any) -> None:
-        motion.add_argument(name, **options, help=argparse.SUPPRESS if is_brief else help_text)
-
-    help_text = "primitive to use (default: the nearest)"
-    motion.add_argument("--primitive", metavar="NAME", help=help_text)
+def _add_motion(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("motion").add_argument
+    add("--primitive", metavar="NAME", help="primitive to use (default: the nearest)")
     duration = number(1e-3, 600.0, "s")
-    motion.add_argument("--duration", metavar="T", type=duration, help="duration [s], as @T")
+    add("--duration", metavar="T", type=duration, help="duration [s], as @T")
     help_text = "optimise, or join predicted segments (real_time)"
-    add("--mode", help_text, choices=MODES, default=OPTIMAL)
+    add("--mode", choices=MODES, default=OPTIMAL, help=help_text)
     help_text = "how to choose the duration (auto: demonstrated below score 3)"
-    add("--timing", help_text, choices=TIMINGS, default=AUTO)
-    add("--basis", "basis functions", choices=BASES, default=BASES[0])
+    add("--timing", choices=TIMINGS, default=AUTO, help=help_text)
+    add("--basis", choices=BASES, default=BASES[0], help="basis functions")
     help_text = "1: like the demonstrations, 0: least effort (default: by score)"
-    add("--naturalness", help_text, metavar="ρ", type=number(0.0, 1.0))
-    add(
-        "--demonstrated-margin",
-        "most speed and acceleration, in demonstrated ones; 0: only limits",
-        metavar="M",
-        type=number(0.0, 1e6),
-        default=1.2,
-    )
-    add(
-        "--max-in-span-score",
-        "reject requests above; 1: like the demonstrations, 3: unlike them",
-        metavar="S",
-        type=number(0.0, 1e6),
-        default=0.0,
-    )
+    add("--naturalness", metavar="ρ", type=number(0.0, 1.0), help=help_text)
+    most = number(0.0, 1e6)
+    help_text = "most speed and acceleration, in demonstrated ones; 0: only limits"
+    add("--demonstrated-margin", metavar="M", type=most, default=1.2, help=help_text)
+    help_text = "reject requests above; 1: like the demonstrations, 3: unlike them"
+    add("--max-in-span-score", metavar="S", type=most, default=0.0, help=help_text)
     help_text = "longest time for planning [s] (default: 5, or none with --via)"
-    add("--max-solve-time", help_text, metavar="S", type=seconds)
+    add("--max-solve-time", metavar="S", type=seconds, help=help_text)
     help_text = "sum to minimise of effort, energy, jerk, time, straightness"
-    add("--objective", help_text, metavar="NAME=WEIGHT,…", default="effort=1")
+    add("--objective", metavar="NAME=WEIGHT,…", default="effort=1", help=help_text)
     help_text = "upright:FRAME:DEGREES keeps the z axis of a frame upright"
-    add("--constraint", help_text, metavar="NAME:VALUE…;…", default="")
+    add("--constraint", metavar="NAME:VALUE…;…", default="", help=help_text)
 
 
 def _add_collisions(parser: argparse.ArgumentParser) -> None:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import by_name
 from ..exceptions import GoalError, PlannerError, RobotError, quote_names
+from ..files import check_writable, write_whole
 from ..motion.collision import CollisionModel
-from ..motion.trajectory import Trajectory
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.options import MOST_STARTS, PlannerOptions
 from ..planning.path_constraints import path_constraints
@@ -24,11 +24,12 @@ from ..planning.plan import ALREADY_THERE, Plan
 from ..planning.self_collision import robot_collision
 from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
+from ..recordings.trajectory_files import check_format
 from ..robot.limits import limits_file_note
 from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
-from .common import check_motion_file, check_output, robot_of, show, write_motion
+from .common import check_output, json_text, robot_of, show
 from .goal_arguments import planned_goal, start_positions
 from .options import add_file, add_report, add_request, limits_given
 from .terminal import DONE, FAILED, PROGRAM, complain
@@ -37,31 +38,10 @@ if TYPE_CHECKING:
     from ..planning.planner import Planner
 
 _MAX_SOLVE_TIME = 5.0  # s; a sequence has no limit of time
-# What the text leaves to --json: costs and residuals, and what the message says.
-_HIDDEN = (
-    "clearance",
-    "correction",
-    "cost",
-    "effort_cost",
-    "effort_parts",
-    "expected_error",
-    "goal_error",
-    "in_span_score",
-    "iterations",
-    "joint_names",
-    "kkt_residual",
-    "limit_violation",
-    "mode",
-    "n_segments",
-    "naturalness",
-    "naturalness_cost",
-    "nearest_obstacle",
-    "objective_cost",
-    "solve_time_s",
-    "start_cost",
-    "start_error",
-    "via_error",
-    "weights",
+# What the text has; costs, residuals and columns are left to --json.
+_SHOWN = (
+    *("status", "message", "primitive", "duration", "durations", "limits", "collision"),
+    *("start", "goal", "vias", "end_effector", "remarks", "written"),
 )
 
 
@@ -77,30 +57,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     output, plot, force = arguments.output, arguments.plot, arguments.force
-    check_motion_file(output, force=force)
+    if output is not None:
+        check_format(output)
+        check_writable(output, overwrite=force)
     check_output(plot, ".png", force=force)
     request = plan_request(arguments)
     plan = request.plan
-    weights = [x for motion in plan.motions for x in motion.weights.tolist()]
-    own: dict[str, Any] = {"weights": weights, "via_phases": list(plan.via_phases)}
-    if plan.mode:
-        own = {"durations": [motion.duration for motion in plan.motions]}
-    columns = plan.trajectory.columns()
-    facts = plan.summary() | request.facts(plan.trajectory) | own | columns
-    if plan.is_executable:
-        write_motion(output, plan.trajectory, facts, force=force)
+    facts = plan.summary() | request.facts()
+    facts |= {
+        "weights": [x for motion in plan.motions for x in motion.weights.tolist()],
+        "via_phases": list(plan.via_phases),
+        "durations": [motion.duration for motion in plan.motions] if plan.mode else [],
+    }
+    facts |= plan.trajectory.columns()
+    written = []
+    if plan.is_executable and output is not None:
+        if output.suffix == ".json":
+            write_whole(output, json_text(facts).encode(), overwrite=force)
+        else:
+            plan.trajectory.save(output, overwrite=force)
+        written.append(output)
     elif output is not None:
-        why = "the motion must not be executed" if plan.motions else "there is no motion"
-        complain(f"{PROGRAM} plan: '{output}' is not written: {why}")
+        complain(f"{PROGRAM} plan: '{output}' is not written: there is no motion to execute")
     if plot is not None and plan.motions:
         from ..plotting.motion import plan_figure
         from ..plotting.style import picture
 
         with picture(plot, force=force) as figure:
             plan_figure(figure, plan, request.planner)
-    made = (output if plan.is_executable else None, plot if plan.motions else None)
-    written = [file for file in made if file is not None]
-    show(arguments, facts | {"written": written}, hidden={*_HIDDEN, *columns})
+        written.append(plot)
+    show(arguments, facts | {"written": written}, _SHOWN)
     return DONE if plan.is_executable or plan.status == ALREADY_THERE else FAILED
 
 
@@ -116,57 +102,34 @@ class PlannedRequest:
         Its plan.
     frame : str
         The link whose positions are reported.
-    notes : tuple of str
-        Remarks on collisions that are not checked, and on limits.
+    remarks : tuple of str
+        What is unusual about the motion, what is not checked, and joints without a position.
     """
 
     planner: Planner
     plan: Plan
     frame: str
-    notes: tuple[str, ...] = ()
+    remarks: tuple[str, ...]
 
     @property
     def primitives(self) -> list[MovementPrimitive]:
         """The primitive of each segment."""
         return [self.planner.primitives.named(name) for name in self.plan.primitives]
 
-    @property
-    def remarks(self) -> list[str]:
-        """What is unusual about the motion, and joints whose position was not given."""
-        robot, collision = self.planner.robot, self.planner.collision
-        found = [*self.plan.remarks, *self.notes]
-        links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
-        links += [constraint.frame for constraint in self.planner.options.constraints]
-        relevant = robot.relevant_joints(pairs=collision is not None, links=links)
-        found += robot.mimicry(relevant)
-        placed = {*robot.locked_positions, *robot.mimicking_joints}
-        unknown = [name for name in relevant if name not in placed]
-        if not unknown:
-            return found
-        text = (
-            f"joints {quote_names(unknown)} count as 0: to place them, name all joints in --start, "
-            f"as in 'joint=…,{unknown[0]}=…'"
-        )
-        return [*found, text]
-
-    def facts(self, trajectory: Trajectory) -> dict[str, Any]:
-        """What is printed of the request and of a motion planned for it."""
-        motions = self.plan.motions
-        ends = self.plan.trajectory.positions[[0, -1]]
-        states = [motion.start.positions for motion in motions[:1]]
-        states += [motion.goal.positions for motion in motions]
-        found = [by_name(trajectory.joint_names, q) for q in states or ends]
-        described = self.planner.robot.described_joints
-        start, *vias, goal = [{name: each[name] for name in described} for each in found]
+    def facts(self) -> dict[str, Any]:
+        """What is printed of the request."""
+        plan, names = self.plan, list(self.plan.trajectory.joint_names)
+        ends = plan.trajectory.positions[[0, -1]]
         hand = self.planner.robot.frame_positions(ends, [self.frame])[:, 0]
+        vias = [by_name(x.goal.joint_names, x.goal.positions) for x in plan.motions[:-1]]
         return {
-            "start": start,
-            "goal": goal,
+            "start": by_name(names, ends[0]),
+            "goal": by_name(names, ends[1]),
             **({"vias": vias} if vias else {}),
             "end_effector": {"frame": self.frame, "start": hand[0], "goal": hand[1]},
             "remarks": self.remarks,
-            "joint_names": list(trajectory.joint_names),
-            "collision": self.plan.facts.get("collision", ""),
+            "joint_names": names,
+            "collision": plan.facts.get("collision", ""),
         }
 
 
@@ -179,7 +142,7 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
         If a file can't be read or an option can't be served.
     """
     primitives = load_primitives(arguments.primitives)
-    joint_names = primitives[0].joint_names
+    joint_names = primitives.joint_names
     robot = robot_of(arguments.robot, primitives)
     start = start_positions(arguments, robot)
     robot = robot.locked_at({name: q for name, q in start.items() if name not in joint_names})
@@ -191,14 +154,31 @@ def plan_request(arguments: argparse.Namespace) -> PlannedRequest:
 
     planner = Planner(robot, primitives, limits, options, collision or False)
     plan = planner.plan(goal, {name: start[name] for name in joint_names}, arguments.mode)
-    frame = arguments.frame or robot.end_effector
-    notes = [*remarks, limits_file_note(arguments.limits)]
+    notes = [*plan.remarks, *remarks, limits_file_note(arguments.limits)]
     if plan.motions and planner.default_accelerations and not any(goal.times):
         notes.append(
             f"accelerations are limited to {arguments.demonstrated_margin:g} times the "
             "demonstrated, as the URDF has no limits of them; --limits gives others"
         )
+    notes += _notes_on_joints(planner)
+    frame = arguments.frame or robot.end_effector
     return PlannedRequest(planner, plan, frame, tuple(filter(None, notes)))
+
+
+def _notes_on_joints(planner: Planner) -> list[str]:
+    """Joints that matter for the plan, and that mimic others or have no position."""
+    robot, collision = planner.robot, planner.collision
+    links = [] if collision is None else [obstacle.frame for obstacle in collision.world]
+    links += [constraint.frame for constraint in planner.options.constraints]
+    relevant = robot.relevant_joints(pairs=collision is not None, links=links)
+    placed = {*robot.locked_positions, *robot.mimicking_joints}
+    notes = robot.mimicry(relevant)
+    if unknown := [name for name in relevant if name not in placed]:
+        notes.append(
+            f"joints {quote_names(unknown)} count as 0: to place them, name all joints in --start, "
+            f"as in 'joint=…,{unknown[0]}=…'"
+        )
+    return notes
 
 
 def _options(arguments: argparse.Namespace, robot: Robot) -> PlannerOptions:
@@ -224,13 +204,10 @@ def _collision(
     """The collision model, and what it does not check."""
     if arguments.obstacles is None and arguments.margin is not None:
         raise PlannerError("--margin is the clearance from --obstacles: also pass --obstacles")
-    is_checked = arguments.collision is not False
-    if not is_checked and arguments.srdf is not None:
-        raise PlannerError("--srdf is for self-collision: remove --no-collision")
     model, remarks = robot_collision(
         robot,
         primitives,
-        self_collision=is_checked,
+        self_collision=arguments.collision is not False,
         srdf=arguments.srdf,
         package_dirs=package_folders(arguments.package_dirs, arguments.robot),
         world=None if arguments.obstacles is None else World.from_file(arguments.obstacles),

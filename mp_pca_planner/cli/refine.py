@@ -6,13 +6,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from ..exceptions import LearningError
 from ..learning.refined_motion import RefinedMotion, demonstrated_distance, primitive_around
-from ..learning.refinement import refine
+from ..learning.refinement import Refinement, refine
 from ..primitives.file import save_primitive
-from .common import check_motion_file, check_output, show, write_motion
+from .common import check_output, show
 from .options import add_file, add_report, add_request, number
 from .plan import PlannedRequest, plan_request
 from .terminal import DONE, FAILED, PROGRAM, complain
@@ -26,25 +25,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Plan a motion or, with --via, a sequence. Then change the amplitude, the duration and the "
         "timing of each segment to reduce its cost."
     )
-    add_request(parser, is_brief=True)
+    add_request(parser)
     help_text = "cost of 1 s, in units of ½∫‖τ‖²dt (default: the duration stays)"
     parser.add_argument("--time-price", metavar="P", type=number(0.0, 1e12), help=help_text)
     parser.add_argument("--name", help="name of the new primitive (default: OLD_refined)")
     add_file(parser, "--output", "FILE.npz", "new primitive to write; numbered for a sequence")
-    add_file(parser, "--trajectory", "FILE", "refined motion to write: .csv, .json, .npz, or a bag")
     add_report(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     outputs = _outputs(arguments)
-    _check_options(arguments, outputs)
+    for path in outputs:
+        check_output(path, ".npz", force=arguments.force)
+    if arguments.constraint:
+        raise LearningError("--constraint is not accepted: a refined motion would not keep it")
+    timed = any("@" in text for text in (*arguments.via, arguments.goal or ""))
+    if arguments.via and (timed or arguments.duration is not None):
+        raise LearningError(
+            "times (@ or --duration) are not accepted with --via, because refinement moves time "
+            "between segments"
+        )
     request = plan_request(arguments)
     plan, planner = request.plan, request.planner
     if not plan.is_executable:
         raise LearningError(f"there is no motion to refine: {plan.message}")
     problem = plan.motions, planner.robot, planner.limits, planner.collision
     found = refine(*problem, time_price=arguments.time_price)
+    is_kept = bool(outputs) and found.gain >= _LEAST_GAIN
+    if is_kept:
+        _keep(arguments, request, found, outputs)
+    elif outputs:
+        complain(f"{PROGRAM} refine: not kept: the cost fell by less than {_LEAST_GAIN:.0%}")
     before, after = (
         demonstrated_distance(motion, request.primitives)
         for motion in (RefinedMotion(plan.motions), found.motion)
@@ -52,9 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     facts = {
         "message": f"saves {found.gain:.1%} of the cost; RMS distance in path from what the "
         f"demonstrations predict: {before:.3g} before, {after:.3g} after [rad or m]",
-        **request.facts(found.trajectory),
+        **request.facts(),
         "in_span_score": plan.in_span_score,
-        "primitive": ", ".join(primitive.name for primitive in request.primitives),
+        "primitive": plan.primitive,
         "original_duration": plan.duration,
         "duration": found.motion.duration,
         "parameters": found.motion.parameters,
@@ -67,31 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
         "original_effort_cost": found.original_effort,
         "effort_cost": found.effort,
         "iterations": found.iterations,
-        "kept": bool(outputs) and found.gain >= _LEAST_GAIN,
+        "kept": is_kept,
+        "written": outputs if is_kept else [],
     }
-    if facts["kept"]:
-        _keep(arguments, request, found.motion, facts, outputs)
-    elif outputs:
-        complain(f"{PROGRAM} refine: not kept: the cost fell by less than {_LEAST_GAIN:.0%}")
-    content = facts | found.trajectory.columns()
-    write_motion(arguments.trajectory, found.trajectory, content, force=arguments.force)
-    written = [*(outputs if facts["kept"] else ()), arguments.trajectory]
-    show(arguments, content | {"written": [file for file in written if file is not None]})
-    return DONE if facts["kept"] or not outputs else FAILED
-
-
-def _check_options(arguments: argparse.Namespace, outputs: list[Path]) -> None:
-    check_motion_file(arguments.trajectory, force=arguments.force)
-    for path in outputs:
-        check_output(path, ".npz", force=arguments.force)
-    if arguments.constraint:
-        raise LearningError("--constraint is not accepted: a refined motion would not keep it")
-    timed = any("@" in text for text in (*arguments.via, arguments.goal or ""))
-    if arguments.via and (timed or arguments.duration is not None):
-        raise LearningError(
-            "times (@ or --duration) are not accepted with --via, because refinement moves time "
-            "between segments"
-        )
+    show(arguments, facts | found.trajectory.columns())
+    return DONE if is_kept or not outputs else FAILED
 
 
 def _outputs(arguments: argparse.Namespace) -> list[Path]:
@@ -103,24 +95,20 @@ def _outputs(arguments: argparse.Namespace) -> list[Path]:
 
 
 def _keep(
-    arguments: argparse.Namespace,
-    request: PlannedRequest,
-    motion: RefinedMotion,
-    facts: dict[str, Any],
-    outputs: list[Path],
+    arguments: argparse.Namespace, request: PlannedRequest, found: Refinement, outputs: list[Path]
 ) -> None:
     """Write the new primitives."""
-    segments = zip(
-        outputs, request.plan.motions, request.primitives, motion.parameters, strict=True
-    )
-    for k, (path, segment, old, parameters) in enumerate(segments, start=1):
-        provenance = {key: facts[key] for key in ("original_cost", "cost", "duration")} | {
+    segments = zip(request.plan.motions, request.primitives, found.motion.parameters, strict=True)
+    for k, (segment, old, parameters) in enumerate(segments):
+        provenance = {
+            "original_cost": found.original_cost,
+            "cost": found.cost,
+            "duration": found.motion.duration,
             "start": segment.start.positions.tolist(),
             "goal": segment.goal.positions.tolist(),
             "parameters": parameters.tolist(),
         }
         name = arguments.name or f"{old.name}_refined"
-        if len(outputs) > 1:
-            name += f"_{k}"
+        name += f"_{k + 1}" if len(outputs) > 1 else ""
         new = primitive_around(old, RefinedMotion([segment], parameters), name, provenance)
-        save_primitive(new, path, overwrite=arguments.force)
+        save_primitive(new, outputs[k], overwrite=arguments.force)

@@ -5,13 +5,11 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import io
 import re
 import sys
 import traceback
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from ..exceptions import PlannerError, printable
@@ -21,43 +19,23 @@ DONE, FAILED, REFUSED = 0, 1, 2
 DEBUG = "--debug"
 DEBUG_HELP = "print the traceback of an error"
 
-# Errors of a full disk.
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+class UsageError(PlannerError):
+    """Arguments that a command does not accept."""
 
 
-class HelpFormatter(argparse.HelpFormatter):
-    """Help with most options on one line each."""
-
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog, max_help_position=32)
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Argument parser whose errors are one line on stderr, with exit status 2."""
+class Parser(argparse.ArgumentParser):
+    """Argument parser that raises its errors, and whose help has most options on one line each."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**{"formatter_class": HelpFormatter, **options})
+        options.setdefault("formatter_class", lambda prog: argparse.HelpFormatter(prog, 2, 32))
+        super().__init__(**options)
         # Lists such as -0.2,0.1 are values, too, not options.
         self._negative_number_matcher = re.compile(r"-[\d.]")
-        self._words: list[str] = []
-
-    def parse_known_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
-    ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse arguments, which :meth:`error` looks at."""
-        self._words = list(args or ())
-        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Print the error and exit."""
-        if any(_is_number(one) and _is_number(next_one) for one, next_one in pairwise(self._words)):
-            message = f"put quotes around the numbers of a pose, as in '0.4 0.1 0.6': {message}"
-        complain(f"{self.prog}: {message} (see --help)")
-        sys.exit(REFUSED)
-
-
-def _is_number(text: str) -> bool:
-    return re.fullmatch(r"[-+]?[\d.]+(e[-+]?\d+)?", text) is not None
+        """Raise the error."""
+        raise UsageError(f"{message} (see --help)")
 
 
 def say(*lines: str) -> None:
@@ -103,30 +81,15 @@ def guard(program: str, command: Callable[[], int], *, debug: bool = False) -> i
         # The reader of the output, such as `head`, has closed it.
         sys.stdout = None
         return FAILED
+    except PlannerError as error:
+        if debug:
+            traceback.print_exc()
+        complain(f"{program}: {error}")
+        return FAILED if isinstance(error, TimeoutError) else REFUSED
     except (Exception, KeyboardInterrupt) as error:
         if debug:
             traceback.print_exc()
-        if isinstance(error, OSError) and error.errno in _FULL:
-            # Otherwise Python would write the rest at its exit, and fail again.
-            sys.stdout = None
-        complain(f"{program}: {_reason(error)}")
-        is_refused = isinstance(error, PlannerError) and not isinstance(error, TimeoutError)
-        return REFUSED if is_refused else FAILED
-
-
-def _reason(error: BaseException) -> str:
-    """The cause of an error, in one sentence."""
-    if isinstance(error, PlannerError):
-        return str(error)
-    if isinstance(error, KeyboardInterrupt):
-        return "interrupted"
-    if isinstance(error, MemoryError):
-        return f"there is not enough memory for this ({error or 'MemoryError'})"
-    if isinstance(error, ImportError):
-        return f"the installation is incomplete: {error}"
-    if isinstance(error, OSError):
-        named = f"'{error.filename}'" if error.filename else "input or output failed"
-        what = "the output can't be written" if error.errno in _FULL else named
-        return f"{what}: {error.strerror or error}"
-    kind = type(error).__name__
-    return f"internal error, {kind}: {error} (repeat with {DEBUG} for the traceback)"
+        kind = type(error).__name__
+        text = f"unexpected {kind}: {error} (repeat with {DEBUG} for the traceback)"
+        complain(f"{program}: {'interrupted' if kind == 'KeyboardInterrupt' else text}")
+        return FAILED

@@ -15,7 +15,7 @@ from ..control.stability import Stability, analyse
 from ..exceptions import ControlError
 from ..primitives.file import save_primitive
 from ..robot.model import Robot
-from .common import check_output, progress_bar, show
+from .common import check_output, show
 from .goal_arguments import joint_values
 from .options import add_file, add_report, add_request, number, whole
 from .plan import plan_request
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Bound the error of a control law along a planned motion, and simulate it with errors."
     )
-    add_request(parser, is_brief=True)
+    add_request(parser)
     add_report(parser)
     add_file(parser, "--output", "FILE.npz", "primitive to write, with this law")
     law = parser.add_argument_group("control law (default: the primitive's own, if it has one)")
@@ -59,14 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise ControlError(f"there is no motion to verify: {request.plan.message}")
     motion, primitive = request.plan.trajectory, request.primitives[0]
     robot, names = request.planner.robot, motion.joint_names
-    friction, armature = (
-        _by_joint(getattr(arguments, option), f"--{option}", robot)
-        for option in ("friction", "armature")
-    )
+    friction = _by_joint(arguments.friction, "--friction", robot)
+    armature = _by_joint(arguments.armature, "--armature", robot)
     if armature.any():
-        robot = robot.with_drives(
-            {n: {"armature": x} for n, x in zip(names, armature, strict=True)}
-        )
+        robot = robot.with_drives({n: {"armature": x} for n, x in by_name(names, armature).items()})
     law = paired_law(primitive)
     if law is None or arguments.law is not None:
         kind = arguments.law or KINDS[0]
@@ -74,9 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     loop = ControlLoop(robot, law, motion, request.planner.limits.effort)
     errors = ErrorModel(arguments.inertia_error, arguments.start_error, friction)
     stability = analyse(loop, errors)
-    with progress_bar("simulations", "simulation") as progress:
-        found = verify(loop, errors, stability.error_bound, arguments.trials, progress=progress)
     bound = stability.error_bound
+    found = verify(loop, errors, bound, arguments.trials)
     statement = _statement(loop, errors, stability, armature)
     if arguments.output is not None:
         paired = pair_law(primitive, law, statement)

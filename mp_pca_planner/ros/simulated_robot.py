@@ -125,9 +125,10 @@ class SimulatedRobotNode(Node):
         self._n_results = 0
         if HAS_CONTROL_MSGS:
             self._serve_controller(controller_topic.rpartition("/")[0])
+        # Before the declarations: values of the command line count, too.
+        self.add_on_set_parameters_callback(self._on_parameters)
         for name, value in asdict(robot.faults).items():
             self.declare_parameter(name, value)
-        self.add_on_set_parameters_callback(self._on_parameters)
 
     def advance(self) -> float:
         """Bring the robot up to the present time; returns the time until its next state [s]."""

@@ -38,8 +38,8 @@ def test_the_demo_goes_the_whole_way_and_leaves_pictures(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     lines = done.stdout.splitlines()
-    assert sum(line.endswith("  executable") for line in lines) == 12
-    errors = [float(line.split()[5]) for line in lines if line.endswith("  executable")]
+    assert sum(line.endswith("  arrived") for line in lines) == 12
+    errors = [float(line.split()[5]) for line in lines if line.endswith("  arrived")]
     assert max(errors) < 1.0
     folder = tmp_path / "out"
     # The arm was commanded to all of the goals: it raised itself six times.

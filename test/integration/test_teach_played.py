@@ -66,25 +66,17 @@ def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     assert "taught.npz' exists already" in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        (["--topic", "/other"], "there are no joint states on '/other'"),
-        (["--robot", URDF, "--frame", "hand"], "no link is called 'hand'"),
-    ],
-)
-def test_wrong_options_are_refused_in_a_sentence(
+def test_a_wrong_topic_is_refused_in_a_sentence(
     tmp_path: Path,
-    options: list[str],
-    reason: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     bag = str(write_example_recording(tmp_path / "example.mcap", 2))
     with open(os.devnull, encoding="utf-8") as nothing:
         monkeypatch.setattr("sys.stdin", nothing)
-        status = main(["teach", "--play", bag, "--output", str(tmp_path / "taught.npz"), *options])
+        words = ["--play", bag, "--output", str(tmp_path / "taught.npz"), "--topic", "/other"]
+        status = main(["teach", *words])
     error = capsys.readouterr().err
     assert (status, error.count("\n")) == (2, 1)
-    assert reason in error
+    assert "there are no joint states on '/other'" in error
     assert not (tmp_path / "taught.mcap").exists()

@@ -132,7 +132,7 @@ def test_a_killed_session_is_continued_and_the_robot_reaches_a_goal_as_it_was_ta
             move(client, START, teacher)
             assert teacher.has("left-out error")
             teacher.press("b")
-            teacher.wait_for("y sends it to the robot")
+            teacher.wait_for("y and Enter sends it to the robot")
             n_sent = len(client.reports)
             client.spin_once()
             assert len(client.reports) == n_sent  # nothing is sent without a yes

@@ -57,10 +57,13 @@ def failing(error: BaseException) -> Callable[[str, list[str]], NoReturn]:
     ("error", "status", "words"),
     [
         (PlannerError("no such thing"), 2, "plan: no such thing"),
-        (ValueError("shapes\ndiffer"), 1, r"internal error, ValueError: shapes\ndiffer"),
-        (MemoryError("9 GiB"), 1, "not enough memory for this (9 GiB)"),
-        (PermissionError(errno.EACCES, "Permission denied", "x.yaml"), 1, "'x.yaml': Permission"),
-        (ModuleNotFoundError("No module named 'pinocchio'"), 1, "installation is incomplete: No"),
+        (ValueError("shapes\ndiffer"), 1, r"unexpected ValueError: shapes\ndiffer"),
+        (MemoryError("9 GiB"), 1, "unexpected MemoryError: 9 GiB (repeat"),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "x.yaml"),
+            1,
+            "denied: 'x.yaml'",
+        ),
         (KeyboardInterrupt(), 1, "plan: interrupted"),
     ],
 )

@@ -1,11 +1,11 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Keys at a real terminal, and lines of another program."""
+"""Letters of a person at a terminal, and of another program."""
 
 from __future__ import annotations
 
 import os
-import termios
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -21,12 +21,13 @@ def standard_input(monkeypatch: pytest.MonkeyPatch, descriptor: int) -> Iterator
         yield
 
 
-def test_each_line_is_one_key_and_the_end_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_line_is_one_letter_and_the_end_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     reader, writer = os.pipe()
-    with standard_input(monkeypatch, reader), Keys() as keys:
+    with standard_input(monkeypatch, reader):
+        keys = Keys()
         assert keys.pressed(0.0) == ""
         os.write(writer, b"Discard\n\nb\nq")
-        assert [keys.pressed(0.0) for _ in range(3)] == ["d", "b", ""]
+        assert [keys.pressed(0.0) for _ in range(4)] == ["d", "", "b", ""]
         os.write(writer, b"uit\ny")
         os.close(writer)
         assert [keys.pressed(0.0) for _ in range(3)] == ["q", "y", None]
@@ -38,19 +39,18 @@ def test_only_a_y_is_a_yes(monkeypatch: pytest.MonkeyPatch, text: bytes, is_yes:
     reader, writer = os.pipe()
     os.write(writer, text)
     os.close(writer)
-    with standard_input(monkeypatch, reader), Keys() as keys:
-        assert keys.answer() is is_yes
+    with standard_input(monkeypatch, reader):
+        assert Keys().answer() is is_yes
 
 
-def test_keys_of_a_terminal_count_at_once_and_its_settings_return(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_was_typed_before_the_question_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     person, terminal = os.openpty()
     with standard_input(monkeypatch, terminal):
-        before = termios.tcgetattr(terminal)
-        with Keys() as keys:
-            os.write(person, b"dB")
-            assert [keys.pressed(1.0), keys.pressed(1.0)] == ["d", "b"]
-            assert keys.pressed(0.0) == ""
-        assert termios.tcgetattr(terminal) == before
+        keys = Keys()
+        os.write(person, b"y\ny\n")
+        assert keys.pressed(1.0) == "y"
+        answering = threading.Timer(0.3, os.write, (person, b"n\n"))
+        answering.start()
+        assert keys.answer() is False
+        answering.join()
     os.close(person)
