@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,7 +19,6 @@ from ..motion.collision import CollisionModel
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .options import PlannerOptions
-from .program.bases import BasisStore
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +35,6 @@ class Context:
         Options of planning.
     collision : CollisionModel or None
         The model of its collisions, if they are checked.
-    bases : BasisStore
-        The bases of motions, with tables that are kept.
     longest : float
         The longest duration of a motion that is accepted [s].
     """
@@ -47,36 +43,32 @@ class Context:
     limits: JointLimits
     options: PlannerOptions
     collision: CollisionModel | None
-    bases: BasisStore
     longest: float
 
+    def check_duration(self, what: str, seconds: float) -> None:
+        """Reject a motion whose points would take too much time and memory, or overflow.
 
-def check_duration(context: Context, what: str, seconds: float) -> None:
-    """Reject a motion whose points would take too much time and memory, or overflow.
+        Parameters
+        ----------
+        what : str
+            The beginning of the message, such as "the duration is".
+        seconds : float
+            The duration [s].
 
-    Parameters
-    ----------
-    context : Context
-        Of the planner.
-    what : str
-        The beginning of the message, such as "the duration is".
-    seconds : float
-        The duration [s].
-
-    Raises
-    ------
-    GoalError
-        If the duration is longer than `longest`, or shorter than a microsecond.
-    """
-    if not seconds <= context.longest:
-        raise GoalError(
-            f"{what} {seconds:.4g} s, at most {context.longest:g} s are accepted with a sample "
-            f"period of {context.options.sample_period:g} s"
-        )
-    if not seconds >= INPUT_LIMITS.shortest:
-        raise GoalError(
-            f"{what} {seconds:.4g} s, at least {INPUT_LIMITS.shortest:g} s are accepted"
-        )
+        Raises
+        ------
+        GoalError
+            If the duration is longer than `longest`, or shorter than a microsecond.
+        """
+        if not seconds <= self.longest:
+            raise GoalError(
+                f"{what} {seconds:.4g} s, at most {self.longest:g} s are accepted with a sample "
+                f"period of {self.options.sample_period:g} s"
+            )
+        if not seconds >= INPUT_LIMITS.shortest:
+            raise GoalError(
+                f"{what} {seconds:.4g} s, at least {INPUT_LIMITS.shortest:g} s are accepted"
+            )
 
 
 @contextmanager
@@ -85,11 +77,9 @@ def one_blas_thread() -> Iterator[None]:
 
     No effect if threadpoolctl is not installed, as in ROS workspaces that lack it.
     """
-    several = []
-    for library in _libraries():
-        if (n_threads := library.num_threads or 1) > 1:
-            several.append((library, n_threads))
-            library.set_num_threads(1)
+    several = [(one, one.num_threads) for one in _libraries() if (one.num_threads or 1) > 1]
+    for library, _ in several:
+        library.set_num_threads(1)
     try:
         yield
     finally:
@@ -107,14 +97,10 @@ def _libraries() -> list[Any]:
     return list(ThreadpoolController().select(user_api="blas").lib_controllers)
 
 
-_ENDLESS = sys.maxsize
-
-
 class Budget:
     """The time that planning may take, from now on, and whether it is cancelled.
 
-    Parts of it also count evaluations of the solver: the same evaluations give the same plan on any
-    machine. The clock only cuts a search off, and then the budget says so.
+    It only cuts a search off, and then says so: otherwise a plan is the same on any machine.
 
     Parameters
     ----------
@@ -132,7 +118,7 @@ class Budget:
     Examples
     --------
     >>> import mp_pca_planner as mp
-    >>> mp.Budget(0.2).is_over()
+    >>> mp.Budget(0.2).is_late()
     False
     """
 
@@ -140,33 +126,24 @@ class Budget:
         self, seconds: float = float("inf"), is_cancelled: Callable[[], bool] = lambda: False
     ) -> None:
         check_number(seconds, "the time for planning [s]", GoalError, 1e-9)
-        self.seconds, self.is_cancelled, self.evaluations = seconds, is_cancelled, _ENDLESS
+        self.seconds, self.is_cancelled = seconds, is_cancelled
         self.deadline = time.perf_counter() + seconds
-        # Not empty if the clock, or a cancellation, ended a search. All parts share it.
-        self.cuts: list[bool] = []
-        # Seconds that checks of motions took: the last motion needs one more.
-        self.checks = [0.0]
+        # Of the whole: whether the clock, or a cancellation, ended a search, and the seconds that
+        # the check of a motion took at most: the last motion needs one more.
+        self.whole, self.is_cut, self.longest_check = self, False, 0.0
 
     def is_late(self, ahead: float = 0.0) -> bool:
         """Whether the time runs out within some seconds, or the search was cancelled.
 
         True is remembered: the caller ends what it does.
         """
-        ends = time.perf_counter() + ahead + max(self.checks)
+        ends = time.perf_counter() + ahead + self.whole.longest_check
         late = ends > self.deadline or self.is_cancelled()
-        if late:
-            self.cuts.append(True)
+        self.whole.is_cut |= late
         return late
 
-    def is_over(self) -> bool:
-        """Whether the evaluations or the time ran out, or the search was cancelled."""
-        return self.evaluations <= 0 or self.is_late()
-
-    def part(self, evaluations: int = _ENDLESS, time_share: float = 1.0) -> Budget:
-        """A budget of so many evaluations and of a share of the remaining time, 0 to 1."""
-        part = copy(self)
-        part.evaluations = evaluations
-        if time_share < 1.0:
-            now = time.perf_counter()
-            part.deadline = now + time_share * max(self.deadline - now, 0.0)
+    def part(self, share: float) -> Budget:
+        """A budget of a share of the remaining time, 0 to 1."""
+        part, now = copy(self), time.perf_counter()
+        part.deadline = now + share * max(self.deadline - now, 0.0)
         return part

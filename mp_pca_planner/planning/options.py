@@ -71,9 +71,8 @@ class PlannerOptions:
     naturalness : float, optional
         ρ: cost of a motion one standard deviation away from the expected one, as a share of the
         cost of the expected motion, or more. 0: least effort alone, whose motions may be far from
-        the demonstrations. It is raised if a motion violates limits otherwise. None: 1 for requests
-        like the demonstrations, (3 / score)³ where the in-span score is above 3, see
-        :func:`.naturalness_for`.
+        the demonstrations. None: 1 for requests like the demonstrations, (3 / score)³ where the
+        in-span score is above 3, see :func:`.naturalness_for`.
     max_in_span_score : float
         In-span score above which no motion is executable: the request is too far from the
         demonstrations. 0: none is too far.

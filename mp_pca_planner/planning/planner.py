@@ -46,7 +46,6 @@ from .demonstrated import demonstrated_limits
 from .objectives import uses_efforts
 from .options import FREE, MODES, OPTIMAL, SHORTEST, PlannerOptions
 from .plan import Plan
-from .program.bases import BasisStore
 from .report import already_there, report
 from .resolve import in_order, resolve, target
 from .search.search import search
@@ -153,9 +152,8 @@ class Planner:
             self.robot.require_inertias("objectives with efforts", others)
         objectives, most = self.options.objectives, self.options.max_in_span_score
         self._selector = Selector(self.robot, self.primitives, objectives, most)
-        bases = BasisStore(self.options)
         longest = INPUT_LIMITS.longest_motion(self.options.sample_period)
-        self._context = Context(self.robot, self.limits, self.options, collision, bases, longest)
+        self._context = Context(self.robot, self.limits, self.options, collision, longest)
 
     def __repr__(self) -> str:
         names = quote_names(self.primitives.names)
@@ -256,9 +254,9 @@ class Planner:
             careful, usual = self._demonstrated
             limits = usual if self.options.timing in (SHORTEST, FREE) else careful
         context = replace(self._context, limits=limits)
-        budget = Budget(self.options.max_solve_time) if budget is None else budget
         n_segments = len(goal.targets) if isinstance(goal, SequenceGoal) else 1
-        budget = copy(budget)
+        budget = copy(Budget(self.options.max_solve_time) if budget is None else budget)
+        budget.whole = budget
         budget.deadline -= min(n_segments * _TIME_FOR_CHECKS, 0.4 * budget.seconds)
         requests = resolve(context, self._selector, goal, start, mode, budget)
         if isinstance(requests, tuple) and not requests:

@@ -151,7 +151,7 @@ def _status(best: Candidate, budget: Budget) -> tuple[str, str]:
             why = "because no better motion within the limits was found"
             return STOPPED_EARLY, f"{text}, {why}"
         return SOLVED, text
-    if budget.cuts:
+    if budget.is_cut:
         return STOPPED_EARLY, f"{_time_ran_out(budget)} before the search ended"
     if not best.solution.converged:
         return STOPPED_EARLY, "not the best motion yet: the solver's iterations ran out"
@@ -195,7 +195,7 @@ def _refusal(context: Context, best: Candidate, budget: Budget, score: float) ->
 
 def _searched(budget: Budget, kind: str) -> str:
     """Text on the end of the search for a kind of motion."""
-    if budget.cuts:
+    if budget.is_cut:
         return f"{_time_ran_out(budget)} before a motion {kind} was found"
     return f"no motion {kind} was found"
 
@@ -231,14 +231,12 @@ def _concessions(context: Context, best: Candidate, correction: float) -> list[s
     """What was done for the goal beyond a usual motion."""
     request, notes = best.request, []
     is_detour = best.bases[0].is_detour
-    usual, asked = request.duration, request.naturalness
+    usual = request.duration
     if n_passed := request.n_passed:
         which = "target 1 is" if n_passed == 1 else f"targets 1 to {n_passed} are"
         notes.append(f"{which} left out, because the robot is there")
     if best.duration > usual * (1.0 + 1e-9) and request.timing == DEMONSTRATED:
         notes.append(f"the duration was lengthened from {usual:.4g} to {best.duration:.4g} s")
-    if best.naturalness > asked and not is_detour:
-        notes.append(f"naturalness {best.naturalness:.3g} instead of {asked:.3g} keeps the limits")
     if is_detour:
         notes.append("a detour, because the predicted motion collides")
     elif best.has_clearances:

@@ -9,19 +9,15 @@ and acceleration for any weights if their boundary parts h are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 
-import numpy as np
-
-from ..arrays import FloatArray, set_frozen
-from ..exceptions import TrajectoryError
+from ..arrays import set_frozen
 from ..motion.goal import JointState, Pose
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
-from .options import AUTO, DEMONSTRATED, FREE, PlannerOptions
+from .options import AUTO, DEMONSTRATED, FREE, SHORTEST, PlannerOptions
 
 NATURAL = 1.0
 """Naturalness ρ of motions like the demonstrations."""
@@ -65,8 +61,8 @@ class Request:
     segments : tuple of RequestSegment
         The segments.
     groups : tuple
-        The segments between fixed times, and whether the sum of their durations is fixed, see
-        :func:`durations_and_groups`.
+        The segments between fixed times, and whether the sum of their durations is fixed: for all
+        groups except the segments after the last fixed time.
     mode : {'', 'optimal', 'real_time'}
         How the segments of a sequence are joined, with or without optimisation; empty for a single
         goal.
@@ -82,8 +78,8 @@ class Request:
         The pose to reach, if the last target is one.
     duration : float
         The requested duration, or the predicted one [s].
-    duration_is_free : bool
-        Whether the duration of the whole is not specified.
+    duration_is_free, is_shortest : bool
+        Whether the duration of the whole is not specified, and whether the shortest is searched.
     """
 
     segments: tuple[RequestSegment, ...]
@@ -97,62 +93,20 @@ class Request:
     pose: Pose | None = field(init=False)
     duration: float = field(init=False)
     duration_is_free: bool = field(init=False)
+    is_shortest: bool = field(init=False)
 
     def __post_init__(self) -> None:
         first, last = self.segments[0], self.segments[-1]
-        duration = sum(map(attrgetter("duration"), self.segments))
-        ends = {"start": first.start, "goal": last.goal, "pose": last.pose}
-        set_frozen(self, duration=duration, duration_is_free=not self.groups[-1][1], **ends)
-
-    def resting_durations(self, least: FloatArray, usual: FloatArray) -> FloatArray:
-        """Durations of segments from rest to rest, neither below the least nor the usual ones [s].
-
-        Parameters
-        ----------
-        least, usual : array, shape (n_segments,)
-            The least and the usual durations [s].
-
-        Raises
-        ------
-        TrajectoryError
-            If fixed times leave less time than the least.
-        """
-        durations = np.maximum(least, usual)
-        for group, is_fixed in self.groups:
-            if is_fixed:
-                part = list(group)
-                needed, given = float(least[part].sum()), float(usual[part].sum())
-                if needed > given * (1.0 + 1e-9):
-                    raise TrajectoryError("the times are too short to rest at each target")
-                durations[part] = least[part] * (given / needed)
-        return durations
-
-
-def durations_and_groups(
-    usual: Sequence[float], times: Sequence[float | None]
-) -> tuple[tuple[float, ...], tuple[tuple[tuple[int, ...], bool], ...]]:
-    """Durations of segments, and the segments between fixed times with whether their sum is fixed.
-
-    Predicted durations between two fixed times are scaled to the interval. The sum is fixed for all
-    groups except the segments after the last fixed time.
-
-    Parameters
-    ----------
-    usual : sequence of float
-        The predicted durations [s].
-    times : sequence of (float or None)
-        The time at the end of each segment, if it is fixed [s].
-    """
-    durations, groups = np.array(usual), list[tuple[tuple[int, ...], bool]]()
-    began, first, n = 0.0, 0, len(times)
-    for i, fixed in enumerate(times, start=1):
-        if fixed is not None:
-            durations[first:i] *= (fixed - began) / durations[first:i].sum()
-            groups.append((tuple(range(first, i)), True))
-            began, first = fixed, i
-    if first < n:
-        groups.append((tuple(range(first, n)), False))
-    return tuple(durations.tolist()), tuple(groups)
+        is_free = not self.groups[-1][1]
+        set_frozen(
+            self,
+            start=first.start,
+            goal=last.goal,
+            pose=last.pose,
+            duration=sum(map(attrgetter("duration"), self.segments)),
+            duration_is_free=is_free,
+            is_shortest=is_free and self.timing == SHORTEST,
+        )
 
 
 def naturalness_for(options: PlannerOptions, score: float) -> float:

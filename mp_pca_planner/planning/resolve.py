@@ -24,16 +24,10 @@ from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .configurations import configurations_at, starts_near
-from .context import Budget, Context, check_duration
+from .context import Budget, Context
 from .options import SHORTEST
 from .program.compile import expected_cost
-from .request import (
-    Request,
-    RequestSegment,
-    durations_and_groups,
-    naturalness_for,
-    timing_for,
-)
+from .request import Request, RequestSegment, naturalness_for, timing_for
 from .selection import Selector
 
 # Largest positions, velocities and accelerations where there is no limit [SI].
@@ -104,7 +98,7 @@ def resolve(
     _check_within_limits(context.robot, context.limits, "start", here, inside)
     _check_path(context, "start", here)
     if not isinstance(goal, SequenceGoal) and goal.duration is not None:
-        check_duration(context, "the duration is", goal.duration)
+        context.check_duration("the duration is", goal.duration)
     if goal.primitive is not None:
         selector = selector.named(goal.primitive)
     if isinstance(goal, SequenceGoal):
@@ -161,7 +155,7 @@ def _cheapest_first(
     """
     robot, known = context.robot, selector.primitives.ends[:, 1]
     starts = [*starts_near(robot, goal.pose, known, _N_COMPARED), here.positions]
-    found = configurations_at(robot, context.limits, goal.pose, starts, budget.is_over)
+    found = configurations_at(robot, context.limits, goal.pose, starts, budget.is_late)
     goals, scores = [JointState(here.joint_names, unwrapped(q, here, robot)) for q in found], [0.0]
     if len(goals) > 1:
         ends = [(here.positions, there.positions) for there in goals]
@@ -172,7 +166,7 @@ def _cheapest_first(
     for there in goals[:n_natural]:
         (request,) = _requests(context, selector, goal, here, there)
         natural.append((expected_cost(context, request) if n_natural > 1 else 0.0, request))
-        if budget.is_over():
+        if budget.is_late():
             break
     natural.sort(key=itemgetter(0))
     for _, request in natural[:_N_CONFIGURATIONS]:
@@ -255,15 +249,25 @@ def _sequence(
 ) -> Request:
     """Choose configurations, primitives and usual durations of a sequence."""
     last = max((when for when in goal.times if when is not None), default=1.0)
-    check_duration(context, "the sequence asks for a time of", last)
+    context.check_duration("the sequence asks for a time of", last)
     targets, times = goal.targets[n_passed:], goal.times[n_passed:]
     stops = (*goal.stops[n_passed:-1], True)
     states = _route(context, selector, targets, here, n_passed + 1)
     firsts = [selector.choose(a.positions, b.positions)[0] for a, b in pairwise(states)]
     usual = [expected.duration for _, expected in firsts]
-    durations, groups = durations_and_groups(usual, times)
-    check_duration(context, "the sequence would take", sum(durations))
-    check_duration(context, "a segment of the sequence would take", min(durations))
+    # Predicted durations between two fixed times are scaled to the interval.
+    scaled, groups = np.array(usual), list[tuple[tuple[int, ...], bool]]()
+    began, first = 0.0, 0
+    for i, fixed in enumerate(times, start=1):
+        if fixed is not None:
+            scaled[first:i] *= (fixed - began) / scaled[first:i].sum()
+            groups.append((tuple(range(first, i)), True))
+            began, first = fixed, i
+    if first < len(times):
+        groups.append((tuple(range(first, len(times))), False))
+    durations = scaled.tolist()
+    context.check_duration("the sequence would take", sum(durations))
+    context.check_duration("a segment of the sequence would take", min(durations))
     segments = []
     for i, ((primitive, expected), aim) in enumerate(zip(firsts, targets, strict=True)):
         before, after, pose = states[i], states[i + 1], aim if isinstance(aim, Pose) else None
@@ -272,7 +276,7 @@ def _sequence(
         )
     # Sequences are planned like the demonstrations unless the options say otherwise.
     naturalness = naturalness_for(context.options, 0.0)
-    return Request(tuple(segments), groups, mode, naturalness, n_passed=n_passed)
+    return Request(tuple(segments), tuple(groups), mode, naturalness, n_passed=n_passed)
 
 
 def _n_passed(context: Context, goal: SequenceGoal, here: JointState) -> int:

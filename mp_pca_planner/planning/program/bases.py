@@ -23,9 +23,12 @@ from ...primitives.basis import BSplineBasis, SumBasis
 from ...primitives.primitive import MovementPrimitive
 from ..motion import Motion, Tables
 from ..options import PlannerOptions
-from ..request import RequestSegment
+from ..request import Request, RequestSegment
 
 linalg = LazyModule("scipy.linalg")
+
+N_WIDTHS = 3
+"""Number of bases of a segment, see :func:`segment_basis`."""
 
 # Number of starts from demonstrations with similar ends.
 _N_NEAREST = 3
@@ -43,8 +46,9 @@ MIN_NATURALNESS = 0.005
 # Usual magnitude of the correction by B-splines [rad or m]; larger if the primitive fits worse.
 _USUAL_CORRECTION = 0.02
 # Control points of each joint's B-splines along paths, their deviation with the cost of naturalness
-# [rad or m], and the number of points of the path that they follow.
-_N_CONTROL_POINTS, _PATH_SPREAD, _N_PATH_PHASES = 6, 0.3, 80
+# [rad or m], and the phases between the ends at which they are fitted.
+_N_CONTROL_POINTS, _PATH_SPREAD = 6, 0.3
+_PATH_PHASES: FloatArray = np.linspace(0.0, 1.0, 80)[1:-1]
 # Primitives whose tables stay in memory, those used last.
 _N_KEPT_TABLES = 500
 
@@ -87,157 +91,113 @@ class MotionBasis:
         weights = self.expected if weights is None else weights
         return Motion(start, goal, float(duration), self.tables.basis, weights)
 
-    @classmethod
-    def fixed(cls, tables: Tables) -> MotionBasis:
-        """The basis of a motion without weights."""
-        return cls(tables, tables.basis.scales, None, 0, ())
+
+@lru_cache(_N_KEPT_TABLES)
+def tables_of(primitive: MovementPrimitive) -> Tables:
+    """The tables of a primitive's basis, without time scaling."""
+    return Tables(primitive.basis)
 
 
-class BasisStore:
-    """The bases of segments, with the tables that are the same for all requests.
+@lru_cache(8)
+def _spline_tables(n_joints: int) -> Tables:
+    return Tables(BSplineBasis(n_joints))
+
+
+def segment_basis(
+    options: PlannerOptions, request: Request, segment: RequestSegment, width: int = 0
+) -> MotionBasis:
+    """A basis of a segment.
 
     Parameters
     ----------
     options : PlannerOptions
         Options of planning.
+    request : Request
+        The request. Motions of a sequence have no time scaling. Where a single motion may be far
+        from the expected one, or is to be the shortest, its basis has several starts.
+    segment : RequestSegment
+        The segment.
+    width : int
+        Below `N_WIDTHS`. 0: the components of the primitive (B-splines alone if the options say
+        so); 1: with B-splines of every joint added; 2: B-splines alone, without a prediction.
     """
-
-    def __init__(self, options: PlannerOptions) -> None:
-        self._options = options
-        self._tables = lru_cache(_N_KEPT_TABLES)(lambda primitive: Tables(primitive.basis))
-        self._along_paths = lru_cache(64)(_path_tables)
-        self._splines = lru_cache(8)(lambda n_joints: Tables(BSplineBasis(n_joints)))
-        self._phases = _path_phases()
-
-    @property
-    def n_widths(self) -> int:
-        """Number of bases of a segment."""
-        return 1 if self._options.basis == "bspline" else 3
-
-    def basis(
-        self,
-        segment: RequestSegment,
-        naturalness: float,
-        width: int = 0,
-        *,
-        is_time_scaled: bool = True,
-        shortest: bool = False,
-    ) -> MotionBasis:
-        """A basis of a segment.
-
-        Parameters
-        ----------
-        segment : RequestSegment
-            The segment.
-        naturalness : float
-            ρ of the motion.
-        width : int
-            0: the components of the primitive (B-splines alone if the options say so); 1: with
-            B-splines of every joint added; 2: B-splines alone, without a prediction.
-        is_time_scaled : bool
-            Whether motions have the time scaling that is predicted.
-        shortest : bool
-            Whether the shortest duration is searched. There, and where motions may be far from the
-            expected one, a scaled motion has starts beside the expected weights.
-        """
-        options = self._options
-        has_starts = is_time_scaled and (shortest or naturalness < NEAR_EXPECTED)
-        primitive = segment.primitive
-        if width == 2 or options.basis == "bspline":
-            zero = np.zeros(self._splines(primitive.n_joints).basis.n_weights)
-            tables = self._splines(primitive.n_joints)
-            return MotionBasis(tables, zero, None, 0, (zero,))
-        expected, ends = segment.expected, (segment.start.positions, segment.goal.positions)
-        if is_time_scaled and expected.pace.any():
-            # The basis of a motion with its own time scaling is not known in advance.
-            tables = Tables(primitive.paced_basis(*ends, expected.pace))
-        else:
-            tables = self._tables(primitive)
-        starts = [expected.weights]
-        if has_starts:
-            starts.append(np.zeros_like(expected.weights))
-            known = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
-            distances = np.sum((known - np.concatenate(ends)) ** 2, axis=1)
-            nearest = np.argsort(distances, kind="stable")[:_N_NEAREST]
-            starts += list(primitive.weights[nearest])
-        n_components = len(expected.weights)
-        components = MotionBasis(
-            tables, expected.weights, expected.precision, n_components, tuple(starts)
-        )
-        return components if width == 0 else self._corrected(components, primitive)
-
-    def along_path(
-        self, segment: RequestSegment, path: FloatArray, naturalness: float
-    ) -> MotionBasis:
-        """The components and B-splines; the path takes the place of the prediction.
-
-        Parameters
-        ----------
-        segment : RequestSegment
-            The segment.
-        path : array, shape (n_points, n_joints)
-            Points with straight lines between them.
-        naturalness : float
-            ρ of the motion.
-        """
-        tables, fit = self._along_paths(segment.primitive)
-        natural, s = segment.expected, self._phases
-        n_splines = tables.basis.n_weights - natural.weights.size
-        expected = np.append(natural.weights, np.zeros(n_splines))
-        line = Motion(segment.start, segment.goal, segment.duration, tables.basis, expected)
-        lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-        # Minimum jerk along the path.
-        along = lengths[-1] * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
-        points = np.stack([np.interp(along, lengths, q) for q in path.T], axis=1)
-        off = points - line.evaluate(s * line.duration)[0]
-        weights = expected.copy()
-        weights[natural.weights.size :] = (fit @ off).T.ravel()
-        # The path is no demonstration: it counts as little at any naturalness.
-        share = MIN_NATURALNESS / max(naturalness, MIN_NATURALNESS)
-        of_path = np.eye(n_splines) * (share / _PATH_SPREAD**2)
-        precision = linalg.block_diag(natural.precision, of_path)
-        n_components = natural.weights.size
-        return MotionBasis(tables, weights, precision, n_components, (weights,), is_detour=True)
-
-    def rates(self, segment: RequestSegment, basis: MotionBasis) -> FloatArray:
-        """Derivatives by phase of the expected motion along a path.
-
-        Velocities, accelerations and jerks, shape (3, n_phases, n_joints).
-        """
-        s = np.append(0.0, np.append(self._phases, 1.0))
-        line = basis.motion(segment.start, segment.goal, segment.duration)
-        shapes = basis.tables.basis.shapes(basis.expected, s, 3)
-        return np.asarray((quintics(s, line.boundary, 3) + shapes)[1:])
-
-    def _corrected(self, narrow: MotionBasis, primitive: MovementPrimitive) -> MotionBasis:
-        """The components with B-splines of every joint added."""
-        usual = float(np.sqrt(np.mean(primitive.fit_residual**2)))
-        usual = max(usual, _USUAL_CORRECTION)
+    primitive, expected = segment.primitive, segment.expected
+    if width == 2 or options.basis == "bspline":
+        tables = _spline_tables(primitive.n_joints)
+        zero = np.zeros(tables.basis.n_weights)
+        return MotionBasis(tables, zero, None, 0, (zero,))
+    ends = segment.start.positions, segment.goal.positions
+    if not request.mode and expected.pace.any():
+        # The basis of a motion with its own time scaling is not known in advance.
+        tables = Tables(primitive.paced_basis(*ends, expected.pace))
+    else:
+        tables = tables_of(primitive)
+    starts = [expected.weights]
+    if not request.mode and (request.is_shortest or request.naturalness < NEAR_EXPECTED):
+        starts.append(np.zeros_like(expected.weights))
+        known = primitive.boundary_states[:, [0, 3]].reshape(len(primitive.weights), -1)
+        distances = np.sum((known - np.concatenate(ends)) ** 2, axis=1)
+        starts += list(primitive.weights[np.argsort(distances, kind="stable")[:_N_NEAREST]])
+    weights, precision = expected.weights, expected.precision
+    if width == 1:
+        usual = max(float(np.sqrt(np.mean(primitive.fit_residual**2))), _USUAL_CORRECTION)
         splines = BSplineBasis(primitive.n_joints)
-        tables = Tables(SumBasis(narrow.tables.basis, splines, usual))
+        tables = Tables(SumBasis(tables.basis, splines, usual))
         none = np.zeros(splines.n_weights)
-        assert narrow.precision is not None
-        return MotionBasis(
-            tables,
-            np.append(narrow.expected, none),
-            linalg.block_diag(narrow.precision, np.eye(splines.n_weights) / usual**2),
-            narrow.n_components,
-            tuple(np.append(start, none) for start in narrow.starts),
-        )
+        weights, *starts = (np.append(x, none) for x in (weights, *starts))
+        precision = linalg.block_diag(precision, np.eye(none.size) / usual**2)
+    return MotionBasis(tables, weights, precision, expected.weights.size, tuple(starts))
 
 
-def _path_phases() -> FloatArray:
-    """Phases between the ends at which motions are fitted to paths."""
-    return np.linspace(0.0, 1.0, _N_PATH_PHASES)[1:-1]
+def basis_along(segment: RequestSegment, path: FloatArray, naturalness: float) -> MotionBasis:
+    """The components and B-splines; a path takes the place of the prediction.
+
+    Parameters
+    ----------
+    segment : RequestSegment
+        The segment.
+    path : array, shape (n_points, n_joints)
+        Points with straight lines between them.
+    naturalness : float
+        ρ of the motion.
+    """
+    tables, fit = _path_tables(segment.primitive)
+    natural, s = segment.expected, _PATH_PHASES
+    n_components = natural.weights.size
+    n_splines = tables.basis.n_weights - n_components
+    weights = np.append(natural.weights, np.zeros(n_splines))
+    line = Motion(segment.start, segment.goal, segment.duration, tables.basis, weights)
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    # Minimum jerk along the path.
+    along = lengths[-1] * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
+    points = np.stack([np.interp(along, lengths, q) for q in path.T], axis=1)
+    off = points - line.evaluate(s * line.duration)[0]
+    weights = np.append(natural.weights, (fit @ off).T.ravel())
+    # The path is no demonstration: it counts as little at any naturalness.
+    share = MIN_NATURALNESS / max(naturalness, MIN_NATURALNESS)
+    of_path = np.eye(n_splines) * (share / _PATH_SPREAD**2)
+    precision = linalg.block_diag(natural.precision, of_path)
+    return MotionBasis(tables, weights, precision, n_components, (weights,), is_detour=True)
 
 
+def rates_along(segment: RequestSegment, basis: MotionBasis) -> FloatArray:
+    """Derivatives by phase of the expected motion along a path.
+
+    Velocities, accelerations and jerks, shape (3, n_phases, n_joints).
+    """
+    s = np.append(0.0, np.append(_PATH_PHASES, 1.0))
+    line = basis.motion(segment.start, segment.goal, segment.duration)
+    shapes = basis.tables.basis.shapes(basis.expected, s, 3)
+    return np.asarray((quintics(s, line.boundary, 3) + shapes)[1:])
+
+
+@lru_cache(64)
 def _path_tables(primitive: MovementPrimitive) -> tuple[Tables, FloatArray]:
     """The basis of a primitive's motions along paths, and the fit of its B-splines to points.
 
     The fit has the shape (n_control_points, n_phases). All joints have the same splines.
     """
-    n = _N_CONTROL_POINTS
-    splines = BSplineBasis(primitive.n_joints, n)
+    splines = BSplineBasis(primitive.n_joints, _N_CONTROL_POINTS)
     basis = SumBasis(primitive.basis, splines, _PATH_SPREAD)
-    fit = np.linalg.pinv(splines.functions(_path_phases())[:, 0, :n])
+    fit = np.linalg.pinv(splines.functions(_PATH_PHASES)[:, 0, :_N_CONTROL_POINTS])
     return Tables(basis), np.asarray(fit)

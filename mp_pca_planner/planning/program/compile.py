@@ -23,11 +23,11 @@ from ...primitives.prediction import ConditionalDistribution
 from ..context import Context
 from ..motion import Motion, cost_of, node_states, rank_of
 from ..objectives import Objective, time
-from ..options import FREE, SHORTEST, SolverOptions
+from ..options import FREE, SolverOptions
 from ..request import Request
 from ..solver import TINY
 from ..time_scaling import least_stretch, slowdown
-from .bases import NEAR_EXPECTED, MotionBasis
+from .bases import NEAR_EXPECTED, MotionBasis, segment_basis
 from .constraints import AlongPath, Clearance, Constraint, Ends, PoseTarget
 from .limits import Limits, limit_shares
 from .motion_program import Chain, MotionProgram, junctions_of
@@ -82,12 +82,8 @@ class Setting:
         Running costs and their weights.
     solver : SolverOptions
         Options of the solver.
-    width : int
-        Number of the basis, from the narrowest, see :meth:`.BasisStore.basis`.
     is_timed : bool
         Whether the duration of a single segment is an unknown.
-    is_shortest : bool
-        Whether the shortest duration is searched.
     """
 
     bases: tuple[MotionBasis, ...]
@@ -95,38 +91,18 @@ class Setting:
     naturalness: float
     objectives: tuple[tuple[float, Objective], ...]
     solver: SolverOptions = SolverOptions()
-    width: int = 0
     is_timed: bool = False
-    is_shortest: bool = False
-
-    @property
-    def duration(self) -> float:
-        """Duration of the expected motion [s]."""
-        return sum(motion.duration for motion in self.initial)
 
 
-def first_setting(
-    context: Context, request: Request, basis: MotionBasis, width: int = 0, *, shortest: bool
-) -> Setting:
+def first_setting(context: Context, request: Request, basis: MotionBasis) -> Setting:
     """The setting of the first attempt at one segment, from the expected motion.
 
     A free duration is longer than expected if the motion exceeds limits otherwise, with a margin
-    unless it is an unknown of the program, which keeps the limits itself.
-
-    Parameters
-    ----------
-    context, request
-        Of the planner; the request.
-    basis : MotionBasis
-        The basis of the segment.
-    width : int
-        Its number, see :meth:`.BasisStore.basis`.
-    shortest : bool
-        Whether the shortest duration is searched. The planner's objectives count little then: they
-        choose among motions of one duration.
+    unless it is an unknown of the program, which keeps the limits itself. For the shortest
+    duration, the planner's objectives count little: they choose among motions of one duration.
     """
-    options, usual = context.options, request.duration
-    is_timed = shortest or (request.duration_is_free and request.timing == FREE)
+    usual, objectives = request.duration, context.options.objectives
+    is_timed = request.is_shortest or (request.duration_is_free and request.timing == FREE)
     expected = basis.motion(request.start, request.goal, usual)
     if request.duration_is_free:
         margin = 1.0 if is_timed else SCALING_MARGIN
@@ -134,28 +110,13 @@ def first_setting(
         stretch = margin * least_stretch(context.robot, context.limits, states)
         if 1.0 < stretch <= min(MAX_STRETCH, context.longest / usual):
             expected = replace(expected, duration=usual * stretch)
-    setting = Setting(
-        (basis,),
-        (expected,),
-        request.naturalness,
-        options.objectives,
-        width=width,
-        is_timed=is_timed,
-    )
-    if not shortest:
-        return setting
-    cost = cost_of(context.robot, expected, basis.tables, options.objectives)
+    if not request.is_shortest:
+        naturalness = request.naturalness
+        return Setting((basis,), (expected,), naturalness, objectives, is_timed=is_timed)
+    cost = cost_of(context.robot, expected, basis.tables, objectives)
     share = _SHARE_IN_SHORTEST * expected.duration / max(cost, TINY)
-    others = [(share * weight, objective) for weight, objective in options.objectives]
-    objectives = ((1.0, time), *others)
-    return replace(setting, naturalness=0.0, objectives=objectives, is_shortest=True)
-
-
-def expected_setting(context: Context, request: Request) -> Setting:
-    """The setting of the first attempt at a request of one segment, with its narrowest basis."""
-    shortest = request.duration_is_free and request.timing == SHORTEST
-    basis = context.bases.basis(request.segments[0], request.naturalness, shortest=shortest)
-    return first_setting(context, request, basis, shortest=shortest)
+    others = [(share * weight, objective) for weight, objective in objectives]
+    return Setting((basis,), (expected,), 0.0, ((1.0, time), *others), is_timed=True)
 
 
 def expected_cost(context: Context, request: Request) -> float:
@@ -163,9 +124,9 @@ def expected_cost(context: Context, request: Request) -> float:
 
     Near the demonstrations, it is within some percent of the cost of the motion that is planned.
     """
-    setting = expected_setting(context, request)
-    motion, tables = setting.initial[0], setting.bases[0].tables
-    return rank_of(cost_of(context.robot, motion, tables, setting.objectives))
+    basis = segment_basis(context.options, request, request.segments[0])
+    setting = first_setting(context, request, basis)
+    return rank_of(cost_of(context.robot, setting.initial[0], basis.tables, setting.objectives))
 
 
 def lasting(setting: Setting, duration: float) -> Setting:
@@ -279,7 +240,7 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
     starts = [links.start] if links else _starts(setting, segments[0], near)
     collision, clear = context.collision, setting.bases[0].is_detour
     among = collision is not None and len(collision.world)
-    if collision is not None and among and not (clear or links or setting.is_shortest):
+    if collision is not None and among and not (clear or links or request.is_shortest):
         # Whether bodies collide at a quadrature node of the first motion. Links alone rarely do;
         # the check of the motion finds it.
         clear = collision.collide_anywhere(segments[0].at(starts[0])[0].nodes.positions)

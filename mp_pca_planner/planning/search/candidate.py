@@ -20,7 +20,7 @@ from ...motion.interpolation import GRID_PERIOD
 from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_executable, check_limits
 from ..configurations import POSE_TOLERANCE, nearest_configuration
-from ..context import Budget, Context, check_duration
+from ..context import Budget, Context
 from ..motion import Motion, rank_of, samples_of
 from ..options import AUTO
 from ..plan import NOT_SOLVED, MotionSolution
@@ -128,7 +128,7 @@ def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, Li
     GoalError
         If the motion would take too long or too short; nothing is sampled then.
     """
-    check_duration(context, "the motion would take", sum(map(attrgetter("duration"), motions)))
+    context.check_duration("the motion would take", sum(map(attrgetter("duration"), motions)))
     times, states, end = [], [], 0.0
     for i, motion in enumerate(motions):
         own, values = samples_of(motion, context.options.sample_period)
@@ -138,12 +138,6 @@ def sampled(context: Context, motions: Sequence[Motion]) -> tuple[Trajectory, Li
     q, v, a = np.concatenate(states, axis=1)
     trajectory = Trajectory(context.robot.joint_names, np.concatenate(times), q, v, a)
     return trajectory, check_limits(trajectory, context.robot, context.limits)
-
-
-def collides(context: Context, trajectory: Trajectory) -> bool:
-    """Whether bodies collide, if that is checked."""
-    model = context.collision
-    return model is not None and bool(model.collisions(trajectory, precisely=False))
 
 
 def depth_of(collisions: Sequence[Collision]) -> float:
@@ -230,12 +224,12 @@ def attempt(context: Context, request: Request, setting: Setting, budget: Budget
     context, request, setting
         What to compile.
     budget : Budget
-        The evaluations and the time for it.
+        The time for it.
     """
     found = _solved(context, request, setting, budget)
-    if setting.is_timed and not setting.is_shortest and context.options.timing == AUTO:
-        longest = max(request.duration, setting.duration)
-        if found.duration > longest and not budget.is_over():
+    if setting.is_timed and not request.is_shortest and context.options.timing == AUTO:
+        longest = max(request.duration, setting.initial[0].duration)
+        if found.duration > longest and not budget.is_late():
             return _solved(context, request, lasting(setting, longest), budget)
     return found
 
@@ -256,9 +250,10 @@ def _solved(context: Context, request: Request, setting: Setting, budget: Budget
         motions = _motions_at(context, request, setting, program, best.unknowns)
         began = time.perf_counter()
         found = checked(context, request, setting.bases, motions)
-        budget.checks.append(time.perf_counter() - began)
+        took = time.perf_counter() - began
+        budget.whole.longest_check = max(budget.whole.longest_check, took)
         is_wrong = bool(found.check.violations or found.collisions or found.strayed)
-        if budget.is_over() if is_wrong else not found.check.touched or budget.is_late():
+        if budget.is_late() if is_wrong else not found.check.touched or budget.is_late():
             break
         # A limit that is only touched may be exceeded between the points of the grid. It is
         # tightened only once, because an end of the motion may be at the limit.
@@ -281,7 +276,7 @@ def _solved(context: Context, request: Request, setting: Setting, budget: Budget
         program = refined
     return replace(
         found,
-        solution=_described(program, setting, best, passes),
+        solution=_described(program, request, best, passes),
         naturalness=setting.naturalness,
         has_clearances=refined.has_clearances,
     )
@@ -299,12 +294,9 @@ def _best_of(
     for x, memory in starts:
         # Among clearance constraints, the first solution that meets them is enough.
         is_clear = program.has_clearances and solutions and is_feasible(solutions[-1])
-        if is_clear or (solutions and budget.is_over()):
+        if is_clear or (solutions and budget.is_late()):
             break
-        most = max(min(setting.solver.max_iterations, budget.evaluations), 1)
-        limited = replace(setting.solver, max_iterations=most)
-        solutions.append(solve(program, x, limited, memory, budget.is_late))
-        budget.evaluations -= solutions[-1].iterations
+        solutions.append(solve(program, x, setting.solver, memory, budget.is_late))
     passes = sum(map(attrgetter("iterations"), solutions))
     if len(solutions) == 1:
         return solutions[0], passes
@@ -360,7 +352,7 @@ def _findings(candidate: Candidate, *, touches: bool) -> list[Findings]:
 
 
 def _described(
-    program: MotionProgram, setting: Setting, found: Solution, passes: int
+    program: MotionProgram, request: Request, found: Solution, passes: int
 ) -> MotionSolution:
     """The result of the solver. The objective of the shortest motion is not the planner's."""
     natural = effort = expected = 0.0
@@ -369,7 +361,7 @@ def _described(
         natural += segment.naturalness(own).cost
         effort += segment.effort(own)
         expected += segment.effort(segment.expected)
-    objective = float("nan") if setting.is_shortest else found.cost - natural
+    objective = float("nan") if request.is_shortest else found.cost - natural
     return MotionSolution(
         objective, effort, natural, expected, found.converged, passes, found.kkt_residual
     )

@@ -22,13 +22,13 @@ import numpy as np
 from ...arrays import FloatArray
 from ...exceptions import MissingDependencyError, require
 from ..context import Budget, Context
-from ..options import FREE, SHORTEST, SolverOptions
-from ..program.bases import MIN_NATURALNESS, MotionBasis
+from ..options import FREE, SolverOptions
+from ..program.bases import MIN_NATURALNESS, basis_along, rates_along
 from ..program.compile import SCALING_MARGIN, Setting, first_setting
 from ..program.constraints import least_distances
 from ..request import Request, timing_for
 from ..time_scaling import kinematic_stretch, slowdown
-from .candidate import Candidate, attempt, checked, sampled
+from .candidate import Candidate, attempt, checked, least_violation, sampled
 
 # OMPL has one seed and one log level per process: one thread at a time makes sources of random
 # numbers. The log level stays.
@@ -57,8 +57,6 @@ _MAX_DETOUR = 1.5
 # Distance between the configurations of a line that are checked [rad or m], and the same where the
 # motion rests at the corners of a path.
 _STEP, _FINE_STEP = 0.07, 0.03
-# Evaluations for a motion near a path, in turn until it may be executed.
-_EVALUATIONS = (60, 120)
 # Tolerance of the solver: most of the cost depends on the path. Sum of constraint violations that
 # counts as rounding: less than the margins of constraints. Clearances are curved, so its first
 # radius is small.
@@ -84,87 +82,49 @@ def along_path(context: Context, request: Request, budget: Budget) -> Candidate 
 
     If it is not valid, it has the corners of the path, at which a slow motion may rest.
     """
-    best, path = None, None
+    found, path = list[Candidate](), None
     score = request.segments[0].expected.in_span_score
     request = replace(request, timing=timing_for(context.options, score, is_detour=True))
-    ends = request.start.positions, request.goal.positions
-    for found in paths(context, ends, budget):
-        path = found if path is None else path
-        tried = _near_path(context, request, found, budget)
-        if best is None or tried.violation < best.violation:
-            best = tried
-        if best.is_valid or budget.is_over():
+    for points in paths(context, (request.start.positions, request.goal.positions), budget):
+        path = points if path is None else path
+        found.append(_near_path(context, request, points, budget))
+        if found[-1].is_valid:
+            return found[-1]
+        if budget.is_late():
             break
-    if best is None or path is None or best.is_valid:
-        return best
-    return replace(best, corners=corners_of(context, path, budget))
+    if path is None:
+        return None
+    return replace(least_violation(found), corners=corners_of(context, path, budget))
 
 
 def _near_path(context: Context, request: Request, path: FloatArray, budget: Budget) -> Candidate:
     """The motion of least cost near a path, or else the one along it."""
-    segment = request.segments[0]
-    basis = context.bases.along_path(segment, path, request.naturalness)
+    segment, options = request.segments[0], context.options
+    basis = basis_along(segment, path, request.naturalness)
     duration = request.duration
     if request.duration_is_free:
-        least = kinematic_stretch(context.limits, context.bases.rates(segment, basis))
+        least = SCALING_MARGIN * kinematic_stretch(context.limits, rates_along(segment, basis))
         at_least = 0.0 if request.timing == FREE else duration
-        least *= SCALING_MARGIN
         duration = min(max(at_least, least), context.longest)
-        motion = basis.motion(request.start, request.goal, duration)
-        _, check = sampled(context, [motion])
+        _, check = sampled(context, [basis.motion(request.start, request.goal, duration)])
         duration = min(duration * slowdown(check.violations), context.longest)
-    if budget.is_over():
-        return _along(context, request, basis, duration)
-    setting = _setting(context, request, basis, duration)
-    along = None
-    for evaluations in _EVALUATIONS:
-        found = _optimised(context, request, setting, budget.part(evaluations))
-        if found.is_valid:
-            return found
-        along = along or _along(context, request, basis, duration)
-        if found.solution.converged or budget.is_over():
-            break
-        again = replace(basis, starts=(found.motions[0].weights,))
-        setting = replace(
-            setting,
-            bases=(again,),
-            initial=(again.motion(request.start, request.goal, found.duration),),
-        )
-    assert along is not None
-    return min(found, along, key=lambda one: one.violation)
-
-
-def _setting(context: Context, request: Request, basis: MotionBasis, duration: float) -> Setting:
-    """The first setting near a path."""
-    options = context.options
-    solver = SolverOptions(_TOLERANCE, _FEASIBLE, first_radius=_FIRST_RADIUS, goes_back=True)
-    if request.duration_is_free and request.timing == SHORTEST:
-        return replace(first_setting(context, request, basis, shortest=True), solver=solver)
-    return Setting(
-        (basis,),
-        (basis.motion(request.start, request.goal, duration),),
-        max(request.naturalness, MIN_NATURALNESS),
-        options.objectives,
-        solver,
-        is_timed=request.duration_is_free and request.timing == FREE,
-    )
-
-
-def _optimised(context: Context, request: Request, setting: Setting, budget: Budget) -> Candidate:
-    """The motion of least cost near a path, slower if it exceeds limits."""
-    found = attempt(context, request, setting, budget)
-    if not (found.check.violations and request.duration_is_free):
-        return found
-    # A little slower, the same path keeps the limits.
-    duration = min(found.duration * slowdown(found.check.violations), context.longest)
-    motion = replace(found.motions[0], duration=duration)
-    return checked(context, request, setting.bases, (motion,))
-
-
-def _along(context: Context, request: Request, basis: MotionBasis, duration: float) -> Candidate:
-    """The motion along a path, without optimisation."""
     motion = basis.motion(request.start, request.goal, duration)
-    return checked(context, request, (basis,), (motion,))
+    found = list[Candidate]()
+    if not budget.is_late():
+        solver = SolverOptions(_TOLERANCE, _FEASIBLE, first_radius=_FIRST_RADIUS, goes_back=True)
+        if request.is_shortest:
+            setting = replace(first_setting(context, request, basis), solver=solver)
+        else:
+            naturalness = max(request.naturalness, MIN_NATURALNESS)
+            is_timed = request.duration_is_free and request.timing == FREE
+            setting = Setting(
+                (basis,), (motion,), naturalness, options.objectives, solver, is_timed
+            )
+        found.append(attempt(context, request, setting, budget))
+        if found[0].is_valid:
+            return found[0]
+    found.append(checked(context, request, (basis,), (motion,)))
+    return least_violation(found)
 
 
 def paths(
@@ -203,7 +163,7 @@ def paths(
     longest = _MAX_DETOUR * _length(np.array(ends))
     found: list[FloatArray] = []
     for seed in range(1, _N_PATHS + 1):
-        search = budget.part(time_share=_SHARE_OF_SEARCH)
+        search = budget.part(_SHARE_OF_SEARCH)
         # Few searches take far longer than most: another seed is often faster.
         times = 1 + (seed - 1) // _N_OF_REACH
         near = _around(ends, PATH_REACH * times, bounds)
@@ -211,18 +171,18 @@ def paths(
             collides,
             near,
             ends,
-            search.is_over,
+            search.is_late,
             seed=seed,
             step=_STEP,
             max_checks=_N_CHECKS * times,
         )
         if path is not None:
             found.append(path)
-        is_last = seed >= _N_COMPARED or search.is_over()
+        is_last = seed >= _N_COMPARED or search.is_late()
         if found and (is_last or _length(found[-1]) <= longest):
             yield from sorted(found, key=_length)
             found = []
-        if search.is_over():
+        if search.is_late():
             return
 
 

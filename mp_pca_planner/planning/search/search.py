@@ -10,147 +10,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from ...motion.trajectory import Trajectory
-from ...motion.validation import LimitCheck
 from ..context import Budget, Context
 from ..motion import cost_of, rank_of
 from ..objectives import effort
 from ..options import DEMONSTRATED, REAL_TIME
-from ..program.bases import NEAR_EXPECTED, MotionBasis
-from ..program.compile import (
-    MAX_STRETCH,
-    Setting,
-    expected_setting,
-    first_setting,
-    joined_motion,
-    lasting,
-    stretched,
-)
+from ..program.bases import N_WIDTHS, NEAR_EXPECTED, MotionBasis, segment_basis
+from ..program.compile import MAX_STRETCH, Setting, first_setting, joined_motion, stretched
 from ..request import Request
-from ..time_scaling import slowdown
 from .candidate import (
     JOINED,
     OPTIMISED,
     SLOW,
     Candidate,
-    Violation,
     attempt,
     checked,
-    collides,
     depth_of,
     least_violation,
-    sampled,
 )
 from .detours import along_path, missing_planner
 from .stop_and_go import slow_motion
 
-# Attempts with one basis, after the least violation, that end the recovery by longer durations.
-_MAX_WORSE = 3
-# Values to which naturalness is raised if the reduction of effort caused a limit violation. At the
-# last value, effort hardly counts.
-_NATURALNESS_STEPS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 # Shares to which passing velocities are reduced in turn if joined segments exceed a position limit,
 # and times that their durations are stretched at most, for each share.
 _PASSING_SHARES, _MAX_STRETCHES = (1.0, 0.5, 0.25, 0.0), 12
-# Evaluations of descent from the expected motion among obstacles, before detours are tried.
-_EVALUATIONS_OF_DESCENT = 60
-
-
-@dataclass(frozen=True, eq=False)
-class Failure:
-    """A failed attempt at one segment, and the expected motion for comparison.
-
-    Attributes
-    ----------
-    context : Context
-        Of the planner.
-    request : Request
-        The request.
-    first, setting : Setting
-        The first setting of the request, and the one that failed.
-    candidate : Candidate
-        The motion that was found.
-    violations : list of Violation
-        Violations of the attempts with this basis, the last one included.
-    expected_check : LimitCheck
-        Comparison with the limits of the expected motion of the same ends and duration.
-    is_recoverable : bool
-        Whether another duration or naturalness may help.
-    """
-
-    context: Context
-    request: Request
-    first: Setting
-    setting: Setting
-    candidate: Candidate
-    violations: list[Violation]
-    expected_check: LimitCheck
-    is_recoverable: bool
-
-
-Recovery = Callable[[Failure], Setting | None]
-
-
-def given_duration(failure: Failure) -> Setting | None:
-    """The duration that was found as a given one, unless bodies collide."""
-    setting, found = failure.setting, failure.candidate
-    if not setting.is_timed or setting.is_shortest or found.has_clearances:
-        return None
-    return lasting(setting, found.duration)
-
-
-def slower(failure: Failure) -> Setting | None:
-    """A longer duration, if the expected motion violates limits, too.
-
-    From a moving start, a longer duration may violate them more; then this recovery ends.
-    """
-    duration = failure.candidate.duration
-    longest = failure.request.duration
-    if failure.request.duration_is_free:
-        longest = min(longest * MAX_STRETCH, failure.context.longest)
-    violations = failure.violations
-    n_worse = len(violations) - 1 - violations.index(min(violations))
-    if n_worse >= _MAX_WORSE or not failure.is_recoverable:
-        return None
-    longer = min(duration * slowdown(failure.expected_check.violations), longest)
-    return lasting(failure.setting, longer) if longer > duration else None
-
-
-def more_natural(failure: Failure) -> Setting | None:
-    """A larger naturalness, if the expected motion keeps the limits.
-
-    In that case, the reduction of the cost caused the violation of a limit or a collision.
-    """
-    setting = failure.setting
-    if not failure.is_recoverable or failure.expected_check.violations:
-        return None
-    larger = [step for step in _NATURALNESS_STEPS if step > setting.naturalness]
-    if setting.bases[0].precision is None or setting.width or not larger:
-        return None
-    return replace(lasting(setting, failure.candidate.duration), naturalness=larger[0])
-
-
-def wider_basis(failure: Failure) -> Setting | None:
-    """The next wider basis, otherwise with the first setting."""
-    context, request, first = failure.context, failure.request, failure.first
-    width = failure.setting.width + 1
-    if width >= context.bases.n_widths:
-        return None
-    basis = context.bases.basis(
-        request.segments[0], request.naturalness, width, shortest=first.is_shortest
-    )
-    if first.is_shortest:
-        return first_setting(context, request, basis, width, shortest=True)
-    wider = replace(first, bases=(basis,), width=width)
-    return replace(lasting(wider, first.duration), is_timed=first.is_timed)
-
-
-RECOVERIES: tuple[Recovery, ...] = (given_duration, slower, more_natural, wider_basis)
-"""The recoveries, in the order in which they are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +53,12 @@ class Case:
         The first setting.
     joined : Candidate or None
         The expected motion of several segments, within the limits if possible.
-    earlier : Candidate or None
-        The best candidate of earlier requests.
+    may_detour : bool
+        Whether paths around bodies may help: those of single segments.
+    starts_at_path : bool
+        Whether a path comes before descent: the expected motion collides at a quadrature node.
+        Descent from there takes longer. It stays nearer to the demonstrations, so it comes first
+        where their timing or naturalness is asked for.
     found : list of Candidate
         The candidates of the stages so far.
     """
@@ -177,44 +67,29 @@ class Case:
     request: Request
     first: Setting
     joined: Candidate | None
-    earlier: Candidate | None
+    may_detour: bool
+    starts_at_path: bool
     found: list[Candidate]
 
-    @property
-    def may_detour(self) -> bool:
-        """Whether paths around bodies may help: those of single segments."""
-        collision = self.context.collision
-        return not self.request.mode and collision is not None and bool(collision.pairs)
 
-    @cached_property
-    def starts_at_path(self) -> bool:
-        """Whether a path comes before descent: the expected motion collides at a quadrature node.
-
-        Descent from there takes longer. It stays nearer to the demonstrations, so it comes first
-        where their timing or naturalness is asked for.
-        """
-        request, collision = self.request, self.context.collision
-        is_natural = request.naturalness >= NEAR_EXPECTED or request.timing == DEMONSTRATED
-        if collision is None or not self.may_detour or is_natural or not request.duration_is_free:
-            return False
-        motion = replace(self.first.initial[0], duration=request.duration)
-        times = request.duration * self.first.bases[0].tables.phases
-        return collision.collide_anywhere(motion.evaluate(times)[0])
-
-
-def first_case(
-    context: Context, request: Request, earlier: Candidate | None, budget: Budget
-) -> Case:
+def first_case(context: Context, request: Request, budget: Budget) -> Case:
     """A request before anything was tried, its segments joined within the budget."""
-    if not request.mode:
-        return Case(context, request, expected_setting(context, request), None, earlier, [])
-    naturalness = request.naturalness
-    bases = tuple(
-        context.bases.basis(one, naturalness, is_time_scaled=False) for one in request.segments
-    )
-    joined = _joined(context, request, bases, budget)
-    first = Setting(bases, joined.motions, naturalness, context.options.objectives)
-    return Case(context, request, first, joined, earlier, [])
+    options, collision = context.options, context.collision
+    bases = tuple(segment_basis(options, request, segment) for segment in request.segments)
+    if request.mode:
+        joined = _joined(context, request, bases, budget)
+        first = Setting(bases, joined.motions, request.naturalness, options.objectives)
+        return Case(context, request, first, joined, False, False, [])
+    first = first_setting(context, request, bases[0])
+    if collision is None or not collision.pairs:
+        return Case(context, request, first, None, False, False, [])
+    is_natural = request.naturalness >= NEAR_EXPECTED or request.timing == DEMONSTRATED
+    at_path = request.duration_is_free and not is_natural
+    if at_path:
+        motion = replace(first.initial[0], duration=request.duration)
+        times = request.duration * bases[0].tables.phases
+        at_path = collision.collide_anywhere(motion.evaluate(times)[0])
+    return Case(context, request, first, None, True, at_path, [])
 
 
 def _joined(
@@ -227,7 +102,7 @@ def _joined(
         for _ in range(_MAX_STRETCHES):
             motions = joined_motion(request, bases, durations, share)
             found.append(replace(checked(context, request, bases, motions), how=JOINED))
-            if not found[-1].check.violations or budget.is_over():
+            if not found[-1].check.violations or budget.is_late():
                 return least_violation(found)
             longer = stretched(request, found[-1].check, durations, MAX_STRETCH)
             if longer == durations or sum(longer) > context.longest:
@@ -273,55 +148,34 @@ def path_first(case: Case, budget: Budget) -> Candidate | None:
 
 
 def descent(case: Case, budget: Budget) -> Candidate | None:
-    """The best motion by descent from the expected one, with recoveries of single segments.
+    """The best motion by descent from the expected one; of single segments, with wider bases, too.
 
     If paths may help, it ends when bodies collide. Segments that are only joined have none.
     """
     context, request, setting = case.context, case.request, case.first
     if request.mode == REAL_TIME:
         return None
-    leads = case.may_detour and not missing_planner()
-    among = context.collision is not None and len(context.collision.world)
-    within, found, violations = budget, list[Candidate](), list[Violation]()
-    if leads and among and not case.starts_at_path:
-        within = budget.part(_EVALUATIONS_OF_DESCENT)
-    while True:
-        candidate = attempt(context, request, setting, within)
-        found.append(candidate)
-        violations.append(candidate.violation)
-        if candidate.is_valid or request.mode:
+    leads, found = case.may_detour and not missing_planner(), list[Candidate]()
+    has_one_basis = request.mode or context.options.basis == "bspline"
+    for width in range(1 if has_one_basis else N_WIDTHS):
+        if width:
+            basis = segment_basis(context.options, request, request.segments[0], width)
+            setting = first_setting(context, request, basis)
+        found.append(attempt(context, request, setting, budget))
+        last = found[-1]
+        if last.is_valid or (leads and last.meets_bodies) or budget.is_late():
             break
-        if leads and (within.is_over() or candidate.meets_bodies):
-            within = budget
-            if candidate.meets_bodies or collides(context, candidate.trajectory):
-                break
-        if budget.is_over():
-            break
-        expected = replace(candidate.motions[0], weights=setting.bases[0].expected)
-        trajectory, check = sampled(context, [expected])
-        wrong = candidate.collisions or candidate.check.violations
-        may_recover = bool(wrong) and not setting.is_shortest
-        may_recover &= not (candidate.collisions and collides(context, trajectory))
-        failure = Failure(
-            context, request, case.first, setting, candidate, violations, check, may_recover
-        )
-        settings = (recovery(failure) for recovery in RECOVERIES)
-        following = next((one for one in settings if one is not None), None)
-        if following is None:
-            break
-        if following.width != setting.width or (setting.is_timed and not candidate.has_clearances):
-            violations = []
-        setting = following
     return least_violation(found)
 
 
 def path_after(case: Case, budget: Budget) -> Candidate | None:
     """The best motion along a collision-free path, if descent failed by collisions between ends."""
-    if case.starts_at_path or not (case.may_detour and case.found):
+    model = case.context.collision
+    if model is None or case.starts_at_path or not (case.may_detour and case.found):
         return None
     last = case.found[-1]
     # Collisions of a motion outside the limits are not known yet.
-    if not (last.meets_bodies or collides(case.context, last.trajectory)):
+    if not last.meets_bodies and not model.collisions(last.trajectory, precisely=False):
         return None
     return along_path(case.context, case.request, budget)
 
@@ -332,10 +186,7 @@ def joined(case: Case, budget: Budget) -> Candidate | None:
 
 
 def slow(case: Case, budget: Budget) -> Candidate | None:
-    """A motion with rests, within the limits, where there is no other for any request so far."""
-    has_fallback = case.earlier is not None and case.earlier.is_valid
-    if has_fallback or budget.is_cancelled():
-        return None
+    """A motion with rests, within the limits."""
     paths = (one.corners for one in case.found if one.corners is not None)
     return slow_motion(case.context, case.request, next(paths, None), budget)
 
@@ -349,9 +200,6 @@ ORDER: tuple[Callable[[Case, Budget], Candidate | None], ...] = (
     slow,
 )
 """What is tried for one request, in this order; the first valid candidate ends it."""
-
-# Stages that go on when time has run out: they take hardly any.
-_WITHOUT_TIME = (joined, slow)
 
 
 def search(context: Context, requests: Iterable[Request], budget: Budget) -> Candidate:
@@ -368,11 +216,15 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
     """
     best: Candidate | None = None
     for request in requests:
-        case, passes = first_case(context, request, best, budget), 0
+        case, passes = first_case(context, request, budget), 0
         for stage in ORDER:
-            if (best or case.found) and budget.is_over() and stage not in _WITHOUT_TIME:
-                continue
-            candidate = stage(case, budget)
+            # The last two stages go on when time has run out: they take hardly any. A slow motion
+            # is for goals without any other.
+            if stage is slow:
+                is_needed = not (budget.is_cancelled() or (best is not None and best.is_valid))
+            else:
+                is_needed = stage is joined or not ((best or case.found) and budget.is_late())
+            candidate = stage(case, budget) if is_needed else None
             if candidate is None:
                 continue
             passes += candidate.solution.iterations
@@ -382,22 +234,21 @@ def search(context: Context, requests: Iterable[Request], budget: Budget) -> Can
             case.found.append(candidate)
             if candidate.is_valid or candidate.blocked:
                 break
-        rivals = [least_violation(case.found)] if case.found else []
-        if best is not None:  # slow motions and detours have no costs yet
-            rivals = [with_costs(context, one) for one in [best, *rivals]]
+        rivals = [] if best is None else [best]
+        if case.found:
+            rivals.append(least_violation(case.found))
+        if len(rivals) > 1:  # slow motions and detours have no costs yet
+            rivals = [with_costs(context, one) for one in rivals]
+            rivals.sort(
+                key=lambda one: (one.violation, one.how == SLOW, rank_of(one.solution.cost))
+            )
         best = rivals[0]
-        if len(rivals) > 1:
-            best = min(rivals, key=_rank)
         # Further configurations of a pose are for where the most natural one has no motion.
         is_enough = best.is_valid and (request.pose is not None and best.how != SLOW)
-        if is_enough or budget.is_cancelled() or (budget.is_over() and best.is_valid):
+        if is_enough or budget.is_cancelled() or (budget.is_late() and best.is_valid):
             break
     assert best is not None, "a goal has a request"
     return with_costs(context, best)
-
-
-def _rank(found: Candidate) -> tuple[Violation, bool, float]:
-    return found.violation, found.how == SLOW, rank_of(found.solution.cost)
 
 
 def with_costs(context: Context, found: Candidate) -> Candidate:

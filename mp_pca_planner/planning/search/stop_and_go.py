@@ -28,7 +28,7 @@ from ...motion.trajectory import Trajectory
 from ...motion.validation import LimitCheck, check_limits
 from ...robot.limits import JointLimits
 from ...robot.model import Robot
-from ..context import Budget, Context, check_duration
+from ..context import Budget, Context
 from ..motion import Motion, Tables
 from ..options import SHORTEST
 from ..program.bases import MotionBasis
@@ -397,7 +397,9 @@ def _slow(context: Context, request: Request, usual: FloatArray, corners: Corner
         route = replace(route, legs=slowdown(check.violations) * route.legs)
     else:
         raise TrajectoryError(str(check.violations[0]))
-    bases = tuple(MotionBasis.fixed(Tables(motion.basis)) for motion in motions)
+    bases = tuple(
+        MotionBasis(Tables(motion.basis), motion.weights, None, 0, ()) for motion in motions
+    )
     found = checked(context, request, bases, motions)
     return replace(found, n_stops=sum(map(len, corners)), how=SLOW)
 
@@ -420,12 +422,16 @@ def _durations(
     """Durations of the legs, which share out those of the segments, shape (n_legs,) [s]."""
     legs, firsts = route.durations, np.cumsum([0, *counts[:-1]])
     least = np.add.reduceat(legs, firsts)
-    if request.mode:
-        durations = request.resting_durations(least, usual)
-    else:
-        durations = np.maximum(least, usual)
+    durations = np.maximum(least, usual)
+    for group, is_fixed in request.groups:
+        if request.mode and is_fixed:
+            part = list(group)
+            needed, given = float(least[part].sum()), float(usual[part].sum())
+            if needed > given * (1.0 + 1e-9):
+                raise TrajectoryError("the times are too short to rest at each target")
+            durations[part] = least[part] * (given / needed)
     if route.moves_at_ends and not (request.mode and request.groups[0][1]):
         # Between other points, the controller's quintics would exceed the jerk of the brake.
         durations[0] = route.step * np.ceil(durations[0] / route.step - 1e-9)
-    check_duration(context, "the slow motion would take", float(durations.sum()))
+    context.check_duration("the slow motion would take", float(durations.sum()))
     return legs * np.repeat(durations / least, counts)

@@ -57,7 +57,7 @@ def test_a_budget_ends_planning_by_time_or_when_it_is_cancelled():
     assert asked and stopped.iterations < free.iterations
     # Time is kept for a check as long as the longest so far, in any part of a budget.
     kept = mp.Budget(60.0)
-    kept.part(5).checks.append(50.0)
+    kept.part(0.5).whole.longest_check = 50.0
     assert not kept.is_late() and kept.is_late(ahead=20.0)
     with pytest.raises(mp.PlannerError, match="time for planning.*-1"):
         mp.Budget(-1.0)

@@ -15,12 +15,9 @@ from mp_pca_planner.motion.validation import LIMIT_TOLERANCE, START_TOLERANCE, c
 from mp_pca_planner.planning.options import PlannerOptions
 from mp_pca_planner.planning.plan import INFEASIBLE, SOLVED
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program import compile as compiler
-from mp_pca_planner.planning.program.limits import Limits
 from mp_pca_planner.planning.resolve import check_goal
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.recordings.demonstration import Demonstration
-from mp_pca_planner.robot.limits import JointLimits
 from mp_pca_planner.robot.model import Robot
 
 
@@ -123,31 +120,6 @@ def test_the_state_may_have_more_joints_in_any_order():
         planner().plan(goal, wider).trajectory.positions,
         planner().plan(goal, start).trajectory.positions,
     )
-
-
-UNLIMITED = {
-    "min_position": -np.inf,
-    "max_position": np.inf,
-    "max_velocity": np.inf,
-    "max_effort": np.inf,
-}
-
-
-def unlimited(robot, tables, unknowns, _, ends, chosen):
-    """Limits that bound nothing."""
-    limits = JointLimits(JOINTS, dict.fromkeys(JOINTS, UNLIMITED))
-    return Limits(robot, tables, unknowns, limits, ends, chosen)
-
-
-def test_naturalness_is_raised_where_nothing_else_keeps_the_limits(monkeypatch):
-    # As if the solver could not keep limits at all.
-    monkeypatch.setattr(compiler, "Limits", unlimited)
-    subject = planner("joint", naturalness=0.0)
-    plans = [subject.plan(*request(i)) for i in range(10)]
-    assert any(plan.facts["naturalness"] > 0.0 for plan in plans)
-    for plan in plans:
-        assert plan.is_executable
-        assert ("instead of" in plan.message) == (plan.facts["naturalness"] > 0.0)
 
 
 def test_an_executable_plan_breaks_no_limit_on_a_finer_grid():

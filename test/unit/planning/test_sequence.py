@@ -20,6 +20,7 @@ from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.options import MODES, OPTIMAL, REAL_TIME
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
+from mp_pca_planner.planning.program.bases import segment_basis
 from mp_pca_planner.planning.program.compile import Setting, compile_program, joined_motion
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.resolve import resolve
@@ -95,10 +96,7 @@ def chained(posed: bool, *, with_limits: bool) -> MotionProgram:
     tight = planner(max_velocity=1.0, max_acceleration=4.0, max_jerk=20.0)
     context = tight._context
     (resolved,) = resolve(context, tight._selector, goal, start, OPTIMAL, Budget(np.inf))
-    bases = tuple(
-        context.bases.basis(one, resolved.naturalness, is_time_scaled=False)
-        for one in resolved.segments
-    )
+    bases = tuple(segment_basis(tight.options, resolved, one) for one in resolved.segments)
     joined = joined_motion(resolved, bases, [one.duration for one in resolved.segments])
     setting = Setting(bases, joined, resolved.naturalness, context.options.objectives)
     program = compile_program(context, resolved, setting)
