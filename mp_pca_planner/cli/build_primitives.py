@@ -86,9 +86,10 @@ def _add_cutting(group: argparse._ArgumentGroup) -> None:
     help_text = "cut at rests (auto, the default), or don't cut"
     group.add_argument("--segment", choices=["auto", "none"], default="auto", help=help_text)
     help_text = "cut at rests alone, or at valleys of the speed, too (the default)"
-    group.add_argument("--cut", choices=CUTS, help=help_text)
-    help_text = "shortest rest that cuts, but episodes [s] (default: 0.6)"
-    group.add_argument("--min-rest", metavar="S", type=seconds, help=help_text)
+    group.add_argument("--cut", choices=CUTS, default=SegmentationOptions.cut, help=help_text)
+    rest: dict[str, Any] = {"type": seconds, "default": SegmentationOptions.min_rest}
+    help_text = "shortest rest that cuts, but episodes [s] (default: %(default)s)"
+    group.add_argument("--min-rest", metavar="S", **rest, help=help_text)
     add_file(group, "--segments", "FILE.csv", "table recording,start_time_s,end_time_s[,label]")
     add_file(group, "--write-segments", "FILE.csv", "table of the motions to write")
 
@@ -161,7 +162,7 @@ def _load(arguments: argparse.Namespace, robot: Robot | None) -> RecordingSet:
             moving_only=robot is not None and not arguments.joints,
             segment=arguments.segment,
             segments_csv=arguments.segments,
-            segmentation=_segmentation(arguments),
+            segmentation=SegmentationOptions(arguments.min_rest, arguments.cut),
             overviews=arguments.report is not None,
             jobs=arguments.jobs,
             dask=arguments.dask,
@@ -180,27 +181,23 @@ def _groups(recordings: RecordingSet, by: str) -> dict[str, list[Demonstration]]
     Raises
     ------
     RecordingError
-        If a motion has no label, or a label can't be the name of a file.
+        If a motion has no label, or two folders have the same name.
     """
     folders = {report.name: Path(report.path).absolute().parent for report in recordings.reports}
     groups: dict[str, list[Demonstration]] = {}
     places: dict[str, Path] = {}
     for motion in recordings.demonstrations:
-        name = motion.label
-        if by == "folder":
-            folder = folders[motion.recording]
-            name = folder.name
-            if places.setdefault(name, folder) != folder:
-                raise RecordingError(
-                    f"two folders are called '{name}', '{places[name]}' and '{folder}': rename one"
-                )
-        elif not name:
+        folder = folders[motion.recording]
+        name = motion.label if by == "label" else folder.name
+        if not name:
             raise RecordingError(
                 f"a motion of '{motion.recording}' has no label: --by label needs a table of "
                 "segments (--segments) in which all motions have one"
             )
-        if name.startswith(".") or "/" in name or "\0" in name:
-            raise RecordingError(f"the label '{name}' can't be the name of a file: change it")
+        if by == "folder" and places.setdefault(name, folder) != folder:
+            raise RecordingError(
+                f"two folders are called '{name}', '{places[name]}' and '{folder}': rename one"
+            )
         groups.setdefault(name, []).append(motion)
     return groups
 
@@ -253,28 +250,15 @@ def _print(
             )
 
 
-def _segmentation(arguments: argparse.Namespace) -> SegmentationOptions:
-    chosen = {"min_rest": arguments.min_rest, "cut": arguments.cut}
-    given = {name: value for name, value in chosen.items() if value is not None}
-    if given and (arguments.segments is not None or arguments.segment != "auto"):
-        raise RecordingError(
-            "--cut and --min-rest are for --segment auto: remove them with --segments and with "
-            "--segment none"
-        )
-    return SegmentationOptions(**given)
-
-
 def _marker_source(arguments: argparse.Namespace) -> MarkerSource | None:
-    files = (arguments.robot, arguments.marker_map)
-    if arguments.markers is None:
-        if arguments.marker_map is not None:
-            raise RecordingError("--marker-map is for recordings of markers: also pass --markers")
+    if arguments.markers is None and arguments.marker_map is None:
         return None
-    if None in files:
-        raise RecordingError("--markers needs --robot and --marker-map")
-    if arguments.topic is not None or arguments.field is not None:
-        raise RecordingError("--markers excludes --topic and --field")
-    return marker_source(arguments.markers, *files, arguments.joints)
+    needed = arguments.markers, arguments.robot, arguments.marker_map
+    if None in needed or arguments.topic or arguments.field:
+        raise RecordingError(
+            "--markers needs --robot and --marker-map, and excludes --topic and --field"
+        )
+    return marker_source(*needed, arguments.joints)
 
 
 def _facts(primitive: MovementPrimitive, output: Path) -> dict[str, Any]:

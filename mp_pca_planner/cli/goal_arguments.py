@@ -49,10 +49,6 @@ def joint_values(
         values = read_values(separated, what, kind, names)
     else:
         numbers = read_numbers(text, f"{what}, name=value,… or a list,")
-        if not numbers:
-            raise GoalError(
-                f"{what} '{text}' must be name=value,… or {len(names)} values in {kind} order"
-            )
         if len(numbers) != len(names):
             raise GoalError(
                 f"{what} has {len(numbers)} values, but there are {len(names)} {kind}s: "
@@ -104,14 +100,15 @@ def planned_goal(arguments: argparse.Namespace, robot: Robot) -> SequenceGoal:
         q = joint_values(text, robot.described_joints, option, angles=angles)
         return JointState(list(q), list(q.values()))
 
-    option = "--goal" if arguments.goal_pose is None else "--goal-pose"
-    text = arguments.goal if arguments.goal_pose is None else arguments.goal_pose
+    goal = ("--goal", arguments.goal)
+    if arguments.goal_pose is not None:
+        goal = ("--goal-pose", arguments.goal_pose)
     if arguments.via and arguments.timing != AUTO:
         raise GoalError(
             f"--timing {arguments.timing} can't be given with --via: sequences are timed like the "
             "demonstrations, or by --duration or @T"
         )
-    return sequence_goal(arguments, read, (option, text), arguments.duration)
+    return sequence_goal(arguments, read, goal, arguments.duration)
 
 
 def sequence_goal(

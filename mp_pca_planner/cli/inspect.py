@@ -11,7 +11,6 @@ from typing import Any
 from ..control.law import control_statement
 from ..exceptions import PlannerError
 from ..primitives.file import load_primitive
-from ..primitives.primitive import MovementPrimitive
 from ..recordings.bags import find_recordings
 from ..recordings.reading import inspect_recording
 from .common import fact_lines, primitive_lines, print_json
@@ -52,27 +51,21 @@ def _contents(name: str, arguments: argparse.Namespace) -> tuple[list[dict[str, 
     """The facts of a primitive or of each recording, and their text."""
     if name.endswith(".npz"):
         primitive = load_primitive(name)
-        facts = _primitive_facts(name, primitive)
-        law = f"  control law: {facts['control_statement']}"
-        efforts = "of rigid bodies, and of rotors, damping and friction where the robot has them"
-        return [facts], [*primitive_lines(name, primitive), f"  efforts of plans: {efforts}", law]
+        fields = (
+            *("name", "joint_names", "coupling", "n_components", "degree"),
+            *("explained_variance_ratio", "fit_residual", "metadata", "durations"),
+        )
+        law = control_statement(primitive)
+        facts = {
+            "path": name,
+            "format": "movement_primitive",
+            **{field: getattr(primitive, field) for field in fields},
+            **primitive.summary(),
+            "control_statement": law,
+        }
+        return [facts], [*primitive_lines(name, primitive), f"  control law: {law}"]
     options = reading_options(arguments)
     paths = find_recordings([name])
     found = [asdict(inspect_recording(path, **options)) for path in paths]
     lines = [line for facts in found for line in (*fact_lines(facts), "")]
     return found, lines[:-1]
-
-
-def _primitive_facts(name: str, primitive: MovementPrimitive) -> dict[str, Any]:
-    shown = (
-        *("name", "joint_names", "coupling", "n_components", "degree"),
-        *("explained_variance_ratio", "fit_residual", "metadata"),
-    )
-    return {
-        "path": name,
-        "format": "movement_primitive",
-        **{field: getattr(primitive, field) for field in shown},
-        **primitive.summary(),
-        "durations": primitive.durations,
-        "control_statement": control_statement(primitive),
-    }

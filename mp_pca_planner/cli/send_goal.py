@@ -5,25 +5,19 @@
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from typing import TYPE_CHECKING, Any
 
 from ..arrays import read_numbers
 from ..exceptions import GoalError, quote_names
 from ..execution.outcomes import MotionOutcome
-from ..motion.goal import JointState
+from ..motion.goal import JointState, Pose
 from .common import print_json, reported, show
 from .goal_arguments import joint_values, pose, sequence_goal
 from .options import add_json, add_node, add_targets, number
 from .terminal import DONE, FAILED, REFUSED, say
 
-# Arguments are checked before ROS is imported.
 if TYPE_CHECKING:
-    from geometry_msgs.msg import PoseStamped
-    from sensor_msgs.msg import JointState as JointStateMessage
-    from trajectory_msgs.msg import JointTrajectory
-
     from ..ros.client import GoalClient
 
 _MARGIN = 30.0  # s from the end of the motion to its report, where --wait is not given
@@ -100,7 +94,7 @@ def _send(arguments: argparse.Namespace, client: GoalClient, message: Any) -> in
     return REFUSED if found.level == DiagnosticStatus.ERROR else status
 
 
-def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> PoseStamped:
+def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> Any:
     from ..ros.goals import to_pose_message
 
     for option in ("via", "primitive", "degrees"):
@@ -109,9 +103,7 @@ def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> PoseStamped:
     return to_pose_message(pose(arguments.frame, arguments.goal_pose, "--goal-pose"))
 
 
-def _joint_message(
-    arguments: argparse.Namespace, client: GoalClient
-) -> JointStateMessage | JointTrajectory:
+def _joint_message(arguments: argparse.Namespace, client: GoalClient) -> Any:
     """The message of a goal and its vias, all of them positions of the same joints."""
     from sensor_msgs.msg import JointState as JointStateMessage
 
@@ -119,49 +111,31 @@ def _joint_message(
 
     if arguments.frame:
         raise GoalError("--frame is for --goal-pose, and is not accepted with joint positions")
-    unit = math.pi / 180.0 if arguments.degrees else 1.0
     text = arguments.goal.partition("@")[0]
     names = [part.partition("=")[0].strip() for part in text.split(",") if "=" in part]
-    names = names or _joints_of_list(arguments, client, text)
+    if not names:  # those of the node, as the robot description has them
+        read_numbers(text, "the goal, name=value,… or a list,")
+        longest = arguments.wait or arguments.timeout
+        client.wait_for_node(longest, with_trajectory=False)
+        values = client.wait_for_diagnostics(lambda x: x.get("joints", "none") != "none", longest)
+        names = values["joints"].split(", ")
 
     def read(text: str, option: str) -> JointState:
-        is_via = option == "--via"
-        values = joint_values(text, names, option, "joint of the goal" if is_via else "joint")
-        missing = [name for name in names if name not in values]
-        if missing:
+        kind = "joint of the goal" if option == "--via" else "joint"
+        angles = names if arguments.degrees else ()
+        values = joint_values(text, names, option, kind, angles)
+        if missing := [name for name in names if name not in values]:
             raise GoalError(
                 f"{option} '{text}' lacks {quote_names(missing)}: the points of a sequence name "
                 "the same joints"
             )
-        return JointState(names, [unit * values[name] for name in names])
+        return JointState(names, [values[name] for name in names])
 
     goal = sequence_goal(arguments, read, ("the goal", arguments.goal))
-    message: JointStateMessage | JointTrajectory
-    if len(goal.targets) > 1 or goal.times[0] is not None:
+    last = goal.targets[-1]
+    if len(goal.targets) > 1 or goal.times[0] is not None or isinstance(last, Pose):
         message = to_sequence_message(goal)
     else:
-        last = read(text, "the goal")
         message = JointStateMessage(name=names, position=last.positions.tolist())
     message.header.frame_id = arguments.primitive
     return message
-
-
-def _joints_of_list(arguments: argparse.Namespace, client: GoalClient, goal: str) -> list[str]:
-    """The joints of a goal without names: those of the node, as the robot description has them.
-
-    Raises
-    ------
-    GoalError
-        If it is no list of numbers.
-    """
-    if not read_numbers(goal, "the goal, name=value,… or a list,"):
-        raise GoalError(
-            "the goal is empty; a goal is name=value,… or a list of numbers in the joint order of "
-            "the robot description"
-        )
-    longest = arguments.wait or arguments.timeout
-    client.wait_for_node(longest, with_trajectory=False)
-    values = client.wait_for_diagnostics(
-        lambda found: found.get("joints", "none") != "none", longest
-    )
-    return values["joints"].split(", ")

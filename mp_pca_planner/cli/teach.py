@@ -64,11 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.play is not None:
         topic, states = stored_states(arguments.play, arguments.topic)
         with TeachingSession(output, topic, joints, **options) as session:
-            new = [(stamp, data) for stamp, data in states if stamp > session.last_stamp]
-            if len(new) < len(states):
-                n_known = len(states) - len(new)
-                say(f"{session.recording} already holds {n_known} of the messages to play")
-            session.record(new)
+            # Those that a session that is continued already holds are not recorded again.
+            session.record([state for state in states if state[0] > session.last_stamp])
             is_built = _is_built(session, None, keys)
     else:
         from ..ros.live_node import JointStateSource, full_topic_name

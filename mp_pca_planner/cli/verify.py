@@ -21,6 +21,12 @@ from .options import add_file, add_report, add_request, number, whole
 from .plan import plan_request
 from .terminal import DONE, FAILED
 
+_REMEDY = (
+    "there is no bound: the loop is unstable, or the assumed errors leave the range of its linear "
+    "model; change --natural-frequency, give less --friction, --start-error or --inertia-error, or "
+    "the inertias of the rotors (--armature), which light links need"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
@@ -93,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         "saturated": found.saturated,
         "worst_error": found.errors.max(axis=0),
         "statement": statement,
-        "remedy": _remedy(stability) if bound is None else None,
+        "remedy": _REMEDY if bound is None else None,
         "remarks": request.remarks,
         "written": arguments.output,
     }
@@ -124,29 +130,14 @@ def _statement(
     verdict = "no error bound"
     if stability.error_bound is not None and stability.holds:
         verdict = f"errors stay within {shown(stability.error_bound.max(axis=0))} rad or m"
-    friction, rubbing, excluded = np.asarray(errors.friction), "", ["friction"]
-    if friction.any():
-        rubbing, excluded = f"friction within {shown(friction)} N·m or N, ", []
-    excluded += [] if armature.any() else ["inertias of the rotors"]
-    excluded += ["errors of centres of mass and of the velocity at the start", "elasticity"]
     return (
         f"{verdict} on the motion from {shown(motion.positions[0])} to "
         f"{shown(motion.positions[-1])} in {motion.duration:.6g} s of robot '{loop.model.name}', "
-        f"if each mass and moment of inertia is within {100.0 * errors.inertia:g} %, {rubbing}"
+        f"if each mass and moment of inertia is within {100.0 * errors.inertia:g} %, "
+        f"friction within {shown(np.asarray(errors.friction))} N·m or N, "
+        f"the inertias of the rotors are {shown(armature)} kg·m² or kg, "
         f"the start within {errors.position:g} rad or m, the control period "
         f"{1e3 * loop.period:g} ms, and the delay {loop.delay} samples; not included: "
-        f"{', '.join(excluded)}, backlash, and noise of the sensors"
+        "errors of centres of mass and of the velocity at the start, elasticity, backlash, and "
+        "noise of the sensors"
     )
-
-
-def _remedy(stability: Stability) -> str:
-    """Why there is no bound, and what helps."""
-    if stability.slowest_pole >= 0.0 or stability.sampled_radius >= 1.0:
-        reason = "the loop is unstable; lower --natural-frequency"
-    else:
-        reason = (
-            "the assumed errors leave the range of the linear loop; raise --natural-frequency, or "
-            "give less --friction, --start-error or --inertia-error"
-        )
-    rotors = "the inertias of the rotors (--armature), which light links need"
-    return f"there is no bound: {reason}, or {rotors}"

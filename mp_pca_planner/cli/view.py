@@ -36,10 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit status."""
-    if arguments.robot is None and arguments.primitives:
-        raise GoalError("a primitive moves a robot: also pass --robot URDF")
-    if arguments.robot is not None and not arguments.primitives:
-        raise GoalError("--robot needs a primitive file; without both, the page shows an example")
+    if (arguments.robot is None) != (not arguments.primitives):
+        raise GoalError("pass primitive files and --robot URDF; without both, it is an example")
     robot, primitives = _read(arguments)
     # After the files were read: it takes a second.
     from ..view.content import read_content
@@ -50,9 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     limits = robot.limits(given)
     world = World() if arguments.obstacles is None else World.from_file(arguments.obstacles)
     with ViewPage(replace(content, limits=limits, world=world), arguments.port) as page:
-        is_moved = arguments.port and page.server.get_port() != arguments.port
-        moved = f"port {arguments.port} is in use; " if is_moved else ""
-        say(f"page         {page.url} ({moved}for this machine only; Ctrl-C ends it)")
+        say(f"page         {page.url} (for this machine only; Ctrl-C ends it)")
         with suppress(KeyboardInterrupt):  # the usual end
             threading.Event().wait()
     return DONE

@@ -102,7 +102,7 @@ def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--min-rest", "1", "--segment", "none"], "are for --segment auto"),
+        (["--markers", "/tf"], "--markers needs --robot and --marker-map"),
         (["--report", "page.txt"], "must end in .html"),
         (["--field", "a.b"], "'a.b' needs a topic"),
     ],

@@ -83,7 +83,7 @@ def test_goals_of_the_node_are_positional_or_options() -> None:
         ([*GOAL_OF_PLAN, "--goal-pose", "0.1", "0.5", "-4e-1"], "put quotes around the numbers"),
         ([*GOAL_OF_PLAN, "--goal", "0", "--duration", "601"], "a number from 0.001 to 600 s"),
         (["send_obstacles", "1", "2"], "put quotes around the numbers"),
-        (["view", "--robot", "arm.urdf"], "--robot needs a primitive file"),
+        (["view", "--robot", "arm.urdf"], "pass primitive files and --robot URDF"),
     ],
 )
 def test_slips_of_the_hand_are_named(words: list[str], sentence: str) -> None:

@@ -59,14 +59,14 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_statement_says_what_it_excludes_and_how_much_friction_it_holds_for(
     verified: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = "friction, inertias of the rotors, errors of centres of mass and of the velocity"
-    assert f"not included: {words}" in control_statement(load_primitive(verified))
+    without = control_statement(load_primitive(verified))
+    assert "elbow=0 N·m or N" in without and "elbow=0 kg·m²" in without
     other = str(tmp_path / "other.npz")
     options = ["--friction", "elbow=0.01", "--armature", "0.01", "--trials", "2", "--output", other]
     assert main(["verify", str(verified), *REQUEST, *options]) == 0
     assert "not included" in capsys.readouterr().out
     text = control_statement(load_primitive(other))
-    assert "elbow=0.01 N·m or N" in text and "not included: errors of centres" in text
+    assert "elbow=0.01 N·m or N" in text and "elbow=0.01 kg·m²" in text
 
 
 def test_without_a_bound_the_remedy_is_named(
