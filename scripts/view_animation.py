@@ -199,7 +199,7 @@ def film(camera: Camera) -> list[Image.Image]:
     camera.take(5)
     camera.say("3. Put a box in the way: the plan takes a detour")
     page.open(WORLD)
-    page.plan.submit(start=page.plan.goal, goal=WAY[0], pose=None)
+    page.plan.submit(start=page.plan.answer.goal, goal=WAY[0], pose=None)
     page.player.seek(0.0)
     camera.take(3)
     camera.point(np.array(BOX.position))

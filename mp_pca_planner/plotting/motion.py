@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -234,30 +233,29 @@ def outlines(obstacle: Obstacle, plane: Sequence[int]) -> list[FloatArray]:
     """
     from scipy.spatial import ConvexHull
 
-    flat = [_surface(shape)[:, plane] for shape in obstacle.shapes]
-    return [points[ConvexHull(points).vertices] for points in flat]
+    found = []
+    for shape in obstacle.shapes:
+        placed = pin.XYZQUATToSE3(shape.pose)
+        points = [placed.act(x) for x in np.asarray(surface(shape).vertices)]
+        flat = np.array(points)[:, plane]
+        found.append(flat[ConvexHull(flat).vertices])
+    return found
 
 
-def _surface(shape: Shape) -> FloatArray:
-    """Points whose convex hull is that of a shape, shape (n_points, 3) [m]."""
-    angles = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
-    circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(48)])
-    heights = np.linspace(-1.0, 1.0, 25)[:, None, None]
-    ball = circle * np.sqrt(1.0 - heights**2) + heights * [0.0, 0.0, 1.0]
+def surface(shape: Shape) -> Any:
+    """The surface of a shape in its own frame, a trimesh.Trimesh."""
+    from trimesh import Trimesh, creation
+
     if isinstance(shape, Box):
-        points = 0.5 * np.asarray(shape.size) * list(product((-1.0, 1.0), repeat=3))
-    elif isinstance(shape, Sphere | Capsule):
-        points = shape.radius * ball.reshape(-1, 3)
-    elif isinstance(shape, Cylinder):
-        points = shape.radius * circle
-    else:
-        points = np.asarray(cast(Mesh, shape).vertices)
-    if isinstance(shape, Cylinder):  # a capsule is one, too
-        ends = 0.5 * shape.height * np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
-        points = np.concatenate([points + end for end in ends])
-    x, y, z, w = shape.orientation
-    turn = pin.Quaternion(w, x, y, z).matrix()
-    return np.asarray(points @ turn.T + shape.position)
+        return creation.box(shape.size)
+    if isinstance(shape, Sphere):
+        return creation.icosphere(radius=shape.radius, subdivisions=3)
+    if isinstance(shape, Capsule):
+        return creation.capsule(shape.height, shape.radius)
+    if isinstance(shape, Cylinder):
+        return creation.cylinder(shape.radius, shape.height, sections=32)
+    assert isinstance(shape, Mesh)
+    return Trimesh(shape.vertices, shape.triangles, process=False)
 
 
 def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> list[Axes]:

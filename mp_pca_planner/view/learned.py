@@ -58,15 +58,11 @@ def bent_demonstration(
 
 def component_names(primitive: MovementPrimitive) -> list[str]:
     """A name for each component; one of a single joint is named after it."""
+    numbers = [str(k + 1) for k in range(primitive.n_components)]
     if primitive.coupling == "arm":
-        return [f"{k}" for k in range(1, primitive.n_components + 1)]
-    counts: dict[str, int] = {}
-    names = []
-    for joint in primitive.joint_of_component:
-        name = primitive.joint_names[joint]
-        counts[name] = counts.get(name, 0) + 1
-        names.append(f"{name} {counts[name]}")
-    return names
+        return numbers
+    joints = [primitive.joint_names[joint] for joint in primitive.joint_of_component]
+    return [f"{number} ({joint})" for number, joint in zip(numbers, joints, strict=True)]
 
 
 def variance_shares(primitive: MovementPrimitive) -> FloatArray:
@@ -103,9 +99,7 @@ class ComponentsPanel:
         gui.add_html(part("lines", [_SLIDERS]))
         self._folder = gui.add_folder(None)
         reset = gui.add_button("Back to the demonstration", icon=viser.Icon.ROTATE)
-        # The sliders of the shown components, and all that belongs to them.
-        self._sliders: dict[int, Any] = {}
-        self._widgets: list[Any] = []
+        self._sliders: dict[int, Any] = {}  # of the largest components
         self._root = stage.server.scene.add_frame("/components", show_axes=False, visible=False)
         self._typical = DrawnPath(stage.server.scene, "/components/typical", _TYPICAL)
         self._bent = DrawnPath(stage.server.scene, "/components/bent", _BENT, 4.0)
@@ -122,21 +116,15 @@ class ComponentsPanel:
         gui, primitive = self._stage.server.gui, self._primitives[self._choice.value]
         self._index = typical_demonstration(primitive)
         self._text.content = explanation(primitive)
-        for widget in self._widgets:
-            widget.remove()
-        self._widgets, self._sliders = [], {}
+        for slider in self._sliders.values():
+            slider.remove()
+        self._sliders = {}
         shares, names = variance_shares(primitive), component_names(primitive)
         with self._folder:
             for k in sorted(np.argsort(-shares, kind="stable")[:_MAX_SLIDERS].tolist()):
                 label, ends = f"{names[k]}: {100.0 * shares[k]:.1f} %", _SLIDER_RANGE
-                slider = gui.add_slider(label, -ends, ends, 0.1, 0.0)
+                self._sliders[k] = slider = gui.add_slider(label, -ends, ends, 0.1, 0.0)
                 self._stage.on_change(slider, self._on_slider)
-                self._sliders[k] = slider
-                self._widgets.append(slider)
-            left = len(names) - len(self._sliders)
-            if left:
-                text = f"{left} smaller components are not shown."
-                self._widgets.append(gui.add_html(part("lines", [text])))
         self._on_slider()
 
     def _on_reset(self) -> None:

@@ -115,11 +115,6 @@ class PlanPanel:
         self._requests.put(self._request)
 
     @property
-    def goal(self) -> FloatArray | None:
-        """The goal configuration, shape (n_joints,), if there is a motion to it."""
-        return None if self.answer is None or self.answer.problem else self.answer.goal
-
-    @property
     def is_settled(self) -> bool:
         """Whether every request has been answered."""
         return self._answered is self._newest
@@ -148,9 +143,7 @@ class PlanPanel:
         stage.on_change(naturalness, lambda: self._on_naturalness(naturalness.value))
         hint = "Continue from the goal, or go back to the beginning"
         ends = gui.add_button_group("Start", (_CONTINUE, _RESET), hint=hint)
-        stage.on_click(
-            ends, lambda: self._on_swap() if ends.value == _CONTINUE else self._on_reset()
-        )
+        stage.on_click(ends, lambda: self._on_start(ends.value))
 
     def _on_save(self, event: viser.GuiEvent[Any]) -> None:
         """Send the motion as a file to the browser that asked; none that must not be executed."""
@@ -190,12 +183,9 @@ class PlanPanel:
     def _on_naturalness(self, value: str) -> None:
         self.submit(naturalness=None if value == AUTO else float(value))
 
-    def _on_swap(self) -> None:
-        self._player.seek(0.0)
-        self.submit(start=self._request.goal)
-
-    def _on_reset(self) -> None:
-        start, goal = self._home
+    def _on_start(self, choice: str) -> None:
+        """Start at the goal, or go back to the first start and goal."""
+        start, goal = self._home if choice == _RESET else (self._request.goal, self._request.goal)
         self._place_handle(goal)
         self._player.seek(0.0)
         self.submit(start=start, goal=goal, pose=None)
@@ -222,21 +212,17 @@ class PlanPanel:
         answer = PlanAnswer(request, request.goal, None, _INTERNAL_ERROR, 0.0)
         with self._stage.caught():
             answer = self._planner.answer(request)
-        # Words sent alone appear at once; with the scene, they would wait until it is drawn.
-        for show in (self._say, self._draw):
-            with self._stage.caught(), self._stage.lock, self._stage.server.atomic():
-                show(answer)
-            self._stage.server.flush()
+        with self._stage.caught(), self._stage.lock, self._stage.server.atomic():
+            self._show(answer)
+        self._stage.server.flush()
 
-    def _say(self, answer: PlanAnswer) -> None:
+    def _show(self, answer: PlanAnswer) -> None:
         self.answer = answer
         if answer.request.pose is not None:
             self._request = replace(self._request, goal=answer.goal)
             for slider, q in zip(self._sliders, answer.goal, strict=True):
                 slider.value = float(np.clip(round(q, 3), slider.min, slider.max))
         self._verdict.content = answer_html(answer)
-
-    def _draw(self, answer: PlanAnswer) -> None:
         self._ghost.show(answer.goal)
         self._ghost.paint(_REJECTED if answer.problem else _SHORT if answer.distance else _GOAL)
         shown = self.motion if answer.plan is None else answer.plan.trajectory

@@ -155,7 +155,9 @@ def answer_html(answer: PlanAnswer) -> str:
     if plan.status == ALREADY_THERE:
         return part("verdict", "Already there", "the goal is the start", GOOD)
     if answer.distance > 0.0:
-        head = part("verdict", "Out of reach", _shortfall(answer), WARNING)
+        away = f"{1e3 * answer.distance:.0f} mm from the handle"
+        text = f"the motion goes to the nearest pose, {away}"
+        head = part("verdict", "Out of reach", text, WARNING)
     else:
         unlike = plan.in_span_score > UNUSUAL_IN_SPAN_SCORE
         is_fine = plan.status != STOPPED_EARLY
@@ -164,10 +166,3 @@ def answer_html(answer: PlanAnswer) -> str:
         head = part("verdict", title, plan.message, colour)
     found = f"planned in {1e3 * answer.seconds:.0f} ms with the primitive '{plan.primitive}'"
     return head + part("lines", [*plan.remarks, found])
-
-
-def _shortfall(answer: PlanAnswer) -> str:
-    """How far from its place the motion of an answer ends."""
-    if answer.distance < 5e-4:
-        return "no configuration has this orientation here; the motion goes to the nearest pose"
-    return f"the motion goes to the nearest pose, {1e3 * answer.distance:.0f} mm from the handle"

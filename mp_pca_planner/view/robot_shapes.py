@@ -18,11 +18,11 @@ import viser
 
 from ..arrays import FloatArray
 from ..exceptions import PlannerError, RobotError
+from ..plotting.motion import surface
 from ..robot.bodies import primitive_of
 from ..robot.meshes import find_mesh, scaled, solid_of
 from ..robot.model import Robot
 from ..robot.urdf import numbers_of, parse_xml, stated_shape
-from ..robot.world import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue and opacity, 0 to 1."""
@@ -172,8 +172,9 @@ class RobotShapes:
         """Distance of a point, shape (3,), from the boxes around all shapes [m]; 0 inside."""
         self.placements(q)
         places = [self._data.oMi[shape.joint].actInv(point) for shape in self.shapes]
-        bounds = [shape.mesh.bounds for shape in self.shapes]
-        away = [x - np.clip(x, *ends) for x, ends in zip(places, bounds, strict=True)]
+        away = [
+            x - np.clip(x, *shape.mesh.bounds) for x, shape in zip(places, self.shapes, strict=True)
+        ]
         return float(np.linalg.norm(away, axis=1).min())
 
 
@@ -227,22 +228,6 @@ def _make_matte(tree: dict[str, Any]) -> None:
             primitive["material"] = 0
 
 
-def surface(shape: Shape) -> Any:
-    """The surface of a shape in its own frame, a trimesh.Trimesh."""
-    make = trimesh.creation
-    if isinstance(shape, Box):
-        return make.box(shape.size)
-    if isinstance(shape, Sphere):
-        return make.icosphere(radius=shape.radius, subdivisions=3)
-    if isinstance(shape, Capsule):
-        return make.capsule(shape.height, shape.radius)
-    if isinstance(shape, Cylinder):
-        return make.cylinder(shape.radius, shape.height, sections=32)
-    if isinstance(shape, Mesh):
-        return trimesh.Trimesh(shape.vertices, shape.triangles, process=False)
-    raise TypeError(f"no drawing of a {type(shape).__name__}")
-
-
 def _named_colour(material: ET.Element) -> tuple[str, Colour] | None:
     element = material.find("color")
     if element is None:
@@ -255,29 +240,17 @@ def _named_colour(material: ET.Element) -> tuple[str, Colour] | None:
 
 
 def _skeleton(model: Any, drawn: Collection[int]) -> Iterator[RobotShape]:
-    """Balls at the joints that move no shape, and rods from each to the next ones and its links.
-
-    Several joints in one place have one ball, that of the last.
-    """
-    ends: list[tuple[int, FloatArray]] = [
-        (int(model.parents[joint]), np.array(model.jointPlacements[joint].translation))
-        for joint in range(1, model.njoints)
-    ]
-    ends += [
-        (frame.parentJoint, np.array(frame.placement.translation))
-        for frame in model.frames
-        if frame.type == pin.FrameType.BODY
-    ]
-    reach = sum(float(np.linalg.norm(end)) for _, end in ends) or 1.0
-    radius = float(np.clip(0.02 * reach, 0.005, 0.05))
-    parents = set(model.parents[1:])
+    """Balls at the joints that move no shape, and rods from each to the next ones and its links."""
+    ends = [(at, model.jointPlacements[i]) for i, at in enumerate(model.parents)][1:]
+    ends += [(x.parentJoint, x.placement) for x in model.frames if x.type == pin.FrameType.BODY]
+    lengths = [float(np.linalg.norm(place.translation)) for _, place in ends]
+    radius = float(np.clip(0.02 * sum(lengths), 0.005, 0.05))
     for joint in set(range(model.njoints)) - set(drawn):
-        rods = [end for at, end in ends if at == joint and np.linalg.norm(end) > radius]
-        if rods or joint not in parents:
-            yield RobotShape(joint, trimesh.creation.icosphere(radius=1.4 * radius), _PLAIN)
-        for end in rods:
-            rod = trimesh.creation.cylinder(radius, segment=[np.zeros(3), end], sections=24)
-            yield RobotShape(joint, rod, _PLAIN)
+        yield RobotShape(joint, trimesh.creation.icosphere(radius=1.4 * radius), _PLAIN)
+        for (at, place), length in zip(ends, lengths, strict=True):
+            if at == joint and length > radius:
+                rod = [np.zeros(3), place.translation]
+                yield RobotShape(joint, trimesh.creation.cylinder(radius, segment=rod), _PLAIN)
 
 
 class DrawnRobot:

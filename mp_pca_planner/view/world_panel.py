@@ -13,8 +13,9 @@ import viser
 from numpy.typing import ArrayLike
 
 from ..arrays import FloatArray
+from ..plotting.motion import surface
 from ..robot.world import Box, Cylinder, Obstacle, Shape, Sphere, World
-from .robot_shapes import Rgb, add_mesh, surface
+from .robot_shapes import Rgb, add_mesh
 from .stage import ShownMotion, Stage, part
 
 NAME = "World"

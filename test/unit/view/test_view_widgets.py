@@ -67,7 +67,7 @@ def test_a_handle_that_is_released_out_of_reach_returns_to_the_end_effector(page
     until(lambda: page.plan.is_settled and page.plan.answer.distance > 0.0)
     place = page.stage.path(page.plan.answer.goal[None])[0]
     until(lambda: np.allclose(page.plan.handle.position, place, atol=1e-9))
-    assert page.plan.goal is not None and page.plan.answer.plan.is_executable
+    assert page.plan.answer.plan.is_executable
 
 
 @pytest.mark.parametrize("kind", ["Box", "Sphere", "Cylinder"])
@@ -100,7 +100,7 @@ def test_a_plan_is_shown_from_python():
 
 
 def test_a_goal_at_the_start_is_no_error(page):
-    page.plan._on_swap()
+    page.plan._on_start("At the goal")
     until(lambda: page.plan.is_settled and "Already there" in page.plan._verdict.content)
     assert page.plan.answer.problem == ""
 
@@ -126,8 +126,8 @@ def test_the_planning_thread_outlives_every_error_logs_and_shows_it(
         until(lambda: page.plan.is_settled and caplog.records)
     assert "SurprisingError: a surprise" in caplog.text and "Traceback" in caplog.text
     if part == "answer":
-        assert "internal error" in page.plan._verdict.content and page.plan.goal is None
+        assert "internal error" in page.plan._verdict.content and page.plan.answer.problem
     monkeypatch.undo()
     page.plan.submit()
-    until(lambda: page.plan.goal is not None and page.plan.is_settled)
+    until(lambda: page.plan.is_settled and not page.plan.answer.problem)
     assert "Motion found" in page.plan._verdict.content
