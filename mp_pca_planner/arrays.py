@@ -7,7 +7,6 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
 from math import inf
 from numbers import Integral, Real
 from typing import Any
@@ -58,8 +57,6 @@ def float_array(
     what: str,
     error: type[PlannerError],
     shape: tuple[int | None, ...] | None = None,
-    *,
-    is_copied: bool = True,
 ) -> FloatArray:
     """Copy numbers into a float array.
 
@@ -71,8 +68,6 @@ def float_array(
         See :func:`frozen_array`.
     shape :
         The expected shape; any unless given.
-    is_copied :
-        Whether a float array is copied, too.
 
     Raises
     ------
@@ -89,15 +84,14 @@ def float_array(
         is_numeric = given.dtype.kind in "iuf" and not isinstance(values, np.ma.MaskedArray)
     if not is_numeric:
         raise error(f"{what} must be numbers, got {shown(values)}")
-    wanted = given.shape if shape is None else shape
-    is_fitting = given.shape == wanted or (
-        given.ndim == len(wanted)
-        and all(n in (None, have) for n, have in zip(wanted, given.shape, strict=True))
+    fits = shape is None or (
+        given.ndim == len(shape)
+        and all(n in (None, have) for n, have in zip(shape, given.shape, strict=True))
     )
-    if not is_fitting:
-        expected = "(" + ", ".join("any" if n is None else str(n) for n in wanted) + ")"
+    if not fits:
+        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape or ()) + ")"
         raise error(f"{what} must have the shape {expected}, got {given.shape}")
-    return (np.array if is_copied else np.asarray)(given, dtype=np.float64, order="C")
+    return np.array(given, dtype=np.float64, order="C")
 
 
 def is_number(
@@ -150,10 +144,7 @@ def check_type(value: object, what: str, error: type[PlannerError], *kinds: Any)
     """
     if not isinstance(value, kinds):
         names = " or ".join(kind.__name__.replace("NoneType", "None") for kind in kinds)
-        made = [kind.__name__ for kind in kinds if hasattr(kind, "from_file")]
-        hint = f" ({made[0]}.from_file reads one)" if made else ""
-        article = "an" if names[0] in "AEIO" else "a"
-        raise error(f"{what} must be {article} {names}{hint}, got {shown(value)}")
+        raise error(f"{what} must be of type {names}, got {shown(value)}")
 
 
 def check_choice(
@@ -287,7 +278,6 @@ def text_table(rows: Sequence[Sequence[str]], *, header: Sequence[str]) -> str:
     )
 
 
-@lru_cache(maxsize=64)  # The same few joints are checked often.
 def short(value: str) -> str:
     """A value, with four digits if it is a number that is not whole."""
     try:

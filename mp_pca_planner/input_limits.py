@@ -15,8 +15,8 @@ class InputLimits:
     ----------
     text_bytes : int
         Text file: URDF, SRDF, CSV, JSON.
-    yaml_bytes, yaml_depth : int
-        YAML text, and its nesting depth of mappings and lists.
+    yaml_bytes : int
+        YAML text.
     definition_characters : int
         Definition of messages in a bag; large definitions of ROS have a third of that.
     unpacked_bytes : int
@@ -70,7 +70,6 @@ class InputLimits:
 
     text_bytes: int = 16 << 20
     yaml_bytes: int = 1 << 20
-    yaml_depth: int = 20
     definition_characters: int = 1 << 17
     unpacked_bytes: int = 256 << 20
     columns: int = 10_000

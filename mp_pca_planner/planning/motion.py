@@ -216,7 +216,7 @@ class Motion:
         GoalError
             If the times are not numbers.
         """
-        times = float_array(times, "times [s]", GoalError, (None,), is_copied=False)
+        times = float_array(times, "times [s]", GoalError, (None,))
         phases = np.clip(times / self.duration, 0.0, 1.0)
         states = self._at(phases)
         for phase, end in ((0.0, self.start), (1.0, self.goal)):

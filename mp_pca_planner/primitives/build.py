@@ -162,7 +162,7 @@ def demonstrations_of(
         joint_names = joint_names or _joints_of(motions[0])
         motions = [_chosen_columns(q, joint_names, k) for k, q in enumerate(motions, start=1)]
     if joint_names is None and motions:
-        first = float_array(motions[0], "positions of 'motion 1'", RecordingError, is_copied=False)
+        first = float_array(motions[0], "positions of 'motion 1'", RecordingError)
         joint_names = [f"joint{j + 1}" for j in range(first.shape[-1] if first.ndim else 0)]
     names, demonstrations, notes = joint_names or (), list[Demonstration](), list[str]()
     for k, (t, q) in enumerate(zip(given_times, motions, strict=True), start=1):
