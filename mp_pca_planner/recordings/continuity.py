@@ -1,11 +1,10 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Repair of motions that are not continuous: gaps, steps of the clock, full turns, jumps."""
+"""Repair of motions that are not continuous: gaps, full turns, jumps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -35,23 +34,9 @@ _MAX_TURN_ERROR = 1.0
 _MIN_JUMP = 0.05
 _JUMP_RATIO = 10.0
 # A jump is faster than this [/s] and longer than this many times the steps before and after it. A
-# spike, which returns in the next sample, and a step after repeated positions need not be as fast.
+# spike, which returns in the next sample, need not be as fast.
 _JUMP_SPEED = 20.0
 _JUMP_ISOLATION = 5.0
-# Joints that repeat their positions exactly before a jump were not measured if they moved at more
-# than this [/s] just before, and at more than this share of the speed that makes up for the jump,
-# and of the speed even earlier: a motion that ends slows down.
-_FROZEN_SPEED = 0.05
-_FROZEN_SHARE = 0.5
-# Each of these speeds is a mean over this time [s].
-_FROZEN_WINDOW = 0.1
-# A step of the clock is longer than this [s] and than this many periods. In such a time just before
-# and after it, the joints move by more than this [rad or m]. During it, they move at less than this
-# share of their speed there.
-_CLOCK_STEP = 0.1
-_CLOCK_PERIODS = 5
-_CLOCK_EXTENT = 0.02
-_CLOCK_SHARE = 0.5
 # From this share of jumping samples on there are two publishers.
 _MAX_JUMPS = 0.05
 
@@ -96,7 +81,7 @@ def noise_deviation(position: FloatArray) -> float:
 
 
 def cut_at_gaps(samples: Samples, gap: float, n_jumps: int) -> Pieces:
-    """Cut a recording at gaps, and where the clock was set forward.
+    """Cut a recording at gaps.
 
     Parameters
     ----------
@@ -107,36 +92,8 @@ def cut_at_gaps(samples: Samples, gap: float, n_jumps: int) -> Pieces:
     n_jumps :
         Gaps that are jumps of the clock, which are counted already.
     """
-    times = samples.times
-    gaps = np.diff(times) > gap
-    steps = _clock_steps(times, samples.positions, median_period(times)) & ~gaps
-    pieces = samples.cut((np.flatnonzero(gaps | steps) + 1).tolist())
-    return pieces, {"gaps": count(gaps) - n_jumps, "clock_steps": count(steps)}
-
-
-def _clock_steps(times: FloatArray, positions: FloatArray, period: float) -> NDArray[np.bool_]:
-    """Intervals during which the joints hardly move, but move before and after them.
-
-    Taken for time, such an interval would be a rest within a motion.
-    """
-    intervals = np.diff(times)
-    stepped = np.zeros(intervals.size, dtype=bool)
-    n_beside = max(_CLOCK_PERIODS, int(np.ceil(_CLOCK_STEP / period)))
-    holes = np.flatnonzero(intervals > n_beside * period)
-    # Near an end of the recording there is nothing to compare with.
-    holes = holes[(holes >= n_beside) & (holes + 1 + n_beside < times.size)]
-    first, last = holes - n_beside, holes + 1 + n_beside
-    before = np.linalg.norm(positions[holes] - positions[first], axis=1)
-    after = np.linalg.norm(positions[last] - positions[holes + 1], axis=1)
-    across = np.linalg.norm(positions[holes + 1] - positions[holes], axis=1)
-    # Messages that were delayed and come in a burst after the hole show a motion faster than it is.
-    prompt = times[last] - times[holes + 1] > 0.5 * n_beside * period
-    noise = np.linalg.norm([noise_deviation(position) for position in positions.T])
-    extent = max(_CLOCK_EXTENT, NOISE_DEVIATIONS * float(noise))
-    moving = np.minimum(before, after)
-    expected = moving * intervals[holes] / (n_beside * period)
-    stepped[holes] = prompt & (moving > extent) & (across < _CLOCK_SHARE * expected)
-    return stepped
+    gaps = np.flatnonzero(np.diff(samples.times) > gap)
+    return samples.cut((gaps + 1).tolist()), {"gaps": gaps.size - n_jumps}
 
 
 def long_pieces(pieces: Sequence[Samples]) -> Pieces:
@@ -219,8 +176,8 @@ def cut_at_jumps(pieces: Sequence[Samples]) -> Pieces:
         good = ~_spikes(piece.positions)
         n_spikes += count(~good)
         smooth = Samples(piece.times[good], piece.positions[good])
-        own = smooth.cut(_jumps(smooth))
-        parts += [_without_frozen_end(*pair) for pair in pairwise(own)] + own[-1:]
+        *before, last = smooth.cut(_jumps(smooth))
+        parts += [*map(_without_frozen_end, before), last]
     n_samples = sum(piece.times.size for piece in pieces)
     n_jumps = len(parts) - len(pieces)
     if n_spikes + n_jumps > _MAX_JUMPS * n_samples + 1:
@@ -232,24 +189,16 @@ def cut_at_jumps(pieces: Sequence[Samples]) -> Pieces:
     return parts, {"spikes": n_spikes, "jumps": n_jumps, "frozen": n_frozen}
 
 
-def _without_frozen_end(piece: Samples, following: Samples) -> Samples:
-    """The piece without repeated positions at its end, if the joints moved before and after.
+def _without_frozen_end(piece: Samples) -> Samples:
+    """The piece without repeated positions at its end, if the joints did not slow down before them.
 
     A driver that lost its robot repeats the last state. Taken for a rest, it would end a motion.
     """
     moves = np.flatnonzero((piece.positions != piece.positions[-1]).any(axis=1))
-    last = int(moves[-1]) + 1 if moves.size else 0  # the first sample of the repeated ones
-    windows = piece.times[last] - _FROZEN_WINDOW * np.array([2.0, 1.0])
-    earlier, first = np.searchsorted(piece.times, windows).tolist()
-    if not earlier < first < last:
-        return piece
-    places = [earlier, first, last]
-    times = np.append(piece.times[places], following.times[0])
-    positions = np.vstack([piece.positions[places], following.positions[:1]])
-    speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / np.diff(times)
-    if speeds[1] < max(_FROZEN_SPEED, _FROZEN_SHARE * max(speeds[0], speeds[2])):
-        return piece
-    return piece.cut([last + 1])[0]
+    last = int(moves.max(initial=-1)) + 1  # the first sample of the repeated ones
+    places = np.maximum([last - 2 * MIN_SAMPLES, last - MIN_SAMPLES, last], 0)
+    earlier, way = np.linalg.norm(np.diff(piece.positions[places], axis=0), axis=1)
+    return piece.cut([last + 1])[0] if way > max(_MIN_JUMP, 0.5 * earlier) else piece
 
 
 def _jump_length(position: FloatArray) -> float:
@@ -282,30 +231,6 @@ def _jumps(piece: Samples) -> list[int]:
     for position in piece.positions.T:
         steps = np.abs(np.diff(position))
         beside = np.maximum(np.append(steps[1:], 0.0), np.append(0.0, steps[:-1]))
-        jumps |= (
-            (steps > _jump_length(position))
-            & (steps > _JUMP_SPEED * np.diff(piece.times))
-            & (steps > _JUMP_ISOLATION * beside)
-        ) | _thaws(piece.times, position)
+        is_fast = steps > _JUMP_SPEED * np.diff(piece.times)
+        jumps |= is_fast & (steps > _jump_length(position)) & (steps > _JUMP_ISOLATION * beside)
     return (np.flatnonzero(jumps) + 1).tolist()
-
-
-def _thaws(times: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
-    """Steps of a joint that moved, repeated its position exactly, and makes up for that at once.
-
-    At low rates such a step is not too fast for a motor. A joint that is read less often than it is
-    sent also repeats positions, but then the steps before and after are as fast.
-    """
-    speeds = np.abs(np.diff(position)) / np.diff(times)
-    moved = np.where(speeds > 0.0, np.arange(speeds.size) + 1, 0)
-    since = np.append(0, np.maximum.accumulate(moved)[:-1])  # the first of the repeated samples
-    before, after = speeds[since - 1], np.append(speeds[1:], np.inf)
-    least = max(_MIN_JUMP, NOISE_DEVIATIONS * noise_deviation(position))
-    thaws: NDArray[np.bool_] = (
-        (since > 0)
-        & (before > _FROZEN_SPEED)
-        & (times[:-1] - times[since] >= _FROZEN_WINDOW)
-        & (np.abs(np.diff(position)) > least)
-        & (speeds > _JUMP_ISOLATION * np.maximum(before, after))
-    )
-    return thaws

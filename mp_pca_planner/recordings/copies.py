@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -74,47 +74,26 @@ def parts_of_others(fingerprints: Mapping[int, Sequence[int]]) -> list[tuple[int
     :
         For each, its index, that of the other one, and whether it is only a part of that.
     """
-    gone: dict[int, tuple[int, bool]] = {}
-    for pair, shares in sorted(_common_shares(fingerprints).items()):
-        if max(shares) >= _MIN_SHARE and not gone.keys() & set(pair):
-            # Of equal ones, the first is kept.
-            part, whole = pair if shares[0] > shares[1] + 0.3 else pair[::-1]
-            gone[part] = whole, min(shares) < _MIN_SHARE
-    return [(part, *found) for part, found in gone.items()]
-
-
-def _common_shares(
-    fingerprints: Mapping[int, Sequence[int]],
-) -> dict[tuple[int, int], tuple[float, float]]:
-    """Shares of the runs of two recordings that the other one has, too.
-
-    Parameters
-    ----------
-    fingerprints :
-        By the index of the recording, increasing.
-
-    Returns
-    -------
-    :
-        By the indices of the recordings, the first one less than the second one.
-    """
-    owners: dict[int, list[int]] = {}
-    for index, own in fingerprints.items():
-        for value in own:
-            owners.setdefault(value, []).append(index)
+    owners = defaultdict[int, list[int]](list)
+    for index, hashes in fingerprints.items():
+        for value in hashes:
+            owners[value].append(index)
     # Of many copies, each is compared with the first ones.
     pairs = Counter(
-        (one, other)
+        (several[i], other)
         for several in owners.values()
-        for i, one in enumerate(several[:4])
+        for i in range(min(4, len(several)))
         for other in several[i + 1 :]
     )
-    shares = {}
-    for (one, other), n_common in pairs.items():
-        both = fingerprints[one], fingerprints[other]
+    gone: dict[int, tuple[int, bool]] = {}
+    for pair, n_common in sorted(pairs.items()):
+        both = [fingerprints[index] for index in pair]
         # The hashes of a longer recording reach less far.
-        reach = min(max(own) if len(own) == FINGERPRINT_SIZE else np.inf for own in both)
-        if n_common >= _MIN_COMMON:
-            first, second = (n_common / sum(x <= reach for x in own) for own in both)
-            shares[one, other] = (first, second)
-    return shares
+        reach = min(max(x) if len(x) == FINGERPRINT_SIZE else np.inf for x in both)
+        first, second = (n_common / sum(value <= reach for value in x) for x in both)
+        is_copy = n_common >= _MIN_COMMON and max(first, second) >= _MIN_SHARE
+        if is_copy and not gone.keys() & set(pair):
+            # Of equal ones, the first is kept.
+            part, whole = pair if first > second + 0.3 else pair[::-1]
+            gone[part] = whole, min(first, second) < _MIN_SHARE
+    return [(part, *other) for part, other in gone.items()]

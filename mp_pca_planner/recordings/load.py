@@ -39,7 +39,8 @@ from .continuity import units_advice
 from .copies import parts_of_others
 from .demonstration import Demonstration
 from .joint_states import Names
-from .reading import LoadOptions, read_recording, scale_of_calibration
+from .options import LoadOptions
+from .reading import read_recording, scale_of_calibration
 from .recording import MarkerResidual, Recording
 from .recording_set import ABSURD, FACTS, RecordingReport, RecordingSet, Refusal, Segment
 from .repair import repair
@@ -89,7 +90,7 @@ def load_demonstrations(
         the joints that never move in the recordings are left out and noted, such as a gripper's;
         `joints` or a `Robot` choose them all the same.
     **options :
-        The most used are these. All others are fields of :class:`LoadOptions`, and `dask`,
+        The most used are these. All others are fields of :class:`.LoadOptions`, and `dask`,
         `executor` and `progress` of :func:`.load_recordings`.
 
         joints : sequence of str
@@ -208,7 +209,7 @@ def load_recordings(
     continuous :
         Joints that turn without end: motions that differ by full turns are put on the same turn.
     **options :
-        The fields of :class:`LoadOptions`. `scale` may also be the path of a calibration file of
+        The fields of :class:`.LoadOptions`. `scale` may also be the path of a calibration file of
         LeRobot.
 
     Raises

@@ -9,6 +9,8 @@ demonstrations of one task do; their ends, timing and speed differ.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +21,7 @@ from ..lazy import LazyModule
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .demonstration import Demonstration
-from .synthetic import SyntheticRecording, bell, progress
+from .synthetic import SyntheticRecording, bell, measured_in_turn, progress
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -133,7 +135,7 @@ def _reach(
 def reach_recording(
     motions: Sequence[Demonstration], still: Mapping[str, float], *, seed: int
 ) -> SyntheticRecording:
-    """Measure a robot that is led through motions one after the other, and back each time.
+    """Measure a robot that is led through motions one after the other, and back in between.
 
     Parameters
     ----------
@@ -150,31 +152,22 @@ def reach_recording(
         The measured positions and the true spans of the motions.
     """
     rng = np.random.default_rng(seed)
-    times, path, spans, now = [], [], [], 0.0
-    for motion, following in zip(motions, [*motions[1:], motions[0]], strict=True):
-        s = (motion.times / motion.duration)[:, None]
-        shift = following.positions[0] - motion.positions[0]
-        back = motion.positions[::-1] + shift * progress(s, np.array(0.5))
-        for positions in (motion.positions, back):
-            now += rng.uniform(*_REST)
-            times.append(now + motion.times)
-            path.append(positions)
-            spans.append((now, now + motion.duration))
-            now += motion.duration
-    grid = np.arange(0.0, now + _REST[1], 1.0 / _RATE)
-    # Monotone interpolation: a spline would ring in the rests.
-    curve = interpolate.PchipInterpolator(np.concatenate(times), np.concatenate(path))
-    positions = curve(np.clip(grid, times[0][0], times[-1][-1]))
-    positions += rng.normal(0.0, _SENSOR_NOISE, positions.shape)
-    resting = np.tile(list(still.values()), (len(grid), 1))
-    of_all = np.array(spans)
-    return SyntheticRecording(
-        (*motions[0].joint_names, *still),
-        grid,
-        np.column_stack([positions, resting]),
-        of_all[::2],
-        of_all[1::2],
+    backs = (_way_back(before, after.positions[0]) for before, after in pairwise(motions))
+    made = measured_in_turn(motions, backs, rng, _RATE, _REST, (0.0, _SENSOR_NOISE))
+    resting = np.tile(list(still.values()), (len(made.times), 1))
+    return replace(
+        made,
+        joint_names=(*made.joint_names, *still),
+        positions=np.column_stack([made.positions, resting]),
     )
+
+
+def _way_back(motion: Demonstration, goal: FloatArray) -> Demonstration:
+    """The motion backwards, to about its start."""
+    shares = progress(motion.times / motion.duration, np.array(0.5))[:, None]
+    positions = motion.positions[::-1] + (goal - motion.positions[0]) * shares
+    curve = interpolate.CubicSpline(motion.times, positions)
+    return Demonstration.of_curve(motion.joint_names, curve, motion.times, "made up")
 
 
 class ReachingArm:

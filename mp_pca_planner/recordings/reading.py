@@ -5,118 +5,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from ..arrays import is_number
 from ..exceptions import RecordingError, UnusableRecordingError, quote_names, unknown_name
 from ..files import read_text, reading
-from ..renaming import Rename, check_rename, notes_on_rename
+from ..renaming import notes_on_rename
 from . import bags
-from .bags import Bag, Topic
+from .bags import Topic
 from .continuity import LARGEST_ANGLE
 from .joint_states import JointStates
+from .options import LoadOptions
 from .recording import Recording
 from .recording_set import NORMALISED
 from .repair import repair
-from .segmentation import SegmentationOptions
 from .tables import FORMATS, Episodes, names_of_positions, read_table, whole_episodes
-
-SEGMENTATIONS = ("auto", "none")
-
-
-@dataclass(frozen=True)
-class LoadOptions:
-    """Choice of the motions to load, and how they are repaired and cut.
-
-    Attributes
-    ----------
-    topic : str or None
-        Topic of the joint states; by default the only one. Of a LeRobot dataset the column; by
-        default :data:`.tables.STATE`. Several, separated by commas, are taken together.
-    joints : sequence of str or None
-        Names of the joints; by default all that every message lists.
-    moving_only : bool
-        Leaves out those of `joints` that a recording does not list, or that never move in any
-        recording, such as a gripper's. They are noted. Without effect on `markers`.
-    rename : mapping of str to str
-        New names of joints by patterns of recorded ones, see :data:`.renaming.Rename`. All other
-        options use the new names. Of several topics, a pattern may be ``TOPIC/NAME``.
-    scale : mapping of str to float
-        Factors by joint, from recorded values to rad (or m).
-    degrees : bool
-        Whether recorded positions are in degrees, but those of `prismatic` joints, of joints with a
-        `scale`, and of grippers of LeRobot datasets, which are percentages.
-    segment : str
-        "auto" cuts at rests and valleys of the speed, "none" takes each recording as one motion
-        and only trims the stillness at both ends (a recording with gaps: one motion per piece).
-    segments_csv : path or None
-        A table of motions cut by hand, see :func:`.cutting.read_segments`; instead of
-        `segment`.
-    segmentation : SegmentationOptions
-        The cuts of "auto".
-    markers : MarkerSource or None
-        Finds the joint states from markers, see :func:`.marker_joint_states.marker_source`;
-        `topic` and `joints` are not used then.
-    state_field : str or None
-        The field of the topic's messages that is a JointState, with dots where it is a field of a
-        field; needs `topic`. By default the messages themselves are.
-    episodes : sequence of int or str, or None
-        The episodes of LeRobot datasets or of CSV files to take; by default all.
-    max_gap : float or None
-        Longest time without messages that doesn't cut a recording [s], over 0. By default 0.5 s, or
-        5 usual periods where these are longer.
-    prismatic : sequence of str
-        Joints that `degrees` doesn't convert, because they are measured in metres.
-    position_limits : mapping of str to tuple of float
-        Least and largest position of joints by name [rad or m]; none unless given. Motions beyond
-        them are noted. See :func:`.load.facts_of_robot`.
-    salvage : bool
-        Takes the messages before the damage of a damaged recording.
-    overviews : bool
-        Adds overviews of the recordings to the reports.
-
-    Raises
-    ------
-    RecordingError
-        If `segment` is unknown, `state_field` is given without `topic`, or a factor is 0.
-    """
-
-    topic: str | None = None
-    joints: Sequence[str] | None = None
-    moving_only: bool = False
-    rename: Rename = field(default_factory=dict)
-    scale: Mapping[str, float] = field(default_factory=dict)
-    degrees: bool = False
-    segment: Literal["auto", "none"] = "auto"
-    segments_csv: str | Path | None = None
-    segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
-    markers: Any = None
-    state_field: str | None = None
-    episodes: Sequence[int | str] | None = None
-    max_gap: float | None = None
-    prismatic: Collection[str] = ()
-    position_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    salvage: bool = False
-    overviews: bool = False
-
-    def __post_init__(self) -> None:
-        if self.segment not in SEGMENTATIONS:
-            raise RecordingError(unknown_name("segmentation", self.segment, SEGMENTATIONS))
-        check_rename(self.rename)
-        for name, factor in self.scale.items():
-            if not (is_number(factor) and np.isfinite(factor) and factor != 0.0):
-                raise RecordingError(
-                    f"the scale of joint '{name}' must be a number that is not 0, got {factor!r}"
-                )
-        if self.state_field is not None and self.topic is None:
-            raise RecordingError(
-                f"the field '{self.state_field}' needs a topic whose messages have this field"
-            )
 
 
 def read_recording(path: Path, options: LoadOptions) -> Recording:
@@ -131,7 +38,7 @@ def read_recording(path: Path, options: LoadOptions) -> Recording:
     if joints is not None and bags.recording_format(path) in FORMATS:
         joints = names_of_positions(joints)
     states, episodes = _read(path, replace(options, joints=joints))
-    if joints is None and len(_topics(options)) > 1:
+    if joints is None and len(options.topics) > 1:
         joints = states.joint_names
     listed = [name for name in joints or () if name in states.joint_names]
     try:
@@ -158,33 +65,17 @@ def read_recording(path: Path, options: LoadOptions) -> Recording:
 def _read(path: Path, options: LoadOptions) -> tuple[JointStates, Episodes]:
     """Joint states by their new names, in rad (or m), and the episodes of a table."""
     table_format = bags.recording_format(path)
-    topics = _topics(options)
     if table_format in FORMATS:
-        if options.state_field is not None:
-            raise RecordingError("--field is for messages of bags: a table has columns")
-        states, episodes = read_table(
-            path,
-            table_format,
-            topics,
-            options.joints,
-            rename=options.rename,
-            max_gap=options.max_gap or 0.0,
-            episodes=options.episodes,
-        )
+        states, episodes = read_table(path, options)
         return in_si_units(states, options, are_normalised=table_format == "lerobot"), episodes
     if options.episodes is not None:
         raise RecordingError("a bag holds no episodes: they are chosen from tables only")
     with bags.open_bag(path, salvage=options.salvage) as bag:
-        if not topics or options.state_field is None:
-            topics = [_chosen_topic(bag, topic).name for topic in topics or (None,)]
-        several = [bag.joint_states(topic, field=options.state_field) for topic in topics]
+        chosen = [bags.choose_topic(bag.topics, topic).name for topic in options.topics or (None,)]
+        several = [bag.joint_states(topic) for topic in chosen]
     notes = notes_on_rename(options.rename, {x.topic: x.joint_names for x in several})
     states = together([x.renamed(options.rename) for x in several])
     return in_si_units(replace(states, notes=(*states.notes, *notes)), options), ()
-
-
-def _topics(options: LoadOptions) -> list[str]:
-    return [] if options.topic is None else [topic.strip() for topic in options.topic.split(",")]
 
 
 def together(states: Sequence[JointStates]) -> JointStates:
@@ -277,23 +168,6 @@ def scale_of_calibration(path: str | Path) -> dict[str, float]:
         }
 
 
-def _chosen_topic(bag: Bag, topic: str | None) -> Topic:
-    """The topic to read; an error lists the messages that have joint states as a field."""
-    try:
-        return bags.choose_topic(bag.topics, topic)
-    except RecordingError as error:
-        hints = [
-            f"field '{field}' of topic '{name}'"
-            for name, field in bag.embedded_states()
-            if topic in (None, name)
-        ]
-        if not hints:
-            raise
-        raise RecordingError(
-            f"{error}; other messages hold joint states: read them with {' or '.join(hints)}"
-        ) from None
-
-
 @dataclass(frozen=True)
 class RecordingInspection:
     """Content of a recording, also of one that can't be used.
@@ -354,7 +228,7 @@ def inspect_recording(
     salvage :
         Inspects the messages before the damage of a damaged recording.
     **options :
-        Other fields of :class:`LoadOptions`, such as `degrees`.
+        Other fields of :class:`.LoadOptions`, such as `degrees`.
 
     Raises
     ------

@@ -27,7 +27,6 @@ REPAIRS = {
     "contradicting": "message dropped: another one has the same stamp and other positions",
     "zeros": "message dropped: zeros that alternate with positions (a driver without data)",
     "gaps": "no message for longer than the longest gap: cut there",
-    "clock_steps": "the clock was set forward while the joints moved: cut there",
     "wrapped": "jump of a joint by full turns: removed",
     "spikes": "message dropped: a joint is farther away in it than a motor could move it",
     "jumps": "a joint moves faster than a motor could: cut there",

@@ -9,8 +9,9 @@ durations that differ, joints that don't move in step, curved paths, tremor and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -155,21 +156,43 @@ def continuous_recording(
         The measured positions and the true spans of the motions.
     """
     rng = np.random.default_rng(seed)
+    backs = (
+        _move(before.positions[-1], after.positions[0], _PEAK_DOWNWARD, rng, rate)
+        for before, after in pairwise(motions)
+    )
+    noise = _TREMOR_AT_REST, _SENSOR_NOISE
+    return measured_in_turn(motions, backs, rng, rate, rest, noise)
+
+
+def measured_in_turn(
+    motions: Sequence[Demonstration],
+    backs: Iterator[Demonstration],
+    rng: np.random.Generator,
+    rate: float,
+    rest: Range,
+    noise: tuple[float, float],
+) -> SyntheticRecording:
+    """Measure motions and motions back in turn, see :func:`continuous_recording`.
+
+    Parameters
+    ----------
+    motions, backs :
+        The motions, and those from the end of each to the start of the next one.
+    rng :
+        Draws the rests and the noise.
+    rate, rest :
+        Samples per second [Hz]; shortest and longest rest [s].
+    noise :
+        Amplitude of tremor, and standard deviation of the measured positions [rad or m].
+    """
     knots, path = [np.zeros(1)], [motions[0].positions[:1]]
     now, spans = rng.uniform(*rest), []
-
-    def append(motion: Demonstration) -> None:
-        nonlocal now
+    for index in range(2 * len(motions) - 1):
+        motion = next(backs) if index % 2 else motions[index // 2]
         knots.append(now + motion.times)
         path.append(motion.positions)
         spans.append((now, now + motion.duration))
         now = spans[-1][1] + rng.uniform(*rest)
-
-    for i, motion in enumerate(motions):
-        if i > 0:
-            ends = motions[i - 1].positions[-1], motion.positions[0]
-            append(_move(*ends, _PEAK_DOWNWARD, rng, rate))
-        append(motion)
     # Where there is no rest, the end of a motion is the start of the next one.
     at, first = np.unique(np.concatenate([*knots, [now]]), return_index=True)
     # Monotone interpolation: a spline would ring in the rests.
@@ -177,10 +200,10 @@ def continuous_recording(
         at, np.concatenate([*path, motions[-1].positions[-1:]])[first]
     )
     times = np.arange(int(now * rate) + 1) / rate
-    positions = curve(times) + _tremor(times, _TREMOR_AT_REST, rng)
-    positions += rng.normal(0.0, _SENSOR_NOISE, positions.shape)
+    positions = curve(times) + _tremor(times, motions[0].n_joints, noise[0], rng)
+    positions += rng.normal(0.0, noise[1], positions.shape)
     of_all = np.array(spans)
-    return SyntheticRecording(JOINT_NAMES, times, positions, of_all[::2], of_all[1::2])
+    return SyntheticRecording(motions[0].joint_names, times, positions, of_all[::2], of_all[1::2])
 
 
 def write_example_recording(path: str | Path, n_motions: int = 40, *, seed: int = 1) -> Path:
@@ -247,7 +270,7 @@ def _move(
         start
         + distance * progress(phases, peaks)
         + detour * bell(phases, rng.uniform(*_DETOUR_PEAK))
-        + _tremor(times, _TREMOR_IN_MOTION, rng) * bell(phases, 0.5)
+        + _tremor(times, start.size, _TREMOR_IN_MOTION, rng) * bell(phases, 0.5)
     )
     curve = interpolate.CubicSpline(times, positions)
     return Demonstration.of_curve(JOINT_NAMES, curve, times, "made up")
@@ -268,9 +291,11 @@ def bell(phases: FloatArray, peak: float) -> FloatArray:
     return np.asarray(rise * ((1.0 - phases) / (1.0 - peak)) ** (6.0 * (1.0 - peak)))
 
 
-def _tremor(times: FloatArray, amplitude: float, rng: np.random.Generator) -> FloatArray:
+def _tremor(
+    times: FloatArray, n_joints: int, amplitude: float, rng: np.random.Generator
+) -> FloatArray:
     """Three sinusoids a joint with a common amplitude [rad], shape (n_steps, n_joints)."""
-    shape = (3, len(JOINT_NAMES))
+    shape = (3, n_joints)
     frequencies = rng.uniform(*_TREMOR_BAND, shape)
     offsets = rng.uniform(0.0, 2.0 * np.pi, shape)
     waves = np.sin(2.0 * np.pi * frequencies * times[:, None, None] + offsets)

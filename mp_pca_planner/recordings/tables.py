@@ -13,19 +13,19 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, as_list, repeated_names, unique_names
+from ..arrays import FloatArray, repeated_names, unique_names
 from ..exceptions import RecordingError, listed, quote_names, require, shown, unknown_name
 from ..files import open_regular, read_text, reading
 from ..input_limits import INPUT_LIMITS
 from ..renaming import Rename, new_name, notes_on_rename
 from .demonstration import TIME_COLUMNS, other_unit_of_time
 from .joint_states import NS_PER_S, JointStates
+from .options import LoadOptions
 from .recording import Recording
 
 FORMATS = ("csv", "lerobot")
@@ -59,36 +59,17 @@ Episodes = tuple[tuple[float, int | str], ...]
 """Start of each episode, in seconds after the first sample of the table, and its name."""
 
 
-def read_table(
-    path: Path,
-    table_format: str,
-    columns: Sequence[str] = (),
-    joints: Sequence[str] | None = None,
-    *,
-    rename: Rename | None = None,
-    max_gap: float = 0.0,
-    episodes: Sequence[int | str] | None = None,
-) -> tuple[JointStates, Episodes]:
+def read_table(path: Path, options: LoadOptions) -> tuple[JointStates, Episodes]:
     """Read the joint states of a table.
 
     Parameters
     ----------
     path : Path
         A CSV file, whose first line names the time [s] and the joints, or the folder of a dataset.
-    table_format : str
-        One of `FORMATS`.
-    columns : sequence of str
-        Columns of a LeRobot dataset, whose values are taken together; :data:`STATE` by default.
-    joints : sequence of str, optional
-        Names of the joints. They are joints whatever their names, and no text elsewhere matters.
-        They also name the values of a dataset whose own names don't fit.
-    rename : Rename, optional
-        New names of the joints, which `joints` also uses.
-    max_gap : float
-        Longest time without samples that is no gap [s]. The episodes of a table follow each other
-        with a gap between them.
-    episodes : sequence of int or str, optional
-        The episodes to read; all by default.
+    options : LoadOptions
+        Of these `topic`, `joints`, `rename`, `max_gap` and `episodes`. `joints` are joints whatever
+        their names, and no text elsewhere matters; they also name the values of a dataset whose own
+        names don't fit.
 
     Returns
     -------
@@ -102,46 +83,36 @@ def read_table(
     RecordingError
         If it can't be read, or is no such table.
     """
-    pause = _PAUSE + 2.0 * max_gap
-    if table_format == "lerobot":
-        return _read_dataset(path, columns or (STATE,), joints, rename or {}, pause, episodes)
-    if columns:
+    return _read_dataset(path, options) if path.is_dir() else _read_csv(path, options)
+
+
+def _read_csv(path: Path, options: LoadOptions) -> tuple[JointStates, Episodes]:
+    if options.topics:
         raise RecordingError("--topic is for bags and LeRobot datasets: a CSV file has no topics")
-    return _read_csv(path, joints, rename or {}, pause, episodes)
-
-
-def _read_csv(
-    path: Path,
-    joints: Sequence[str] | None,
-    rename: Rename,
-    pause: float,
-    chosen: Sequence[int | str] | None,
-) -> tuple[JointStates, Episodes]:
     header, rows, ticks_per_s = _header_and_rows(path)
-    notes = notes_on_rename(rename, {"": [*names_of_positions(header), *header]})
-    header = _renamed(header, rename)
-    time, counters, columns, left_out = _columns_to_read(path, header, _first_row(rows), joints)
+    notes = notes_on_rename(options.rename, {"": [*names_of_positions(header), *header]})
+    header = _renamed(header, options.rename)
+    time, counters, columns, left_out = _columns_to_read(path, header, rows, options.joints)
+    form: dict[str, Any] = {"delimiter": ",", "quotechar": '"', "ndmin": 2}
     with reading(f"the table '{path}'", RecordingError):
         # Without a choice of columns, a row of another length is an error.
         used = [time, *columns]
-        values = _loaded(rows, None if len(used) == len(header) else used)
-        values = values[:, used] if len(used) == len(header) else values
+        is_all = len(used) == len(header)
+        values = np.loadtxt(io.StringIO(rows), usecols=None if is_all else used, **form)
+        values = values[:, used] if is_all else values
         values[:, 0] /= ticks_per_s
         labels = [tuple(row[i] for i in counters) for row in csv.reader(io.StringIO(rows)) if row]
-    of_joints = [header[i] for i in columns]
-    states = partial(_joint_states, path.name, of_joints, notes=(*left_out, *notes))
+    joints, notes = [header[i] for i in columns], (*left_out, *notes)
     varying = [k for k in range(len(counters)) if len({row[k] for row in labels}) > 1]
-    if not varying:
-        if chosen is not None:
-            raise RecordingError(
-                f"'{path}' holds no episodes to choose from: a column of one of the names "
-                f"{quote_names(_EPISODES)} must number them"
-            )
-        return states(values[:, 0], values[:, 1:]), ()
-    names = _episode_names(["/".join(row[k] for k in varying) for row in labels])
-    values, names = _chosen_episodes(path, values, names, chosen)
-    times, episodes = _one_after_the_other(names, values[:, 0], pause)
-    return states(times, values[:, 1:]), episodes
+    if varying:
+        names = _episode_names(["/".join(row[k] for k in varying) for row in labels])
+        return _states_of_episodes(path, path.name, joints, values, names, notes, options)
+    if options.episodes is not None:
+        raise RecordingError(
+            f"'{path}' holds no episodes to choose from: a column of one of the names "
+            f"{quote_names(_EPISODES)} must number them"
+        )
+    return _joint_states(path.name, joints, values, notes), ()
 
 
 def _header_and_rows(path: Path) -> tuple[list[str], str, float]:
@@ -171,38 +142,25 @@ def _header_and_rows(path: Path) -> tuple[list[str], str, float]:
     return header, rows, NS_PER_S if is_echoed else 1.0
 
 
-def _first_row(rows: str) -> list[str]:
-    return next(csv.reader([rows.lstrip().partition("\n")[0]]), [])
-
-
 def _columns_to_read(
-    path: Path, header: Sequence[str], first: Sequence[str], joints: Sequence[str] | None
+    path: Path, header: Sequence[str], rows: str, joints: Sequence[str] | None
 ) -> tuple[int, list[int], list[int], tuple[str, ...]]:
     """Columns of the time, of episodes and of joints, and notes, by the names and the first row."""
-    lower = [name.lower() for name in header]
+    lower, first = [name.lower() for name in header], _first_row(rows)
     time = next((lower.index(name) for name in TIME_COLUMNS if name in lower), None)
-    if time is None or len(header) < 2:
+    if time is None or not len(header) == len(first) > 1 or not _is_number(first[time]):
         raise RecordingError(
             f"the first line of '{path}' must name its columns, one of them the time [s] as one of "
-            f"{quote_names(TIME_COLUMNS)}, and the joints; it is '{','.join(header)[:100]}'"
-        )
-    if not first:
-        raise RecordingError(f"'{path}' holds no samples")
-    if len(first) != len(header):
-        raise RecordingError(
-            f"'{path}' has {len(header)} names in its first line, but {len(first)} columns"
-        )
-    if not _is_number(first[time]):
-        raise RecordingError(
-            f"the times of '{path}' must be numbers of seconds, but the first one is "
-            f"'{first[time]:.30}'"
+            f"{quote_names(TIME_COLUMNS)}, and each line below must hold a number of seconds and "
+            f"as many values; it has {len(header)} names, '{','.join(header)[:100]}', and "
+            f"{len(first)} values, '{','.join(first)[:100]}'"
         )
     counters = [lower.index(x) for x in _EPISODES if x in lower and x not in (joints or ())]
     columns, notes = _joint_columns(header, joints, (time, *counters))
     named = names_of_positions(header)
-    texts = [i for i in columns if not _is_number(first[i])]
-    columns = [i for i in columns if i not in texts or joints is None or named[i] in joints]
-    if texts and texts[0] in columns:
+    if joints is not None:
+        columns = [i for i in columns if named[i] in joints or _is_number(first[i])]
+    if texts := [i for i in columns if not _is_number(first[i])]:
         raise RecordingError(
             f"'{path}' can't be read: its column '{header[texts[0]]}' holds text, "
             f"'{first[texts[0]]:.30}'; choose the joints with --joints (joints=[…] in Python)"
@@ -212,14 +170,14 @@ def _columns_to_read(
     return time, counters, columns, notes
 
 
+def _first_row(rows: str) -> list[str]:
+    return next(csv.reader([rows.lstrip().partition("\n")[0]]), [])
+
+
 def _plain_name(name: str) -> str:
     """The name of a column; those of PlotJuggler, /TOPIC/JOINT/position, without the topic."""
     found = _PLOTJUGGLER.fullmatch(name)
     return f"{found[1]}/{found[2]}" if found else name
-
-
-def _loaded(rows: str, columns: Sequence[int] | None) -> FloatArray:
-    return np.loadtxt(io.StringIO(rows), delimiter=",", ndmin=2, usecols=columns, quotechar='"')
 
 
 def _is_number(text: str) -> bool:
@@ -240,36 +198,14 @@ def _episode_names(texts: Sequence[str]) -> list[int | str]:
     return [numbers[text] for text in texts]
 
 
-def _chosen_episodes(
-    path: Path, values: FloatArray, names: list[int | str], chosen: Sequence[int | str] | None
-) -> tuple[FloatArray, list[int | str]]:
-    """The samples of the chosen episodes."""
-    if chosen is None:
-        return values, names
-    known = dict.fromkeys(names)
-    for one in as_list(chosen, "episodes: a list of their numbers is needed", RecordingError):
-        if not isinstance(one, int | str | np.integer) or one not in known:
-            valid = listed([str(name) for name in known])
-            raise RecordingError(f"'{path}' has no episode {shown(one)}; its episodes: {valid}")
-    rows = [row for row, name in enumerate(names) if name in chosen]
-    return values[rows], [names[row] for row in rows]
-
-
-def _read_dataset(
-    path: Path,
-    columns: Sequence[str],
-    joints: Sequence[str] | None,
-    rename: Rename,
-    pause: float,
-    chosen: Sequence[int | str] | None,
-) -> tuple[JointStates, Episodes]:
+def _read_dataset(path: Path, options: LoadOptions) -> tuple[JointStates, Episodes]:
+    columns, joints, rename = options.topics or [STATE], options.joints, options.rename
     with reading(f"'{path / _INFO}'", RecordingError):
         info = json.loads(read_text(path / _INFO))
     try:
         version, features = str(info["codebase_version"]), dict(info["features"])
         vectors = [name for name, one in features.items() if _size(one)]
-        known = [name for name in columns if name in vectors]
-        recorded = {name: _names(features[name]) for name in known}
+        recorded = {name: _names(features[name]) for name in columns if name in vectors}
         named = [x for name, own in recorded.items() for x in _renamed(own, rename, name)]
         fps, total = float(info.get("fps") or 0.0), info.get("total_episodes")
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
@@ -284,24 +220,22 @@ def _read_dataset(
     for column in columns:
         if column not in vectors:
             raise RecordingError(f"'{path}': {unknown_name('column of numbers', column, vectors)}")
-    indices, times, positions, notes = _read_parquet(path, columns, fps, chosen)
-    n_values, column = positions.shape[1], ",".join(columns)
+    indices, frames, notes = _read_parquet(path, columns, fps, options.episodes)
+    n_values, column = frames.shape[1] - 1, ",".join(columns)
     of_joints = {name: [*names_of_positions(own), *own] for name, own in recorded.items()}
     notes += notes_on_rename(rename, of_joints)
     if len(named) != n_values or _is_ambiguous(named, joints):
         named, note = _given_names(column, named, n_values, joints)
         notes += (note,)
-    chosen_values, left_out = _joint_columns(named, joints)
-    if chosen_values:
-        named, positions = [named[i] for i in chosen_values], positions[:, chosen_values]
+    chosen, left_out = _joint_columns(named, joints)
+    if chosen:
+        named, frames = [named[i] for i in chosen], frames[:, [0, *(i + 1 for i in chosen)]]
         notes += left_out
     with reading(f"the column 'episode_index' of '{path}'", RecordingError):
         names: list[int | str] = [int(x) for x in indices.tolist()]
-    if chosen is None:
+    if options.episodes is None:
         notes += _missing_episodes(total, names)
-    values, names = _chosen_episodes(path, np.column_stack([times, positions]), names, chosen)
-    times, episodes = _one_after_the_other(names, values[:, 0], pause)
-    return _joint_states(column, named, times, values[:, 1:], notes), episodes
+    return _states_of_episodes(path, column, named, frames, names, notes, options)
 
 
 def _missing_episodes(total: object, names: Sequence[int | str]) -> tuple[str, ...]:
@@ -319,23 +253,26 @@ def _missing_episodes(total: object, names: Sequence[int | str]) -> tuple[str, .
 
 def _read_parquet(
     path: Path, columns: Sequence[str], fps: float, chosen: Sequence[int | str] | None
-) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
-    """Episode, time [s] and values of each frame, episode by episode, and notes on the files."""
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Episode, and time [s] with values, of each frame, episode by episode, and notes on files."""
     parquet = require("pyarrow.parquet", "lerobot", "reading a LeRobot dataset")
     files = sorted(path.glob("data/*/*.parquet"))
     if not files:
         raise RecordingError(f"'{path}' holds no data/*/*.parquet: download the whole dataset")
     parts = []
     damaged: list[str] = []
+    numbers = [int(x) for x in chosen or () if isinstance(x, int | np.integer)]
     for file in files:
         try:
             with reading(f"'{file}'", RecordingError), open_regular(file) as stored:
                 opened = parquet.ParquetFile(stored)
-                if not _may_hold(opened.metadata, chosen):
-                    continue
                 known = [x for x in (*_TIMING, *columns) if x in opened.schema_arrow.names]
                 _check_size(opened.metadata, known, os.fstat(stored.fileno()).st_size)
-                parts.append(_frames(opened.read(columns=known), columns))
+                # What the footer shows to hold none of them is not read.
+                only = [(_TIMING[0], "in", numbers)] if numbers else None
+                table = parquet.read_table(stored, columns=known, filters=only)
+                if table.num_rows:
+                    parts.append(_frames(table, columns))
         except RecordingError as error:
             damaged.append(f"left out: {error}")
             if len(damaged) == len(files):
@@ -351,25 +288,15 @@ def _read_parquet(
     frames = frames[np.argsort(frames[:, 0], kind="stable")]
     same_episode = np.diff(frames[:, 0]) == 0.0
     if (np.diff(frames[:, 1]) > 0.0)[same_episode].any():
-        return frames[:, 0], frames[:, 1], frames[:, 3:], tuple(damaged)
+        return frames[:, 0], np.delete(frames, [0, 2], axis=1), tuple(damaged)
     if not (fps > 0.0 and (np.diff(frames[:, 2]) > 0.0)[same_episode].any()):
         raise RecordingError(
             f"the column 'timestamp' of '{path}' is missing or constant, and '{_INFO}' and the "
             "column 'frame_index' give no other times: add one of them"
         )
     note = f"timestamps are missing or constant: times are frame_index / fps ({fps:g} Hz)"
-    return frames[:, 0], frames[:, 2] / fps, frames[:, 3:], (note, *damaged)
-
-
-def _may_hold(metadata: Any, chosen: Sequence[int | str] | None) -> bool:
-    """Whether a file holds some of the episodes, as far as its footer says."""
-    groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
-    chunks = [group.column(i) for group in groups for i in range(group.num_columns)]
-    ranges = [chunk.statistics for chunk in chunks if chunk.path_in_schema == _TIMING[0]]
-    if not isinstance(chosen, Sequence) or not all(x and x.has_min_max for x in ranges):
-        return True
-    numbers = [one for one in chosen if isinstance(one, int)]
-    return not ranges or any(x.min <= one <= x.max for x in ranges for one in numbers)
+    frames[:, 2] /= fps
+    return frames[:, 0], frames[:, 2:], (note, *damaged)
 
 
 def _frames(table: Any, columns: Sequence[str]) -> FloatArray:
@@ -398,25 +325,39 @@ def _check_size(metadata: Any, columns: Sequence[str], n_bytes: int) -> None:
         raise ValueError(f"its {n_bytes:,} bytes unpack to {n_values:,} numbers")
 
 
-def _one_after_the_other(
-    names: Sequence[int | str], times: FloatArray, pause: float
-) -> tuple[FloatArray, Episodes]:
-    """Times of episodes that follow each other with a pause [s], and the episodes.
+def _states_of_episodes(
+    path: Path,
+    topic: str,
+    columns: Sequence[str],
+    frames: FloatArray,
+    names: Sequence[int | str],
+    notes: tuple[str, ...],
+    options: LoadOptions,
+) -> tuple[JointStates, Episodes]:
+    """The chosen episodes one after the other with a pause; time and values of frames, and names.
 
     An episode begins where the name changes, or where the time is set back.
     """
-    starts = [0] if names else []
-    for row in range(1, len(names)):
-        if names[row] != names[row - 1] or times[row] < times[row - 1] - _SET_BACK:
-            starts.append(row)
-    result, end = np.empty(len(times)), -pause
-    episodes = []
-    for first, last in zip(starts, [*starts[1:], len(times)], strict=True):
-        own = times[first:last]
-        result[first:last] = end + pause + own - own.min()
-        episodes.append((end + pause, names[first]))
-        end = float(np.max(result[first:last]))
-    return result, tuple(episodes)
+    if options.episodes is not None:
+        known = dict.fromkeys(names)
+        for one in options.episodes:
+            if not isinstance(one, int | str | np.integer) or one not in known:
+                valid = listed([str(name) for name in known])
+                raise RecordingError(f"'{path}' has no episode {shown(one)}; its episodes: {valid}")
+        rows = [row for row, name in enumerate(names) if name in options.episodes]
+        frames, names = frames[rows], [names[row] for row in rows]
+    starts = [
+        row
+        for row, name in enumerate(names)
+        if not row or name != names[row - 1] or frames[row, 0] < frames[row - 1, 0] - _SET_BACK
+    ]
+    start, pause, episodes = 0.0, _PAUSE + 2.0 * (options.max_gap or 0.0), []
+    for first, last in zip(starts, [*starts[1:], len(names)], strict=True):
+        times = frames[first:last, 0]
+        times[:] = start + times - times.min()
+        episodes.append((start, names[first]))
+        start = float(times.max()) + pause
+    return _joint_states(topic, columns, frames, notes), tuple(episodes)
 
 
 def whole_episodes(recording: Recording, episodes: Episodes) -> Recording:
@@ -576,14 +517,11 @@ def names_of_positions(header: Sequence[str]) -> list[str]:
 
 
 def _joint_states(
-    topic: str,
-    columns: Sequence[str],
-    times: FloatArray,
-    positions: FloatArray,
-    notes: tuple[str, ...] = (),
+    topic: str, columns: Sequence[str], frames: FloatArray, notes: tuple[str, ...]
 ) -> JointStates:
-    what = "columns of the table"
-    names = unique_names(names_of_positions(columns), what, RecordingError)
+    """Joint states of frames, which are a time [s] and values."""
+    names = unique_names(names_of_positions(columns), "columns of the table", RecordingError)
+    times, positions = frames[:, 0], frames[:, 1:]
     if not times.size:
         raise RecordingError(f"'{topic}' holds no samples")
     if not np.isfinite(times).all():

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from support import commands
 from support.bags import reaching, stamped, write_bag
-from support.embedded_bags import FIELD, TOPIC, write_embedded_bag
 
 from mp_pca_planner.primitives.build import build_primitive
 from mp_pca_planner.primitives.file import load_primitive
@@ -64,21 +63,13 @@ def test_written_segments_fed_back_give_the_same_motions_and_labels_part_them(
         assert [d["label"] for d in used(tmp_path / f"labels/{label}.npz")] == n * [label]
 
 
-def test_the_file_is_that_of_python_from_processes_and_from_states_in_a_field(
-    bags: Path, tmp_path: Path
-) -> None:
-    files = [tmp_path / name for name in ("one.npz", "three.npz", "python.npz", "field.npz")]
+def test_the_file_is_that_of_python_and_from_processes(bags: Path, tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("one.npz", "three.npz", "python.npz")]
     for file, jobs in zip(files, (1, 3), strict=False):
         build(bags, "--output", file, "--name", "p", "--jobs", jobs)
     assert files[0].read_bytes() == files[1].read_bytes()
     build_primitive(load_recordings([bags]).demonstrations, "p").save(files[2])
     for name, array in arrays(files[2]).items():
-        np.testing.assert_array_equal(arrays(files[0])[name], array, err_msg=name)
-    states = stamped(reaching(GOALS[0]))
-    bag = write_embedded_bag(tmp_path / "one", "mcap", states)
-    build(bag, "--output", files[3], "--topic", TOPIC, "--field", FIELD)
-    build(bags / "one", "--output", files[0], "--force")
-    for name, array in arrays(files[3]).items():
         np.testing.assert_array_equal(arrays(files[0])[name], array, err_msg=name)
 
 
@@ -104,7 +95,6 @@ def test_a_primitive_is_built_for_each_label_or_folder(tmp_path: Path) -> None:
     [
         (["--markers", "/tf"], "--markers needs --robot and --marker-map"),
         (["--report", "page.txt"], "must end in .html"),
-        (["--field", "a.b"], "'a.b' needs a topic"),
     ],
 )
 def test_what_makes_no_sense_is_refused(

@@ -122,7 +122,7 @@ def test_a_csv_file_is_built_inspected_and_refused_in_degrees(tmp_path: Path) ->
     [
         ("elbow,wrist\n1,2\n", "one of them the time [s] as one of 'time'"),
         ("time,elbow,phase\n1,2,reach\n", "'phase' holds text, 'reach'; choose the joints"),
-        ("time,elbow\n1,2,3\n", "2 names in its first line, but 3 columns"),
+        ("time,elbow\n1,2,3\n", "it has 2 names, 'time,elbow', and 3 values, '1,2,3'"),
         ("time,elbow\n0,1\ninf,2\n", "must be finite"),
     ],
 )

@@ -7,13 +7,11 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
-
-from rosbags.interfaces import MessageDefinitionFormat
 
 from ...exceptions import RecordingError, quote_names
 from ...files import load_yaml, open_regular, read_bytes, reading
@@ -28,12 +26,8 @@ from .discovery import (
 from .formats import ZSTD_MAGIC, ScannedFile, opened, scan_mcap, scan_rosbag1, zstd
 from .serialisation import (
     JOINT_STATE,
-    Types,
     decoder,
-    defined_types,
-    field_of_states,
     known_types,
-    states_in_field,
 )
 
 
@@ -96,7 +90,7 @@ class Bag:
     def __init__(self, path: Path, stack: ExitStack, *, salvage: bool) -> None:
         self.path, self.format = path, bag_format(path)
         self.notes: tuple[str, ...] = ()
-        self._defined: dict[str, Types] = {}
+        self._decode = decoder(known_types(self.format), self.format)
         # Errors of the file system do not count as damage of the recording.
         with reading(f"'{path}'", RecordingError):
             for file in bag_files(path):
@@ -149,7 +143,7 @@ class Bag:
                     )
 
     def deserialise(self, topic: Topic, data: bytes) -> Any:
-        """Deserialise a message of a common type, or of a type that the bag defines.
+        """Deserialise a message of a common type.
 
         Raises
         ------
@@ -157,72 +151,24 @@ class Bag:
             If it does not hold such a message.
         """
         with self._damage_reported():
-            types = known_types(self.format)
-            known = types if topic.type in types.types else self._own_types(topic)
-            return decoder(known, self.format)(data, topic.type)
+            return self._decode(data, topic.type)
 
-    def joint_states(self, topic: str, *, field: str | None = None) -> JointStates:
+    def joint_states(self, topic: str) -> JointStates:
         """Read all joint states of a topic.
 
         Types of other topics don't matter, known or not: the definition of JointState has never
-        changed, so those stored in the bag are not needed, except for `field`.
-
-        Parameters
-        ----------
-        topic :
-            Name of the topic.
-        field :
-            If the joint states are a field of other messages, its name, with dots where it is a
-            field of a field.
+        changed, so those stored in the bag are not needed.
 
         Raises
         ------
         RecordingError
             If the recording can't be read, or there are no joint states of that name.
         """
-        named = [item for item in self.topics if item.name == topic]
-        chosen = [item for item in named if field or item.type == JOINT_STATE]
-        if field is not None and not chosen:
-            raise RecordingError(
-                f"there is no topic '{topic}'; topics: "
-                f"{quote_names(sorted({item.name for item in self.topics}))}"
-            )
+        chosen = [x for x in self.topics if (x.name, x.type) == (topic, JOINT_STATE)]
         with self._damage_reported():
-            read = {item: self._states_reader(item, field) for item in chosen}
-            stored = ((t, read[item](data)) for item, t, data in self.messages(chosen))
+            stored = ((t, self._decode(x, JOINT_STATE)) for _, t, x in self.messages(chosen))
             raw = collect_joint_states(topic, stored)
         return replace(raw, notes=self.notes)
-
-    def embedded_states(self) -> list[tuple[str, str]]:
-        """Topics whose messages have joint states in a field, and the name of this field."""
-        found = []
-        for topic in self.topics:
-            with suppress(RecordingError), self._damage_reported():
-                found.append((topic.name, field_of_states(self._own_types(topic), topic.type)))
-        return [(name, field) for name, field in found if field]
-
-    def _own_types(self, topic: Topic) -> Types:
-        """Types as the bag itself defines them."""
-        if topic.type not in self._defined:
-            definitions = [
-                found.msgdef for found in self._connections if found.msgtype == topic.type
-            ]
-            texts = [x.data for x in definitions if x.format == MessageDefinitionFormat.MSG]
-            if not texts:
-                raise RecordingError(
-                    f"'{topic.name}' has messages of type {topic.type}, which the bag does "
-                    "not define as .msg text: only fields of defined messages can be read"
-                )
-            self._defined[topic.type] = defined_types(texts[-1], topic.type)
-        return self._defined[topic.type]
-
-    def _states_reader(self, topic: Topic, field: str | None) -> Callable[[bytes], Any]:
-        """A function from a serialised message to its joint states, which may be in a field."""
-        types = known_types(self.format) if field is None else self._own_types(topic)
-        decode = decoder(types, self.format)
-        if field is None:
-            return lambda data: decode(data, JOINT_STATE)
-        return lambda data: states_in_field(decode(data, topic.type), field)
 
     def _damage_reported(self) -> AbstractContextManager[None]:
         return damage_reported(self.path, self.format)

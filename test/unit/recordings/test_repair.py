@@ -102,7 +102,6 @@ FAST = shifted(shifted(MOTION, (slice(150, None), 0), 1.0), (slice(150, 152), 0)
 SPIKED = [40, 150, 160, 260]
 BLOCK = np.r_[0:130, 160:166, 130:160, 166:N]
 BACK = {seconds: shifted(STAMPS, slice(HALF, None), int(-seconds * S)) for seconds in (2.0, 0.3)}
-FORWARD = shifted(STAMPS, slice(HALF, None), 3 * S // 10)
 DELAYED = put(STAMPS, slice(130, 160), STAMPS[160] - np.arange(30, 0, -1) * (S // 2000))
 LONG_REST = reaching([0.1, 1.1, 0.1], rest=0.5)
 HALVES = [MOTION[:HALF], MOTION[HALF:]]
@@ -152,7 +151,6 @@ CASES = {
         f"clock back by {seconds}": (states(stamps=stamps), {"clock_jumps": 1}, HALVES)
         for seconds, stamps in BACK.items()
     },
-    "clock forward": (states(stamps=FORWARD), {"clock_steps": 1}, HALVES),
     "gap": (taken(states(), np.r_[0:100, 180:N]), {"gaps": 1}, [MOTION[:100], MOTION[180:]]),
     "unstamped": (
         states(stamps=put(STAMPS, slice(3, 6), 0), received=STAMPS),
