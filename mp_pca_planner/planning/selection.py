@@ -19,7 +19,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..motion.goal import JointState
-from ..primitives.in_span import RequestIndex
 from ..primitives.library import PrimitiveLibrary
 from ..primitives.prediction import ConditionalDistribution
 from ..primitives.primitive import MovementPrimitive
@@ -69,7 +68,6 @@ class Selector:
         self._robot, self._max_score = robot, max_score
         self.primitives = library = PrimitiveLibrary.of(primitives)
         self._objectives = tuple(objectives)
-        self._index = RequestIndex(library.means, library.precisions, robot.continuous)
         self._tables = lru_cache(_N_KEPT_TABLES)(lambda i: Tables(library[i].basis))
 
     def named(self, name: str) -> Selector:
@@ -86,8 +84,16 @@ class Selector:
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
     ) -> float:
         """The least in-span score of all primitives for end points [rad or m] and a time [s]."""
-        _, scores = self._index.nearest(_request(start, goal, duration), 1)
-        return float(scores[0])
+        return float(self._scores(start, goal, duration).min())
+
+    def _scores(self, start: FloatArray, goal: FloatArray, duration: float | None) -> FloatArray:
+        """In-span scores of a request for all primitives, shape (n_primitives,)."""
+        models, continuous = (p.model for p in self.primitives), self._robot.continuous
+        scores = (
+            model.in_span_score(*model.turned(start, goal, continuous), duration)
+            for model in models
+        )
+        return np.array(list(scores))
 
     def choose(
         self, start: FloatArray, goal: FloatArray, duration: float | None = None
@@ -109,8 +115,9 @@ class Selector:
         """
         chosen = np.zeros(1, dtype=np.intp)
         if len(self.primitives) > 1:
-            request = _request(start, goal, duration)
-            nearest, scores = self._index.nearest(request, _MAX_CONSIDERED)
+            scores = self._scores(start, goal, duration)
+            nearest = np.argsort(scores, kind="stable")[:_MAX_CONSIDERED]
+            scores = scores[nearest]
             most = max(self._max_score or np.inf, float(scores.min()))
             near_score = max(_RELATIVE_SCORE * float(scores.min()), _NEAR_SCORE)
             chosen = nearest[(scores <= near_score) & (scores <= most)]
@@ -136,8 +143,3 @@ class Selector:
         # Without time scaling, because tables for each request would dominate the computing time.
         motion = Motion(here, there, expected.duration, tables.basis, expected.weights)
         return cost_of(self._robot, motion, tables, self._objectives)
-
-
-def _request(start: FloatArray, goal: FloatArray, duration: float | None) -> FloatArray:
-    """A request of the index."""
-    return np.concatenate([start, goal, [] if duration is None else [np.log(duration)]])

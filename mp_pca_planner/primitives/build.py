@@ -15,7 +15,7 @@ the others :func:`build_from_statistics`:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -253,7 +253,6 @@ def build_from_statistics(
     if statistics.extents.max() < _MIN_EXTENT:
         raise PrimitiveError(f"primitive '{name}' can't be built: no joint moves in any motion")
     mean, directions, explained, total, weights, residual = fit_shapes(statistics, options)
-    shares = angle_shares(statistics)
     # The prediction is fitted to some of the motions, and knows the spread of all requests.
     requests = statistics.requests()
     used, rows = thinned(requests), directions.reshape(-1, mean.size)
@@ -267,17 +266,10 @@ def build_from_statistics(
         requests[used], shapes @ rows.T, -rows @ mean.ravel(), statistics.paces[used], precision
     )
     facts: dict[str, Any] = {
-        "options": {
-            "coupling": options.coupling,
-            "components": options.n_components,
-            "variance": options.variance,
-            "phases": options.n_phases,
-            "degree": options.degree,
-            "align": options.align,
-        },
+        "options": {name.removeprefix("n_"): x for name, x in asdict(options).items()},
         "left_out_error": left_out,
         "minimum_jerk_error": straight,
-        "angle_variance_ratio": shares,
+        "angle_variance_ratio": angle_shares(statistics),
         "demonstrations": list(statistics.sources),
     }
     _, series = shape_functions(options.degree, options.n_phases)

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
 
 from .. import __version__
-from ..arrays import FloatArray
+from ..arrays import FloatArray, check_choice, check_number, unique_names
 from ..exceptions import PlannerError, PrimitiveError
 from ..files import check_form, open_regular, reading, write_whole
 from ..input_limits import INPUT_LIMITS
@@ -68,6 +67,13 @@ _ARRAYS: dict[str, tuple[tuple[str | int, ...], float, float]] = {
     "error_variance": ((1,), 0.0, _ANY),
     "request_precision": (("entries", "entries"), -_ANY, _ANY),
 }
+# Least and largest sizes.
+_SIZES = (
+    ("degrees", N_END_CONDITIONS + 1, MAX_DEGREE + 1),
+    ("demonstrations", 1, math.inf),
+    ("requests", 1, math.inf),
+    ("phases", 2, math.inf),
+)
 
 
 def save_primitive(
@@ -117,11 +123,11 @@ def load_primitive(path: str | Path) -> MovementPrimitive:
     except PrimitiveError as error:
         raise PrimitiveError(f"primitive file '{path}' is rejected: {error}") from None
     del metadata["checksum"]
-    name, joint_names = metadata["name"], tuple(metadata["joint_names"])
     model = ConditionalModel(**{x.name: arrays.pop(x.name) for x in fields(ConditionalModel)})
+    names = tuple(metadata["joint_names"])
     others = {key: arrays[key] for key in _ARRAYS if key in arrays}
     return MovementPrimitive(
-        name, joint_names, metadata["coupling"], metadata, **others, model=model
+        metadata["name"], names, metadata["coupling"], metadata, **others, model=model
     )
 
 
@@ -139,21 +145,19 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
     """Arrays and metadata of a file."""
     with open_regular(path) as file:
         n_bytes = os.fstat(file.fileno()).st_size
-        try:
-            content = np.load(file, allow_pickle=False)
-        except (zipfile.BadZipFile, EOFError, ValueError):
-            content = None
-        if not isinstance(content, NpzFile) or content.zip is None:
+        if not zipfile.is_zipfile(file):
             raise PrimitiveError(
                 "it is not a complete .npz file: expected a file that build_primitives made"
             )
         # Arrays are stored without compression: no content is larger than its file.
-        claimed = sum(entry.file_size for entry in content.zip.infolist())
+        claimed = sum(entry.file_size for entry in zipfile.ZipFile(file).infolist())
         if claimed > min(n_bytes, INPUT_LIMITS.primitive_bytes):
             raise PrimitiveError(
                 f"it claims to hold {claimed:,} bytes; accepted are at most its size on the disk "
                 f"and {INPUT_LIMITS.primitive_bytes:,}"
             )
+        file.seek(0)
+        content = np.load(file, allow_pickle=False)
         arrays = {name: content[name] for name in content.files}
     text = arrays.pop("metadata", None)
     if text is None or text.dtype.kind != "U" or text.ndim != 0:
@@ -163,25 +167,17 @@ def _read(path: str | Path) -> tuple[dict[str, FloatArray], str]:
 
 def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
     """Reject content that is not that of a primitive file; this is the only check of it."""
-    check_form(metadata, {"format_version?": int}, "it")
-    if metadata.get("format") != FORMAT_NAME:
-        raise PrimitiveError("it was not made by this package (no 'format' in its metadata)")
-    version = metadata.get("format_version")
-    if version != FORMAT_VERSION:
+    check_form(metadata, {"format": str, "format_version": int}, "it")
+    if (metadata["format"], metadata["format_version"]) != (FORMAT_NAME, FORMAT_VERSION):
         raise PrimitiveError(
-            f"its format version is {version}, this release reads version {FORMAT_VERSION}: build "
-            "it again"
+            f"it is a {metadata['format']:.60} of format version {metadata['format_version']}, "
+            f"this release reads version {FORMAT_VERSION} of {FORMAT_NAME}: build it again"
         )
+    check_form(metadata, _METADATA, "it")
+    check_choice(metadata["coupling"], "its coupling", PrimitiveError, COUPLINGS)
+    names = unique_names(metadata["joint_names"], "its joints", PrimitiveError)
     if missing := [name for name in _ARRAYS if name not in arrays]:
         raise PrimitiveError(f"it lacks the arrays {', '.join(missing)}")
-    check_form(metadata, _METADATA, "it")
-    names = metadata["joint_names"]
-    if metadata["coupling"] not in COUPLINGS:
-        raise PrimitiveError(
-            f"its coupling is '{metadata['coupling']}', expected {' or '.join(COUPLINGS)}"
-        )
-    if not names or len(set(names)) < len(names) or not all([metadata["name"], *names]):
-        raise PrimitiveError("it and its joints need names that differ")
     sizes: dict[str | int, int] = {"joints": len(names), "entries": 2 * len(names) + 1}
     sizes |= {"rates": PACE_DEGREE, "demonstrations": len(metadata["demonstrations"])}
     for name, (shape, low, high) in _ARRAYS.items():
@@ -194,22 +190,14 @@ def _check(arrays: Mapping[str, FloatArray], metadata: dict[str, Any]) -> None:
                 f"array '{name}' has shape {array.shape} of {array.dtype}, expected {expected} of "
                 "float64"
             )
-        if not np.all((array >= low) & (array <= high)):
-            worst = array[~((array >= low) & (array <= high))][0]
-            raise PrimitiveError(f"array '{name}' holds {worst:g}, expected {low:g} to {high:g}")
+        if wrong := array[~((array >= low) & (array <= high))].tolist():
+            raise PrimitiveError(f"array '{name}' holds {wrong[0]:g}, expected {low:g} to {high:g}")
+    for key, least, most in _SIZES:
+        check_number(sizes[key], f"its number of {key}", PrimitiveError, least, most)
     for name in ("weight_covariance", "request_precision"):
         if np.linalg.eigvalsh(arrays[name]).min(initial=1.0) <= 0.0:
             raise PrimitiveError(f"matrix '{name}' is not positive definite")
-    if arrays["explained_variance"].sum() > 1.001 * arrays["total_variance"].sum():
-        raise PrimitiveError("its components explain more than the total variance")
-    degree, log_times = sizes["degrees"] - 1, np.abs(arrays["requests"][:, -1])
-    if not N_END_CONDITIONS <= degree <= MAX_DEGREE:
-        raise PrimitiveError(
-            f"its polynomials are of degree {degree}, expected {N_END_CONDITIONS} to {MAX_DEGREE}"
-        )
-    if min(sizes["demonstrations"], sizes["requests"]) == 0 or sizes["phases"] < 2:
-        raise PrimitiveError("it needs at least one demonstration")
-    if log_times.max() > math.log(_TIME):
+    if np.abs(arrays["requests"][:, -1]).max() > math.log(_TIME):
         raise PrimitiveError(f"array 'requests' holds durations that are not up to {_TIME:g} s")
     if metadata["checksum"] != checksum(arrays, metadata):
         raise PrimitiveError("its content does not match its checksum: it was damaged")

@@ -33,10 +33,6 @@ class PrimitiveLibrary(tuple[MovementPrimitive, ...]):
     ----------
     joint_names : tuple of str
         Their joints.
-    means : array, shape (n_primitives, 2 n_joints + 1)
-        Their mean requests, see :class:`.ConditionalModel`.
-    precisions : array, shape (n_primitives, 2 n_joints + 1, 2 n_joints + 1)
-        Inverse covariances of their requests.
 
     Raises
     ------
@@ -46,8 +42,6 @@ class PrimitiveLibrary(tuple[MovementPrimitive, ...]):
     """
 
     joint_names: tuple[str, ...]
-    means: FloatArray
-    precisions: FloatArray
     _by_name: dict[str, MovementPrimitive]
 
     def __new__(
@@ -77,8 +71,6 @@ class PrimitiveLibrary(tuple[MovementPrimitive, ...]):
         library = super().__new__(cls, primitives)
         library._by_name = {primitive.name: primitive for primitive in primitives}
         library.joint_names = first.joint_names
-        library.means = np.array([p.model.mean for p in primitives])
-        library.precisions = np.array([p.model.request_precision for p in primitives])
         return library
 
     @classmethod

@@ -4,7 +4,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from support.arm import arm_primitive, file_bytes
 
@@ -29,8 +28,6 @@ def test_files_and_folders_make_the_library_that_they_make_in_memory(tmp_path):
         primitive.save(place / f"{primitive.name}.npz")
     library = load_primitives([tmp_path / "d.npz", folder])
     assert list(library.names) == list("dabc") and library.joint_names == in_memory.joint_names
-    np.testing.assert_array_equal(library.means, in_memory.means)
-    np.testing.assert_array_equal(library.precisions, in_memory.precisions)
     assert list(map(file_bytes, library)) == list(map(file_bytes, primitives))
     assert library.named("a") is library[1]
     with pytest.raises(GoalError, match="no primitive is called 'dd' .did you mean 'd'"):
