@@ -108,12 +108,11 @@ def build_primitive(
     Raises
     ------
     PrimitiveError
-        If the name is not a text, there is no demonstration, something else is among them, they
-        have different joints, or nothing moves.
+        If the name is not a text, there is no demonstration, they have different joints, or
+        nothing moves.
     """
     if not isinstance(name, str):
         raise PrimitiveError(f"the name of a primitive must be a str, got {shown(name)}")
-    check_demonstrations(demonstrations, f"primitive '{name}' can't be built")
     if not demonstrations:
         raise PrimitiveError(f"primitive '{name}' can't be built: there is no demonstration")
     return build_from_statistics(
@@ -121,31 +120,42 @@ def build_primitive(
     )
 
 
-def check_demonstrations(values: Sequence[Any], what: str) -> None:
-    """Reject values that are not demonstrations, with what can't be done."""
-    for value in values:
-        if isinstance(value, Demonstration):
-            continue
-        if isinstance(value, np.ndarray | list | tuple) or _has_columns(value):
-            raise PrimitiveError(
-                f"{what}: arrays need times=, the times of their samples [s]; joint_names= names "
-                "their columns"
-            )
-        wrong = f"{shown(value)} is not a demonstration"
-        raise PrimitiveError(f"{what}: {wrong}; load_demonstrations reads recordings")
-
-
-def demonstrations_of(
-    positions: Sequence[ArrayLike],
-    times: ArrayLike | Sequence[ArrayLike],
+def as_demonstrations(
+    given: Any,
+    times: ArrayLike | Sequence[ArrayLike] | None,
     joint_names: Sequence[str] | None = None,
 ) -> tuple[list[Demonstration], list[str]]:
-    """Demonstrations from arrays, see :meth:`.MovementPrimitive.fit`, and what to warn of."""
+    """Demonstrations of what :meth:`.MovementPrimitive.fit` accepts, and what to warn of."""
+    if times is not None:
+        return _of_arrays(given, times, joint_names)
+    what = (
+        "demonstrations must be a list: mp.load_demonstrations reads recordings and tables, and "
+        "list(motions.values()) makes one of a dict"
+    )
+    motions = as_list(given, what, PrimitiveError)
+    for motion in motions:
+        if not isinstance(motion, Demonstration):
+            raise PrimitiveError(
+                f"a {type(motion).__name__} is not a demonstration: mp.load_demonstrations reads "
+                "recordings, and arrays need times=, the times of their samples [s]"
+            )
+    return motions, []
+
+
+def _of_arrays(
+    positions: Sequence[ArrayLike],
+    times: ArrayLike | Sequence[ArrayLike],
+    joint_names: Sequence[str] | None,
+) -> tuple[list[Demonstration], list[str]]:
+    """Demonstrations of positions and times, and what to warn of."""
     if (isinstance(positions, np.ndarray) and positions.ndim == 2) or _has_columns(positions):
         raise PrimitiveError(
             "one array of shape (samples, joints) is one motion: give a list of motions, [array]"
         )
-    what = "positions must be a list of arrays, one of each motion"
+    what = (
+        "positions must be a list of arrays, one of each motion: mp.load_demonstrations reads "
+        "files, and list(motions.values()) makes a list of a dict"
+    )
     motions = as_list(positions, what, PrimitiveError)
     what = "times must be the times of the samples [s], such as 0.01 * numpy.arange(n_samples)"
     given_times = as_list(times, what, PrimitiveError)

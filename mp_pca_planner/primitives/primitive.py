@@ -177,7 +177,7 @@ class MovementPrimitive:
         Parameters
         ----------
         demonstrations :
-            Demonstrations, a value that holds `demonstrations`, or the positions of motions
+            Demonstrations, as a list or a `RecordingSet`, or the positions of motions
             [rad or m]: arrays of shape (n_samples, n_joints), or one array of shape
             (n_motions, n_samples, n_joints). Tables with named columns, such as DataFrames, are
             arrays. Each array is one motion from rest to rest: arrays are not cut at rests.
@@ -224,22 +224,12 @@ class MovementPrimitive:
         >>> mp.MovementPrimitive.fit(reaches, times=t, joint_names=names, name="reach")
         MovementPrimitive 'reach': 1 components of 3 demonstrations, 2 joints, usually 1 s
         """
-        from .build import PrimitiveOptions, build_primitive, demonstrations_of
+        from .build import PrimitiveOptions, as_demonstrations, build_primitive
 
         options = PrimitiveOptions(coupling=coupling, n_components=components, align=align)
-        given: Any = getattr(demonstrations, "demonstrations", demonstrations)
-        if isinstance(given, Mapping):
-            raise PrimitiveError("demonstrations must be a list: pass list(motions.values())")
-        if isinstance(given, (str, Path)):
-            raise PrimitiveError(
-                f"'{given}' is not a list of demonstrations: mp.load_demonstrations reads "
-                "recordings and tables"
-            )
-        several = given if isinstance(given, Sequence) else [given]
-        if times is not None:
-            several, sentences = demonstrations_of(given, times, joint_names)
-            for sentence in sentences:  # from the line of the caller
-                warnings.warn(sentence, stacklevel=2)
+        several, sentences = as_demonstrations(demonstrations, times, joint_names)
+        for sentence in sentences:  # from the line of the caller
+            warnings.warn(sentence, stacklevel=2)
         primitive = build_primitive(several, name, options)
         if len(several) == 1:
             warnings.warn(
@@ -286,12 +276,9 @@ class MovementPrimitive:
         >>> errors.shape
         (19,)
         """
-        from .build import check_demonstrations, demonstrations_of
+        from .build import as_demonstrations
 
-        several: Any = getattr(demonstrations, "demonstrations", demonstrations)
-        if times is not None:
-            several, _ = demonstrations_of(several, times, self.joint_names)
-        check_demonstrations(several, f"the errors of primitive '{self.name}' can't be found")
+        several, _ = as_demonstrations(demonstrations, times, self.joint_names)
         errors = []
         for motion in several:
             if motion.joint_names != self.joint_names:
