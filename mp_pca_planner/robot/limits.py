@@ -32,16 +32,12 @@ LIMIT_KEYS = tuple(_KEYS.values())
 DRIVE_KEYS = ("armature", "damping", "friction")
 """Further keys that state the drive of a joint, see :meth:`.Robot.with_drives`."""
 
-_QUANTITIES = {
-    f"has_{quantity}_limits": quantity
-    for quantity in ("position", "velocity", "acceleration", "jerk", "effort")
-}
-
+# Bounds the acceleration, too: a key of MoveIt's Pilz planner.
+_DECELERATION = "max_deceleration"
+_SIGNED = ("min_position", "max_position", _DECELERATION)
+_MAGNITUDES = ("velocity", "acceleration", "deceleration", "jerk", "effort")
+_SWITCHES = {f"has_{quantity}_limits": quantity for quantity in ("position", *_MAGNITUDES)}
 _FACTORS = tuple(f"default_{rate}_scaling_factor" for rate in ("velocity", "acceleration"))
-_PLANNING = "robot_description_planning"  # the parameter of ROS that holds them
-
-_DECELERATION = ("has_deceleration_limits", "max_deceleration")
-"""Keys of MoveIt's Pilz planner."""
 
 _KINDS = (
     "position [rad, m]",
@@ -144,12 +140,9 @@ def limits_file_note(path: str | Path | None) -> str:
     These are MoveIt's default scaling factors, and keys of others. A file that can't be read gets
     none.
     """
-    where, notes = f"limits file '{path}'", list[str]()
-    with suppress(LimitsError), reading(where, LimitsError):
-        content = _limits_part(load_yaml(read_text(path))) if path else {"joint_limits": {}}
-        entries = content["joint_limits"]
-        stated = {**entries, **content}  # some write them among the joints
-        factors = {name: stated[name] for name in _FACTORS if name in stated}
+    notes = list[str]()
+    with suppress(LimitsError):
+        entries, factors = _read_file(path) if path else ({}, {})
         scaled = [f"{name} {x:g}" for name, x in factors.items() if is_number(x) and x != 1.0]
         if scaled:
             notes.append(
@@ -157,21 +150,32 @@ def limits_file_note(path: str | Path | None) -> str:
                 "for slower ones, lower the limits"
             )
         keys = {str(key) for x in entries.values() if isinstance(x, Mapping) for key in x}
-        if ignored := sorted(keys - {*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES, *_DECELERATION}):
+        if ignored := sorted(keys - {*LIMIT_KEYS, *DRIVE_KEYS, *_SWITCHES, _DECELERATION}):
             notes.append(
                 f"{quote_names(ignored)} are ignored: limits are {quote_names(LIMIT_KEYS)}"
             )
-    return f"{where}: {'; '.join(notes)}" if notes else ""
+    return f"limits file '{path}': {'; '.join(notes)}" if notes else ""
 
 
-def _limits_part(content: Any) -> Any:
+def _read_file(path: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Entries of a limits file by joint, and MoveIt's scaling factors, also among the joints."""
+    where = f"limits file '{path}'"
+    with reading(where, LimitsError):
+        content = _holder(load_yaml(read_text(path)))
+        entries = content.get("joint_limits")
+        if not isinstance(entries, dict):
+            raise LimitsError(f"{where} must hold a mapping 'joint_limits' from joints to limits")
+    stated = {**entries, **content}
+    factors = {name: stated[name] for name in _FACTORS if name in stated}
+    # YAML reads the name 1 as a number.
+    return {str(name): x for name, x in entries.items() if name not in _FACTORS}, factors
+
+
+def _holder(content: Any) -> dict[str, Any]:
     """The mapping that holds `joint_limits`, which is deep in a parameter file of ROS 2."""
-    while isinstance(content, Mapping) and "joint_limits" not in content:
-        deeper = [content[key] for key in ("ros__parameters", _PLANNING) if key in content]
-        if len(deeper or content) != 1:
-            break
-        (content,) = deeper or content.values()
-    return content
+    if isinstance(content, dict) and "joint_limits" not in content:
+        return next(filter(None, map(_holder, content.values())), {})
+    return content if isinstance(content, dict) else {}
 
 
 def given_limits(
@@ -203,18 +207,13 @@ def given_limits(
     LimitsError
         If the file can't be read, or a joint, a key or a value can't be used.
     """
-    limits: Any = given
-    where, is_file = "limits", isinstance(given, str | Path)
+    where = "limits"
     if isinstance(given, str | Path):
-        where = f"limits file '{given}'"
-        with reading(where, LimitsError):
-            content = _limits_part(load_yaml(read_text(given)))
-            limits = content.get("joint_limits") if isinstance(content, dict) else None
-            if isinstance(limits, dict):  # YAML reads the name 1 as a number
-                limits = {str(name): x for name, x in limits.items() if name not in _FACTORS}
-    if not isinstance(limits, Mapping):
-        needed = "'joint_limits' " if where != "limits" else ""
-        raise LimitsError(f"{where} must hold a mapping {needed}from joint names to limits")
+        where, (limits, _) = f"limits file '{given}'", _read_file(given)
+    elif isinstance(given, Mapping):
+        limits = dict(given)
+    else:
+        raise LimitsError(f"limits must be a mapping from joint names, got {shown(given, 40)}")
     if rename:
         limits = {new_name(str(name), rename): entry for name, entry in limits.items()}
     for name in limits:
@@ -225,7 +224,8 @@ def given_limits(
             )
     with reading(where, LimitsError):  # of a number that no float can hold
         return {
-            name: _read_entry(name, entry, where, is_file=is_file) for name, entry in limits.items()
+            name: _read_entry(name, entry, where, is_file=where != "limits")
+            for name, entry in limits.items()
         }
 
 
@@ -236,46 +236,37 @@ def _read_entry(name: str, entry: Any, where: str, *, is_file: bool = False) -> 
             f"{where}: joint '{name}' must be a mapping of limits, got {shown(entry, 40)}"
         )
     # MoveIt's Setup Assistant writes 0 beside a limit that is switched off.
-    off = tuple(quantity for switch, quantity in _QUANTITIES.items() if entry.get(switch) is False)
-    values = {key: _absent(key) for key in LIMIT_KEYS if key.endswith(off)}
-    valid = (*LIMIT_KEYS, *DRIVE_KEYS, *_QUANTITIES)
+    off = tuple(quantity for switch, quantity in _SWITCHES.items() if entry.get(switch) is False)
+    values = {key: _absent(key) for key in (*LIMIT_KEYS, _DECELERATION) if key.endswith(off)}
     for key, value in entry.items():
         what = f"{where}: {key} of joint '{name}'"
-        if key in _QUANTITIES:
+        if key in _SWITCHES:
             if not isinstance(value, bool):
                 raise LimitsError(f"{what} must be true or false")
         elif key in DRIVE_KEYS:
             check_number(value, what, LimitsError, 0.0, 1e9)
             values[key] = float(value)
-        elif key in LIMIT_KEYS:
+        elif key in (*LIMIT_KEYS, _DECELERATION):
             if key not in values:
-                values[key] = _limit(value, what, is_end=key.endswith("position"))
+                values[key] = _limit(value, what, is_signed=key in _SIGNED)
         # A limit with a misspelt name must not be missing without a word.
-        elif not is_file or (
-            key not in _DECELERATION
-            and get_close_matches(str(key), (*LIMIT_KEYS, *DRIVE_KEYS), cutoff=0.85)
-        ):
+        elif not is_file or get_close_matches(str(key), (*LIMIT_KEYS, *DRIVE_KEYS), cutoff=0.85):
+            valid = (*LIMIT_KEYS, *DRIVE_KEYS, *_SWITCHES)
             raise LimitsError(f"{where}: joint '{name}': {unknown_name('limit', key, valid)}")
-    has, most = (entry.get(key) for key in _DECELERATION)
-    if is_file and has is not False and most is not None:
-        # Negative in MoveIt; it bounds the acceleration, too.
-        if not is_number(most):
-            raise LimitsError(
-                f"{where}: max_deceleration of joint '{name}' is {shown(most, 40)}, not a number"
-            )
-        acceleration = values.get("max_acceleration", np.inf)
-        values["max_acceleration"] = min(acceleration, abs(float(most)))
+    slowest = abs(values.pop(_DECELERATION, np.inf))
+    if slowest < values.get("max_acceleration", np.inf):
+        values["max_acceleration"] = slowest
     return values
 
 
-def _limit(value: Any, what: str, *, is_end: bool) -> float:
+def _limit(value: Any, what: str, *, is_signed: bool) -> float:
     """A limit: an end of a range, or a magnitude."""
     if not (is_number(value) or isinstance(value, float)):
         raise LimitsError(f"{what} is {shown(value, 40)}, not a number")
     number = float(value)
     # Ratios to smaller limits overflow.
-    if np.isnan(number) or (not is_end and number < 1e-9):
-        expected = "a number" if is_end else "a positive number from 1e-09 on"
+    if np.isnan(number) or (not is_signed and number < 1e-9):
+        expected = "a number" if is_signed else "a positive number from 1e-09 on"
         raise LimitsError(
             f"{what} is {number:g}, but it must be {expected} (set it in a limits file or by a "
             "parameter; .inf means no limit)"
