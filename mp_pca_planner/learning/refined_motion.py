@@ -205,7 +205,9 @@ class RefinedMotion:
         n_steps = max(int(np.ceil(self.duration / period - 1e-9)), 1)
         times = np.linspace(0.0, self.duration, n_steps + 1)
         q, v, a = self.evaluate(times)
-        return Trajectory(robot.joint_names, times, q, v, a, robot.known_efforts(q, v, a))
+        efforts = robot.inverse_dynamics(q, v, a)
+        known = None if np.isnan(efforts).any() else efforts
+        return Trajectory(robot.joint_names, times, q, v, a, known)
 
 
 def segment_states(segment: Motion, parameters: FloatArray, phases: FloatArray) -> FloatArray:

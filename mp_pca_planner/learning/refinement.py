@@ -26,7 +26,6 @@ from ..planning.program.constraints import (
     least_distances,
 )
 from ..planning.program.limits import limit_shares
-from ..robot.distances import NearPairs
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .refined_motion import (
@@ -326,44 +325,29 @@ class Constraints:
 
     def values(self, x: FloatArray) -> FloatArray:
         """The values g for the parameters of all segments in one row."""
-        parts = []
-        for i, part in enumerate(_by_segment(x)):
-            parts.append(self._room(i, part).ravel())
-            if self._pairs.size:
-                bounds = self._near(i, part).bounds - self._least[i]
-                parts.append(bounds[:, self._pairs].ravel())
-        return np.concatenate(parts)
+        return np.concatenate([self._of_segment(i, x_i) for i, x_i in enumerate(_by_segment(x))])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Their derivatives, shape (n_values, n_parameters)."""
-        blocks = []
-        for i, part in enumerate(_by_segment(x)):
-            rows = [_slopes(partial(self._room, i), part).reshape(-1, N_PARAMETERS)]
-            if self._pairs.size:
-                near, q_slopes = self._near(i, part), _slopes(partial(self._positions, i), part)
-                slopes = np.zeros((*near.bounds.shape, N_PARAMETERS))
-                slopes[near.configurations, near.pairs] = np.einsum(
-                    "ej,ejp->ep", near.rows, q_slopes[near.configurations]
-                )
-                rows.append(slopes[:, self._pairs].reshape(-1, N_PARAMETERS))
-            blocks.append(np.concatenate(rows))
+        parts = enumerate(_by_segment(x))
+        blocks = [_slopes(partial(self._of_segment, i), x_i) for i, x_i in parts]
         return np.asarray(linalg.block_diag(*blocks))
 
-    def _room(self, i: int, part: FloatArray) -> FloatArray:
-        """Shares of the limits that are left, shape (5, n_phases, n_joints)."""
-        judge, states = self._judge, segment_states(self._judge.segments[i], part, self.phases[i])
+    def _of_segment(self, i: int, parameters: FloatArray) -> FloatArray:
+        """The values of one segment."""
+        judge = self._judge
+        states = segment_states(judge.segments[i], parameters, self.phases[i])
         shares = limit_shares(judge.limits, states, judge.robot.inverse_dynamics(*states[:3]))
         # Only jerks are free at the ends.
         shares[np.ix_([0, 1, 2, 4], [0, -1])] = 0.0
-        return np.asarray(1.0 - MARGIN - shares)
-
-    def _positions(self, i: int, part: FloatArray) -> FloatArray:
-        states = segment_states(self._judge.segments[i], part, self.phases[i])
-        return np.asarray(states[0])
-
-    def _near(self, i: int, part: FloatArray) -> NearPairs:
-        assert self._judge.collision is not None
-        return self._judge.collision.near(self._positions(i, part), CLEARANCE_REACH)
+        values = (1.0 - MARGIN - shares).ravel()
+        if not self._pairs.size:
+            return np.asarray(values)
+        assert judge.collision is not None
+        # Distances beyond the reach are not known.
+        bounds = judge.collision.near(states[0], CLEARANCE_REACH).bounds[:, self._pairs]
+        room = np.minimum(bounds, CLEARANCE_REACH) - self._least[i][self._pairs]
+        return np.concatenate([values, room.ravel()])
 
 
 def _slopes(

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..exceptions import RobotError, WorldError, unknown_name
+from ..exceptions import PlannerError, RobotError, WorldError, unknown_name
 from ..input_limits import INPUT_LIMITS
 from ..lazy import LazyModule
 from .meshes import MeshSolid, find_mesh, scaled
-from .urdf import Description, StatedShape
+from .urdf import Description, StatedShape, stated_shape
 from .world import Box, Capsule, Cylinder, Mesh, Shape, Sphere, World
 
 coal, pin = LazyModule("coal"), LazyModule("pinocchio")
@@ -53,7 +53,7 @@ def primitive_of(stated: StatedShape) -> Shape:
     return {"cylinder": Cylinder, "capsule": Capsule}[stated.kind](*stated.sizes.tolist())
 
 
-def _stated(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
+def _shape(stated: StatedShape, package_dirs: Sequence[Path]) -> Shape:
     """A collision shape of a link, at the origin."""
     if stated.kind != "mesh":
         return primitive_of(stated)
@@ -126,21 +126,21 @@ class Bodies:
         RobotError
             If a shape can't be used, a mesh can't be found or read, or there are too many.
         """
-        for link, problem in description.lost_shapes.items():
-            raise RobotError(f"{source}: <collision> of link '{link}': {problem}")
-        count, most = sum(map(len, description.shapes.values())), INPUT_LIMITS.robot_shapes
-        if count > most:
-            raise RobotError(f"{source} has {count} collision shapes, at most {most} are accepted")
+        every = [(link, one) for link, many in description.collisions.items() for one in many]
+        if len(every) > (most := INPUT_LIMITS.robot_shapes):
+            raise RobotError(
+                f"{source} has {len(every)} collision shapes, at most {most} are accepted"
+            )
         parts = []
-        every = [(link, one) for link, many in description.shapes.items() for one in many]
-        for link, stated in every:
+        for link, element in every:
             try:
-                shape = _stated(stated, package_dirs)
-            except WorldError as error:
+                stated = stated_shape(element)
+                solid = solid_of_shape(_shape(stated, package_dirs))
+            except PlannerError as error:
                 raise RobotError(f"{source}: <collision> of link '{link}': {error}") from None
             place = pin.SE3(pin.rpy.rpyToMatrix(*stated.origin[3:]), stated.origin[:3])
             joint, frame = _attachment(model, link)
-            parts.append((link, joint, frame * place, solid_of_shape(shape)))
+            parts.append((link, joint, frame * place, solid))
         return cls._made(model, parts)
 
     def with_world(self, world: World) -> Bodies:

@@ -108,7 +108,7 @@ class LockedModel:
         description: Description,
     ) -> None:
         self._full = full = description.model
-        self._colliding = {*description.shapes, *description.lost_shapes}
+        self._colliding = description.collisions.keys()
         low, high = full.lowerPositionLimit, full.upperPositionLimit
         self._reference = np.clip(pin.neutral(full), low, high)
         names = enumerate(full.names)

@@ -387,10 +387,6 @@ class Robot:
         other._use(self._model.copy())
         return other
 
-    def without_drag(self) -> Robot:
-        """The same robot without damping and friction."""
-        return self.with_drives({name: {"damping": 0, "friction": 0} for name in self.joint_names})
-
     def with_link_inertias(self, factors: FloatArray) -> Robot:
         """The same robot with other masses and moments of inertia.
 
@@ -479,11 +475,6 @@ class Robot:
         tau = self._order.restored(tau)
         return tau + sum(self.drag(velocities)) if self._has_drag else tau
 
-    def known_efforts(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray | None:
-        """Efforts of a motion as :meth:`inverse_dynamics`, or None if one is NaN."""
-        tau = self.inverse_dynamics(q, v, a)
-        return None if np.isnan(tau).any() else tau
-
     def effort_slopes(
         self, q: FloatArray, v: FloatArray, a: FloatArray, jerk: FloatArray
     ) -> FloatArray:
@@ -564,13 +555,6 @@ class Robot:
         if not order.is_same:
             M = order.restored_matrix(np.triu(M) + np.triu(M, 1).T)
         return M, order.restored(h)
-
-    def gravity_efforts(self, q: FloatArray) -> FloatArray:
-        """Efforts that hold the robot still in one configuration, shape (n_joints,)."""
-        g = pin.computeGeneralizedGravity(
-            self._model, self._data, *self._order.checked(q, n_dims=1)
-        )
-        return self._order.restored(g)
 
     def forward_dynamics(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> FloatArray:
         """Accelerations [/s²] of one state under efforts, all of shape (n_joints,).

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,6 @@ _IDENTITY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 _PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone", 5: "prism"}
 # Sizes of each shape in a message and in a .scene file.
 _N_SIZES = {"box": 3, "sphere": 1, "cylinder": 2}
-_ACCEPTED = "accepted are box, sphere, cylinder and mesh"
 # Values of CollisionObject.operation that add an object, as numbers and as bytes in YAML.
 _ADDED = (0, "\0", 2, "\2")
 
@@ -53,7 +52,7 @@ def _text_world(text: str) -> World:
             whole = _numbers(words, 7) if len(rest.partition("\n")[0].split()) > 1 else _IDENTITY
             shapes = []
             for _ in range(int(next(words, "none"))):
-                shape = _shape(words, name)
+                shape = _next_shape(words, name)
                 shapes.append(shape.moved(_numbers(words, 7)).moved(whole))
                 _numbers(words, 4)  # its colour
         except (WorldError, ValueError) as error:
@@ -63,18 +62,16 @@ def _text_world(text: str) -> World:
     return World(obstacles)
 
 
-def _shape(words: Iterator[str], name: str) -> Shape:
+def _next_shape(words: Iterator[str], name: str) -> Shape:
     """The next shape of a ``.scene`` file."""
     kind = next(words, "")
     if kind == "mesh":
         n_vertices, n_triangles = (int(next(words, "none")) for _ in range(2))
         vertices = _numbers(words, 3 * n_vertices).reshape(-1, 3)
         return Mesh(vertices, _numbers(words, 3 * n_triangles).reshape(-1, 3))
-    if kind not in _N_SIZES:
-        raise _unsupported(kind, name)
-    sizes = _numbers(words, _N_SIZES[kind])
+    sizes = _numbers(words, _N_SIZES.get(kind, 0))
     # A cylinder has its radius first here.
-    return _solid(kind, sizes[::-1] if kind == "cylinder" else sizes)
+    return _solid(kind, sizes[::-1] if kind == "cylinder" else sizes, name)
 
 
 def _numbers(words: Iterator[str], n: int) -> FloatArray:
@@ -85,6 +82,20 @@ def _numbers(words: Iterator[str], n: int) -> FloatArray:
     return numbers
 
 
+def _solid(kind: str, sizes: Any, name: str) -> Shape:
+    """A box, a sphere, or a cylinder from its height and radius."""
+    if kind not in _N_SIZES:
+        raise WorldError(
+            f"'{printable(name)}' has a {printable(kind):.40}, which is not supported; accepted "
+            "are box, sphere, cylinder and mesh"
+        )
+    what = f"dimensions of the {kind} of '{name}'"
+    sizes = frozen_array(sizes, (_N_SIZES[kind],), what, WorldError)
+    if kind == "box":
+        return Box(sizes)
+    return Sphere(float(sizes[0])) if kind == "sphere" else Cylinder(*sizes[::-1].tolist())
+
+
 def _yaml_world(text: str) -> World:
     """The world of a moveit_msgs/PlanningScene as YAML."""
     content = load_yaml(text)
@@ -93,91 +104,67 @@ def _yaml_world(text: str) -> World:
             "expected a moveit_msgs/PlanningScene: a mapping with the key 'world' (obstacles) or "
             "'robot_state' (attached objects)"
         )
-    world, state = _mapping(content, "world"), _mapping(content, "robot_state")
-    if _mapping(_mapping(world, "octomap"), "octomap").get("data"):
+    world, state = _part(content, "world"), _part(content, "robot_state")
+    if _part(_part(world, "octomap"), "octomap").get("data"):
         raise WorldError("an octomap is not supported; give boxes or meshes instead")
     for key, neutral in (("padding", 0.0), ("scale", 1.0)):
-        if any(link.get(key, neutral) != neutral for link in _list(content, f"link_{key}")):
+        if any(link.get(key, neutral) != neutral for link in content.get(f"link_{key}") or ()):
             raise WorldError(f"link_{key} is not supported; give a margin of the clearance instead")
     frames = {}
-    for stamped in _list(content, "fixed_frame_transforms"):
-        place = _mapping(stamped, "transform")
+    for stamped in content.get("fixed_frame_transforms") or ():
+        place = _part(stamped, "transform")
         pose = {"position": place.get("translation"), "orientation": place.get("rotation")}
         frames[str(stamped.get("child_frame_id", ""))] = _pose(pose, "fixed_frame_transforms")
     obstacles: list[Obstacle] = []
-    for message in _list(world, "collision_objects"):
-        obstacles += _collision_object(message, frames)
-    for message in _list(state, "attached_collision_objects"):
-        obstacles += _attached_object(message)
-    return World(obstacles, _allowed(_mapping(content, "allowed_collision_matrix")))
+    for message in world.get("collision_objects") or ():
+        if message.get("operation", 0) not in _ADDED:
+            raise WorldError(
+                f"object '{printable(str(message.get('id', '')))}': operation "
+                f"{shown(message['operation'], 40)} is not supported; accepted is a scene whose "
+                "objects are added (0)"
+            )
+        obstacles += _obstacle(message, frames)
+    for message in state.get("attached_collision_objects") or ():
+        link, touched = str(message.get("link_name", "")), message.get("touch_links") or ()
+        obstacles += _obstacle(_part(message, "object"), {}, link, list(map(str, touched)))
+    return World(obstacles, _allowed(_part(content, "allowed_collision_matrix")))
 
 
-def _collision_object(
-    message: Mapping[str, Any], frames: Mapping[str, FloatArray]
+def _obstacle(
+    message: Mapping[str, Any],
+    frames: Mapping[str, FloatArray],
+    link: str | None = None,
+    touch_links: Sequence[str] = (),
 ) -> Iterator[Obstacle]:
-    name, frame = str(message.get("id", "")), _frame_of(message)
-    if message.get("operation", 0) not in _ADDED:
-        raise WorldError(
-            f"object '{printable(name)}': operation {shown(message['operation'], 40)} is not "
-            "supported; accepted is a scene whose objects are added (0)"
-        )
-    shapes = _shapes_of(message, name)
-    if frame in frames:
-        shapes, frame = [shape.moved(frames[frame]) for shape in shapes], ""
-    if shapes:
-        yield Obstacle(name, shapes, frame)
-
-
-def _attached_object(message: Mapping[str, Any]) -> Iterator[Obstacle]:
-    body, link = _mapping(message, "object"), str(message.get("link_name", ""))
-    name, frame = str(body.get("id", "")), _frame_of(body)
-    if not link or frame not in ("", link):
+    """The obstacle of a moveit_msgs/CollisionObject, on a link if it is attached to one."""
+    name, frame = str(message.get("id", "")), str(_part(message, "header").get("frame_id") or "")
+    if link is not None and (not link or frame not in ("", link)):
         raise WorldError(
             f"attached object '{printable(name)}': expected its pose in the frame of its link "
             f"'{printable(link)}', got frame '{printable(frame)}'"
         )
-    if shapes := _shapes_of(body, name):
-        yield Obstacle(name, shapes, link, [str(name) for name in message.get("touch_links") or ()])
-
-
-def _frame_of(message: Mapping[str, Any]) -> str:
-    return str(_mapping(message, "header").get("frame_id") or "")
-
-
-def _shapes_of(message: Mapping[str, Any], name: str) -> list[Shape]:
-    """The shapes of a moveit_msgs/CollisionObject in its frame."""
     if message.get("planes"):
-        raise _unsupported("plane", name)
-    whole = _pose(message.get("pose"), f"pose of '{name}'")
+        _solid("plane", (), name)
+    whole, place = _pose(message.get("pose"), f"pose of '{name}'"), frames.get(frame)
     shapes: list[Shape] = []
     for key, many in (("primitive", "primitives"), ("mesh", "meshes")):
         make = _primitive if key == "primitive" else _mesh
-        made = [make(part, name) for part in _list(message, many)]
+        made = [make(part, name) for part in message.get(many) or ()]
         poses = message.get(f"{key}_poses") or [None] * len(made)
         if len(poses) != len(made):
             raise WorldError(f"'{name}' has {len(made)} shapes, but {len(poses)} {key}_poses")
         for shape, pose in zip(made, poses, strict=True):
-            shapes.append(shape.moved(_pose(pose, f"poses of '{name}'")).moved(whole))
-    return shapes
+            shape = shape.moved(_pose(pose, f"poses of '{name}'")).moved(whole)
+            shapes.append(shape if place is None else shape.moved(place))
+    if shapes:
+        yield Obstacle(name, shapes, link or ("" if frame in frames else frame), touch_links)
 
 
 def _primitive(message: Mapping[str, Any], name: str) -> Shape:
+    """A shape_msgs/SolidPrimitive."""
     kind = message.get("type")
     kind = _PRIMITIVES.get(kind, kind) if isinstance(kind, int) else str(kind).lower()
-    if kind not in _N_SIZES:
-        raise _unsupported(str(kind), name)
-    what = f"dimensions of the {kind} of '{name}'"
-    sizes = message.get("dimensions") or ()
-    return _solid(kind, frozen_array(sizes, (_N_SIZES[kind],), what, WorldError))
-
-
-def _solid(kind: str, sizes: FloatArray) -> Shape:
-    """A box, a sphere, or a cylinder from its height and radius."""
-    if kind == "box":
-        return Box(sizes)
-    if kind == "sphere":
-        return Sphere(float(sizes[0]))
-    return Cylinder(radius=float(sizes[1]), height=float(sizes[0]))
+    return _solid(str(kind), message.get("dimensions") or (), name)
 
 
 def _mesh(message: Mapping[str, Any], name: str) -> Shape:
@@ -229,23 +216,9 @@ def _allowed(matrix: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield from ((str(name), ANY) for name, may in zip(*defaults, strict=False) if may)
 
 
-def _mapping(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+def _part(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     """The mapping of a key; an empty message in the place of nothing."""
     inner = content.get(key) or {}
     if not isinstance(inner, dict):
         raise WorldError(f"{key} must be a mapping, got {shown(inner, 60)}")
     return inner
-
-
-def _list(content: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    """The list of mappings of a key; an empty message in the place of nothing."""
-    items = content.get(key) or []
-    if not (isinstance(items, list) and all(isinstance(message, dict) for message in items)):
-        raise WorldError(f"{key} must be a list of mappings, got {shown(items, 60)}")
-    return items
-
-
-def _unsupported(kind: str, name: str) -> WorldError:
-    return WorldError(
-        f"'{printable(name)}' has a {printable(kind):.40}, which is not supported; {_ACCEPTED}"
-    )

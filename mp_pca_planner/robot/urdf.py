@@ -152,10 +152,8 @@ class Description:
         Inertias by link, in the frame of the link.
     lost_inertias : frozenset of str
         Links whose inertial can't be used.
-    shapes : mapping of str to sequence of StatedShape
-        The usable collision shapes by link.
-    lost_shapes : mapping of str to str
-        Defect of the collision shape of each link whose shape can't be used.
+    collisions : mapping of str to sequence of Element
+        The <collision> elements of each link that has any, see :func:`stated_shape`.
     solid_links : frozenset of str
         Links with a visual or collision shape: bodies, not just frames.
     """
@@ -168,8 +166,7 @@ class Description:
     child_links: Mapping[str, str]
     inertias: Mapping[str, Any]
     lost_inertias: frozenset[str]
-    shapes: Mapping[str, Sequence[StatedShape]]
-    lost_shapes: Mapping[str, str]
+    collisions: Mapping[str, Sequence[ET.Element]]
     solid_links: frozenset[str]
 
 
@@ -220,7 +217,6 @@ def read_description(urdf: str, source: str) -> Description:
                 raise RobotError("its <axis> has no direction, expected numbers that are not all 0")
         except RobotError as error:
             raise RobotError(f"{source}: joint '{name}': {error}") from None
-    shapes, lost_shapes = _collision_shapes(links)
     return Description(
         name=root.get("name", ""),
         model=model,
@@ -232,8 +228,7 @@ def read_description(urdf: str, source: str) -> Description:
         },
         inertias=inertias,
         lost_inertias=frozenset(stated.keys() - inertias.keys()),
-        shapes=shapes,
-        lost_shapes=lost_shapes,
+        collisions={name: x for name, link in links.items() if (x := link.findall("collision"))},
         solid_links=frozenset(
             name
             for name, link in links.items()
@@ -369,18 +364,3 @@ def _inertia_of(inertial: ET.Element) -> Any | None:
     inertia = pin.Inertia.Zero()  # whose constructor refuses what `inertia_flaws` has to name
     inertia.mass, inertia.lever, inertia.inertia = m, place[:3], tensor
     return inertia if m >= 0.0 else None
-
-
-def _collision_shapes(
-    links: Mapping[str, ET.Element],
-) -> tuple[dict[str, list[StatedShape]], dict[str, str]]:
-    """The collision shapes, and what is wrong with those left out, by link."""
-    shapes: dict[str, list[StatedShape]] = {}
-    lost: dict[str, str] = {}
-    for name, link in links.items():
-        for part in link.findall("collision"):
-            try:
-                shapes.setdefault(name, []).append(stated_shape(part))
-            except RobotError as error:
-                lost[name] = str(error)
-    return shapes, lost

@@ -87,7 +87,8 @@ class Plant:
         """Move for one period towards commanded positions, shape (n_joints,)."""
         rate = (command - self._commanded) / PERIOD
         self._commanded = command
-        gravity = self._robot.gravity_efforts(self.q)
+        at_rest = self.q[None], np.zeros((1, self.q.size)), np.zeros((1, self.q.size))
+        gravity = self._robot.inverse_dynamics(*at_rest)[0]
         M, h = self._loaded.motion_equation(self.q, self.v)
         # The goal at the end of the step, without the part that depends on the velocity there.
         due = command - (self.lag - PERIOD) * rate

@@ -60,7 +60,11 @@ def test_a_file_is_saved_under_its_ending_and_not_over_another(path, tmp_path):
         ("durations", lambda x: -x, r"'durations' holds -.*, expected 1e-09 to 1e\+09"),
         ("requests", lambda x: x + 100.0, "'requests' holds durations that are not up to"),
         ("request_precision", lambda x: 0.0 * x, "'request_precision' is not positive definite"),
-        ("mean_coefficients", lambda x: x[:, :5], "number of degrees must be .* from 7 to 31, got 5"),
+        (
+            "mean_coefficients",
+            lambda x: x[:, :5],
+            "number of degrees must be .* from 7 to 31, got 5",
+        ),
         ("format", "else", "it is a else of format version 4"),
         ("format_version", 3, "version 3, this release reads version 4 of .*: build it again"),
         ("coupling", "leg", "coupling must be one of 'joint', 'arm', got 'leg'"),

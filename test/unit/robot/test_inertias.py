@@ -143,7 +143,3 @@ def test_whatever_computes_efforts_takes_inertias_and_nothing_else_does():
 def test_unknown_efforts_are_not_a_number():
     robot, one = Robot(pendulum(GOOD, "", last="revolute")), np.ones((1, 2))
     assert np.isnan(robot.inverse_dynamics(one, one, one)).all()
-    assert robot.known_efforts(one, one, one) is None
-    sound = Robot(pendulum(GOOD, GOOD, last="revolute"))
-    efforts = sound.inverse_dynamics(one, one, one)
-    np.testing.assert_array_equal(sound.known_efforts(one, one, one), efforts)
