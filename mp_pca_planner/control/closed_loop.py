@@ -97,8 +97,8 @@ class ControlLoop:
     delay: int = 1
 
     def __post_init__(self) -> None:
-        none = dict.fromkeys(self.model.joint_names, {"damping": 0.0, "friction": 0.0})
-        set_frozen(self, model=self.model.with_drives(none))
+        no_drag = {name: {"damping": 0.0, "friction": 0.0} for name in self.model.joint_names}
+        set_frozen(self, model=self.model.with_drives(no_drag))
         set_frozen(self, effort_limits=np.broadcast_to(self.effort_limits, (self.model.n_joints,)))
 
     @cached_property

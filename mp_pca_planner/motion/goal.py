@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..arrays import (
     FloatArray,
     by_name,
+    check_number,
     check_type,
     float_array,
     frozen_array,
@@ -121,16 +122,10 @@ class Pose:
         set_frozen(self, frame=frame, position=position, orientation=orientation)
 
 
-def _is_positive(value: object) -> bool:
-    return is_number(value) and cast(float, value) > 0.0
-
-
 def _check_duration(duration: float | None) -> None:
-    if duration is not None and not _is_positive(duration):
-        raise GoalError(
-            "the duration of a motion must be a positive number of seconds, got "
-            f"{shown(duration)}; use `PlannerOptions(timing=…)` to let the planner choose it"
-        )
+    if duration is not None:
+        what = "the duration of a motion [s], which `PlannerOptions(timing=…)` chooses without one,"
+        check_number(duration, what, GoalError, 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,16 +244,11 @@ class SequenceGoal:
                 raise GoalError(
                     f"a sequence needs a {what} for each of its {n} targets, got {len(given)}"
                 )
-        last = 0.0
-        for time in self.times:
-            if time is None:
-                continue
-            if not (_is_positive(time) and time > last):
-                raise GoalError(
-                    "the times of a sequence must be positive and increase, got "
-                    f"{shown(time)} after {last:g}"
-                )
-            last = time
+        stated = [0.0, *(time for time in self.times if time is not None)]
+        if not (all(map(is_number, stated)) and np.all(np.diff(stated) > 0.0)):
+            raise GoalError(
+                f"the times of a sequence must be positive and increase, got {shown(self.times)}"
+            )
 
 
 Goal = JointGoal | PoseGoal | SequenceGoal
@@ -375,10 +365,7 @@ def as_goal(value: GoalLike, joint_names: Sequence[str], duration: float | None 
 def _check_count(n_targets: int) -> None:
     """Reject sequences without a target, and those that would exceed time or memory."""
     most = INPUT_LIMITS.targets
-    if not n_targets:
-        raise GoalError("a sequence needs at least one target, got none")
-    if n_targets > most:
-        raise GoalError(f"the sequence has {n_targets} targets, at most {most} are accepted")
+    check_number(n_targets, "the number of targets", GoalError, 1, most, is_whole=True)
 
 
 def _is_several(value: object) -> TypeGuard[Sequence[TargetLike]]:

@@ -81,7 +81,10 @@ REFUSED = {
     ),
     "long": (lambda: plan(request(duration=1e9)[0]), r"1e\+09 s, at most 600 s"),
     "dense": (lambda: plan(request(duration=11.0)[0], sample_period=1e-4), "at most 10 s"),
-    "short": (lambda: plan(request(duration=1e-7)[0]), "at least 1e-06 s are accepted"),
+    "short": (
+        lambda: plan(request(duration=1e-7)[0]),
+        "of at least 1e-06, got 1e-07",
+    ),
     "no frame": (lambda: plan(PoseGoal(Pose("hand", [0.3, 0, 0]))), "'hand'.*'wrist'"),
     # Starts
     "start outside": (
@@ -102,7 +105,7 @@ REFUSED = {
         lambda: plan(sequence(THERE, JointState(["elbo"], [0.0]))),
         "target 2 .* no joint is called 'elbo'",
     ),
-    "many": (lambda: plan(sequence(*(THERE,) * 201)), "201 targets, at most 200"),
+    "many": (lambda: plan(sequence(*(THERE,) * 201)), "number of targets must be .* 200, got 201"),
     "endless": (
         lambda: plan(sequence(*(THERE, START) * 100, times=(599.9, *[None] * 199))),
         "sequence would take",

@@ -63,7 +63,7 @@ def test_a_file_is_saved_under_its_ending_and_not_over_another(path, tmp_path):
         (
             "mean_coefficients",
             lambda x: x[:, :5],
-            "number of degrees must be .* from 7 to 31, got 5",
+            "number of degrees must be .* 7 to 31, got 5",
         ),
         ("format", "else", "it is a else of format version 4"),
         ("format_version", 3, "version 3, this release reads version 4 of .*: build it again"),
