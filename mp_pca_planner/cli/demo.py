@@ -133,7 +133,7 @@ def _pipeline(folder: Path) -> int:
     if motions:
         with picture(folder / "motion.png", force=True) as figure:
             title = "Motion to the first goal"
-            motion_figure(figure, {"planned": motions[0]}, title, robot.limits())
+            motion_figure(figure, motions[0], title, robot.limits())
     return DONE if all(row[-1] == MotionOutcome.ARRIVED for row in rows) else FAILED
 
 

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,17 +18,14 @@ from ..planning.plan import Plan
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
-from ..robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere, World
+from ..robot.world import Box, Capsule, Cylinder, Mesh, Obstacle, Shape, Sphere
 from .style import (
     COLOURS,
     LINES,
     MAX_BEHIND,
     MIN_SPAN,
     NEAR_LIMIT,
-    STYLES,
-    Line,
     add_header,
-    line,
     styled_figure,
 )
 from .text import Unit, unit_of
@@ -39,64 +35,47 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..planning.planner import Planner
+    from ..robot.model import Robot
 
 Curve = tuple[FloatArray, FloatArray]
 """Times [s] and positions [rad or m], of shapes (n_times,) and (n_times, n_joints)."""
 
 
-@dataclass(frozen=True, eq=False)
-class HandPath:
-    """The way of the end effector, and what stands beside it.
-
-    Attributes
-    ----------
-    frame : str
-        The link.
-    path : array, shape (n_steps, 3)
-        Its positions in the base frame [m].
-    behind : sequence of array, shape (n_phases, 3)
-        Those along demonstrations [m].
-    world : World
-        The obstacles; those attached to links are not drawn.
-    """
-
-    frame: str
-    path: FloatArray
-    behind: Sequence[FloatArray]
-    world: World
-
-
 def motion_figure(
     figure: Figure,
-    motions: Mapping[str, Trajectory],
+    motion: Trajectory,
     title: str,
     limits: JointLimits | None = None,
+    *,
     prismatic: Collection[str] = (),
     behind: Sequence[Curve] = (),
     vias: Collection[float] = (),
-    hand: HandPath | None = None,
+    robot: Robot | None = None,
+    world: Iterable[Obstacle] = (),
 ) -> list[Axes]:
-    """Plot motions of the same joints: a row of positions for each joint, and the hand's path.
+    """Plot a motion: a row of positions for each joint, and the path of the hand beside them.
 
     Parameters
     ----------
     figure : Figure
         An empty figure, see :func:`.styled_figure`.
-    motions : mapping of str to Trajectory
-        The motions, by their labels.
+    motion : Trajectory
+        The motion.
     title : str
         Title of the figure.
     limits : JointLimits, optional
-        Limits of the same joints. Those of the position are lines where the motion comes near them;
-        the shares that the first motion uses of the others are stated.
+        Limits of its joints. Those of the position are lines where the motion comes near them; of
+        the others, the one of which the motion uses most is stated.
     prismatic : collection of str
         Joints that are measured in metres; the others are shown in degrees.
     behind : sequence of Curve
         Curves behind the positions, such as demonstrations.
     vias : collection of float
-        Times at which the first motion passes its vias [s].
-    hand : HandPath, optional
-        The path of the hand, drawn from above and from the side.
+        Times at which the motion passes its vias [s].
+    robot : Robot, optional
+        The robot of the joints, whose hand is drawn from above and from the side.
+    world : iterable of Obstacle
+        The obstacles; those attached to links are not drawn.
 
     Returns
     -------
@@ -106,36 +85,30 @@ def motion_figure(
     Raises
     ------
     PlannerError
-        If the motions have one point each.
+        If the motion has one point.
     """
-    first = next(iter(motions.values()))
-    duration = max(motion.duration for motion in motions.values())
-    if duration == 0.0:
+    if motion.duration == 0.0:
         raise PlannerError("a motion of one point can't be drawn: at least two are needed")
-    n = len(COLOURS)
-    entries = [line(x, COLOURS[i % n], STYLES[i % len(STYLES)]) for i, x in enumerate(motions)]
-    rows, views = _panels(figure, first.n_joints, hand is not None)
-    has_limits = False
-    for joint, (name, axes) in enumerate(zip(first.joint_names, rows, strict=True)):
-        unit = unit_of([name], prismatic)
+    rows, views = _panels(figure, motion.n_joints, robot is not None)
+    for joint, (name, axes) in enumerate(zip(motion.joint_names, rows, strict=True)):
+        unit, q = unit_of([name], prismatic), motion.positions[:, joint]
         for times, positions in behind:
             axes.plot(times, unit.factor * positions[:, joint], **LINES["behind"])
-        for entry, motion in zip(entries, motions.values(), strict=True):
-            positions = motion.positions[:, motion.joint_names.index(name)]
-            axes.plot(motion.times, unit.factor * positions, **entry)
+        axes.plot(motion.times, unit.factor * q, **LINES["planned"])
         for via in vias:
-            passed = np.interp(via, first.times, first.positions[:, joint])
-            axes.plot(via, unit.factor * passed, **LINES["via"])
+            axes.plot(via, unit.factor * np.interp(via, motion.times, q), **LINES["via"])
         axes.set_title(printable(name), loc="left", fontsize="medium")
-        axes.set(ylabel=unit.name, xlim=(0.0, duration))
-        has_limits |= _show_limits(axes, first, joint, limits, unit)
+        axes.set(ylabel=unit.name, xlim=(0.0, motion.duration))
+        _show_limits(axes, motion, joint, limits, unit)
     rows[-1].set_xlabel("time [s]")
-    if hand is not None:
-        _show_hand(views, hand, entries[0])
-    beside = {"limit": has_limits, "behind": bool(behind), "via": bool(vias)}
-    header = [*entries, *(LINES[kind] for kind, is_drawn in beside.items() if is_drawn)]
-    header += [LINES["obstacle"]] if hand is not None and len(hand.world) else []
-    add_header(figure, title, header)
+    if robot is not None:
+        paths = [
+            np.asarray(robot.frame_positions(q, [robot.end_effector])[:, 0])
+            for q in (motion.positions, *(positions for _, positions in behind))
+        ]
+        _show_hand(views, robot.end_effector, paths, [x for x in world if not x.frame])
+    drawn = {artist.get_label() for axes in figure.axes for artist in axes.get_children()}
+    add_header(figure, title, [x for x in LINES.values() if x["label"] in drawn])
     return rows
 
 
@@ -149,11 +122,8 @@ def _panels(figure: Figure, n_joints: int, has_hand: bool) -> tuple[list[Axes], 
 
 def _show_limits(
     axes: Axes, motion: Trajectory, joint: int, limits: JointLimits | None, unit: Unit
-) -> bool:
-    """Set the range of positions, draw limits that are near, state the others and their shares.
-
-    Returns whether a limit was drawn.
-    """
+) -> None:
+    """Set the range of positions, draw limits that are near, state the others and their shares."""
     low, high = axes.dataLim.intervaly
     span = max(high - low, unit.factor * MIN_SPAN)
     low, high = (low + high - span) / 2, (low + high + span) / 2
@@ -171,7 +141,6 @@ def _show_limits(
         text = "; ".join(filter(None, words))
         axes.set_title(text, loc="right", fontsize="small", fontweight="normal")
     axes.set_ylim(min([low, *near]) - 0.08 * span, max([high, *near]) + 0.08 * span)
-    return bool(near)
 
 
 def _most_used(motion: Trajectory, joint: int, limits: JointLimits, i: int, unit: Unit) -> str:
@@ -190,30 +159,29 @@ def _most_used(motion: Trajectory, joint: int, limits: JointLimits, i: int, unit
     return f"{shares[name]:.0f} % of the {name} limit" if name else ""
 
 
-def _show_hand(views: Sequence[Axes], hand: HandPath, planned: Line) -> None:
-    """Draw the path of the hand and the obstacles from above and from the side that shows most."""
-    obstacles = [obstacle for obstacle in hand.world if not obstacle.frame]
-    side = int(np.argmax(np.ptp(hand.path[:, :2], axis=0)))
+def _show_hand(
+    views: Sequence[Axes], link: str, paths: Sequence[FloatArray], obstacles: Sequence[Obstacle]
+) -> None:
+    """Draw the path of a link before others, from above and from the side that shows most."""
+    path, *behind = paths
+    side = int(np.argmax(np.ptp(path[:, :2], axis=0)))
     for axes, plane, where in zip(views, ([0, 1], [side, 2]), ("above", "the side"), strict=True):
         for obstacle in obstacles:
-            for outline in outlines(obstacle, plane):
+            shadows = outlines(obstacle, plane)
+            for outline in shadows:
                 axes.fill(*outline.T, **LINES["obstacle"] | {"linewidth": 1.0})
-            x, y = _middle(obstacle)[plane]
+            x, y = np.mean([outline.mean(axis=0) for outline in shadows], axis=0)
             axes.text(x, y, printable(obstacle.name), ha="center", va="center", size=9)
-        for path in hand.behind:
-            axes.plot(*path[:, plane].T, **LINES["behind"])
-        axes.plot(*hand.path[:, plane].T, **planned)
-        for place, text in ((hand.path[0], "start"), (hand.path[-1], "goal")):
+        for other in behind:
+            axes.plot(*other[:, plane].T, **LINES["behind"])
+        axes.plot(*path[:, plane].T, **LINES["planned"])
+        for place, text in ((path[0], "start"), (path[-1], "goal")):
             axes.plot(*place[plane], "o", color=COLOURS[0])
             axes.annotate(text, place[plane], xytext=(6, 6), textcoords="offset points")
-        axes.set_title(f"'{printable(hand.frame)}' from {where}", loc="left", fontsize="medium")
+        axes.set_title(f"'{printable(link)}' from {where}", loc="left", fontsize="medium")
         axes.set(xlabel="xyz"[plane[0]] + " [m]", ylabel="xyz"[plane[1]] + " [m]")
         axes.margins(0.15)
         axes.set_aspect("equal", adjustable="datalim")
-
-
-def _middle(obstacle: Obstacle) -> FloatArray:
-    return np.asarray(np.mean([shape.position for shape in obstacle.shapes], axis=0))
 
 
 def outlines(obstacle: Obstacle, plane: Sequence[int]) -> list[FloatArray]:
@@ -278,33 +246,28 @@ def plan_figure(figure: Figure, plan: Plan, planner: Planner | None = None) -> l
     rows : list of Axes
         Those of each joint.
     """
-    behind, hand = list[Curve](), None
-    begin, joints = 0.0, plan.trajectory.joint_names
-    if planner is not None:
-        for motion, name in zip(plan.motions, plan.primitives, strict=True):
-            primitive = planner.primitives.named(name)
-            states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
-            ends = np.array([[state[joint] for joint in joints] for state in states])
-            behind += nearest_curves(primitive, joints, ends, begin, motion.duration)
-            begin += motion.duration
-        frame = planner.robot.end_effector
-        paths = [
-            np.asarray(planner.robot.frame_positions(q, [frame])[:, 0])
-            for q in (plan.trajectory.positions, *(positions for _, positions in behind))
-        ]
-        world = World() if planner.collision is None else planner.collision.world
-        hand = HandPath(frame, paths[0], paths[1:], world)
-    n = len(plan.motions)
+    n, behind, begin = len(plan.motions), list[Curve](), 0.0
     drawn = f"{n} {'segment' if n == 1 else 'segments'}" if plan.mode else f"'{plan.primitive}'"
+    title, joints = f"{drawn}: {plan.message}", plan.trajectory.joint_names
+    vias = [plan.duration * phase for phase in plan.via_phases]
+    if planner is None:
+        return motion_figure(figure, plan.trajectory, title, vias=vias)
+    for motion, name in zip(plan.motions, plan.primitives, strict=True):
+        states = [by_name(x.joint_names, x.positions) for x in (motion.start, motion.goal)]
+        ends = np.array([[state[joint] for joint in joints] for state in states])
+        primitive = planner.primitives.named(name)
+        behind += nearest_curves(primitive, joints, ends, begin, motion.duration)
+        begin += motion.duration
     return motion_figure(
         figure,
-        {"planned": plan.trajectory},
-        f"{drawn}: {plan.message}",
-        None if planner is None else planner.limits,
-        () if planner is None else planner.robot.prismatic_joints,
-        behind,
-        [plan.duration * phase for phase in plan.via_phases],
-        hand,
+        plan.trajectory,
+        title,
+        planner.limits,
+        prismatic=planner.robot.prismatic_joints,
+        behind=behind,
+        vias=vias,
+        robot=planner.robot,
+        world=() if planner.collision is None else planner.collision.world,
     )
 
 
@@ -347,4 +310,4 @@ def plot_plan(plan: Plan, planner: Planner | None = None) -> NDArray[np.object_]
 def plot_trajectory(trajectory: Trajectory) -> NDArray[np.object_]:
     """Plot a trajectory in a new pyplot figure; returns its Axes, one row for each joint."""
     with styled_figure(interactive=True) as figure:
-        return np.array(motion_figure(figure, {"motion": trajectory}, ""))
+        return np.array(motion_figure(figure, trajectory, ""))

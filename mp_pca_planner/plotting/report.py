@@ -7,17 +7,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from math import ceil
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..control.law import control_statement
 from ..exceptions import PlannerError
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive, prediction_words
 from ..primitives.timing import own_phases
-from ..recordings.demonstration import Demonstration
 from ..recordings.recording import REPAIRS
 from ..recordings.recording_set import RecordingReport, RecordingSet
 from .primitive import primitive_figure
@@ -68,7 +67,10 @@ def report_page(
         If matplotlib or jinja2 is not installed.
     """
     motions = recordings.demonstrations
-    drawn = _evenly(len(motions), _MAX_DEMONSTRATIONS_DRAWN)
+    drawn = range(0, len(motions), ceil(len(motions) / _MAX_DEMONSTRATIONS_DRAWN))
+    phases = [own_phases(primitive.warps[i], PHASES) for i in drawn]
+    shown = [motions[i].at(motions[i].duration * x) for i, x in zip(drawn, phases, strict=True)]
+    shapes = partial(primitive_figure, primitive=primitive, demonstrations=np.array(shown))
     prismatic = prismatic_joints(primitive)
     angles = primitive.metadata["angle_variance_ratio"]
     return render(
@@ -79,11 +81,11 @@ def report_page(
         prediction=prediction_words(primitive),
         motions=motions,
         unit=primitive_unit(primitive),
-        residual=_rms(primitive.fit_residual),
-        residuals=_rms(primitive.fit_residual, axis=1),
+        residual=np.sqrt(np.mean(primitive.fit_residual**2)),
+        residuals=np.sqrt(np.mean(primitive.fit_residual**2, axis=1)),
         law=control_statement(primitive),
         n_drawn=len(drawn),
-        shapes=_shapes_address(motions, primitive, drawn),
+        shapes=figure_address(shapes),
         shape_variance=variance_table(primitive.explained_variance_ratio),
         angle_variance=variance_table(angles, 4),
         refused=recordings.refused,
@@ -98,22 +100,6 @@ def report_page(
     )
 
 
-def _shapes_address(
-    motions: Sequence[Demonstration], primitive: MovementPrimitive, drawn: Sequence[int]
-) -> str:
-    """The figure of some demonstrations and of the components."""
-    shown = [
-        motions[i].at(motions[i].duration * own_phases(primitive.warps[i], PHASES)) for i in drawn
-    ]
-    return figure_address(
-        partial(primitive_figure, primitive=primitive, demonstrations=np.array(shown))
-    )
-
-
-def _rms(values: FloatArray, axis: int | None = None) -> Any:
-    return np.sqrt(np.mean(values**2, axis=axis))
-
-
 def _repairs(reports: Sequence[RecordingReport]) -> list[tuple[str, int, int]]:
     """Kinds of repairs that were made, how often, and in how many recordings."""
     totals, concerned = Counter[str](), Counter[str]()
@@ -122,11 +108,6 @@ def _repairs(reports: Sequence[RecordingReport]) -> list[tuple[str, int, int]]:
         concerned.update(kind for kind, count in report.repairs.items() if count)
     kinds = [*REPAIRS, *sorted(totals.keys() - REPAIRS.keys())]
     return [(kind, totals[kind], concerned[kind]) for kind in kinds if totals[kind]]
-
-
-def _evenly(n: int, most: int) -> list[int]:
-    """At most the given number of n indices, evenly spread."""
-    return [int(i) for i in np.unique(np.linspace(0, n - 1, min(n, most)).round())]
 
 
 def recording_figure(

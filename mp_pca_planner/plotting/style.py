@@ -12,14 +12,13 @@ import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
-from itertools import product
 from math import ceil
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
-from ..exceptions import PlannerError, printable, require
+from ..exceptions import printable, require
 from ..files import write_whole
 
 if TYPE_CHECKING:
@@ -65,6 +64,7 @@ def palette_line(label: str, index: int, width: float = 2.2) -> Line:
 
 
 LINES = {
+    "planned": line("planned", COLOURS[0]),
     "limit": line("limit", BLACK, (0, (2, 2)), 1.5),
     "behind": line("nearest demonstrations, re-timed", GREY, "-", 0.8, zorder=1.5, alpha=0.6),
     "minimum jerk": line("minimum jerk", BLACK, (0, (1, 1.5)), 1.5, zorder=1.7),
@@ -134,12 +134,10 @@ def add_header(figure: Figure, title: str, lines: Sequence[Line]) -> None:
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     width, height = figure.get_size_inches()
-    # Conversion from average letters to a line of the widest letters.
-    for letters_per_inch, n_columns in product((12, 9, 5), range(len(lines), 0, -1)):
-        for legend in [*figure.legends]:
-            legend.remove()
-        legend = _legend(figure, title, lines, int(letters_per_inch * width), n_columns)
-        box = legend.get_window_extent()
+    for n_columns in range(len(lines), 0, -1):
+        for earlier in [*figure.legends]:
+            earlier.remove()
+        box = _legend(figure, title, lines, int(9 * width), n_columns).get_window_extent()
         if box.width <= _WIDEST * figure.bbox.width:
             break
     total = height + box.height / figure.dpi
@@ -216,18 +214,18 @@ def picture(path: str | Path | io.BytesIO, *, force: bool = False) -> Iterator[F
     Raises
     ------
     PlannerError
-        If the file name does not end in .png, or the file can't be written.
+        If the file can't be written.
     MissingDependencyError
         If matplotlib is not installed.
     """
-    content = path if isinstance(path, io.BytesIO) else io.BytesIO()
-    if not isinstance(path, io.BytesIO) and Path(path).suffix.lower() != ".png":
-        raise PlannerError(f"pictures are PNG files: the name of '{path}' must end in .png")
+    content = io.BytesIO()
     with styled_figure() as figure:
         yield figure
         figure.savefig(content, format="png")
-    if not isinstance(path, io.BytesIO):
-        write_whole(Path(path), content.getvalue(), overwrite=force)
+    if isinstance(path, io.BytesIO):
+        path.write(content.getvalue())
+    else:
+        write_whole(path, content.getvalue(), overwrite=force)
 
 
 def require_pages() -> None:
@@ -250,7 +248,6 @@ def render(template: str, **content: Any) -> str:
     MissingDependencyError
         If matplotlib or jinja2 is not installed.
     """
-    require_pages()
     return environment().get_template(template).render(version=__version__, **content)
 
 

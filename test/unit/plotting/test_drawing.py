@@ -45,24 +45,21 @@ def trajectory(scale: float = 1.0) -> Trajectory:
 
 
 def test_pictures_show_components_and_motions_and_repeat_themselves(tmp_path: Path) -> None:
-    files = [tmp_path / name for name in ("p.png", "again.png", "motion.png", "both.png")]
+    files = [tmp_path / name for name in ("p.png", "again.png", "motion.png")]
     for file in files[:2]:
         with picture(file) as figure:
             primitive_figure(figure, arm_primitive(), title="A primitive")
     assert files[0].read_bytes() == files[1].read_bytes()
-    motions = {"planned": trajectory()}
-    for file in files[2:]:
-        with picture(file) as figure:
-            motion_figure(figure, motions, "A motion")
-        motions["B-spline"] = trajectory(0.7)
-    assert [n_pixels(file, BLUE) > 1000 for file in files] == [True] * 4
-    assert [n_pixels(file, ORANGE) > 400 for file in files] == [True, True, False, True]
+    with picture(files[2]) as figure:
+        motion_figure(figure, trajectory(), "A motion")
+    assert [n_pixels(file, BLUE) > 1000 for file in files] == [True] * 3
+    assert [n_pixels(file, ORANGE) > 400 for file in files] == [True, True, False]
 
 
 def test_prismatic_joints_are_drawn_in_metres() -> None:
     motion, shown = trajectory(), arm_primitive()
     with styled_figure() as figure:
-        rows = motion_figure(figure, {"planned": motion}, "A motion", prismatic=["joint1"])
+        rows = motion_figure(figure, motion, "A motion", prismatic=["joint1"])
     assert [axes.get_ylabel() for axes in rows] == ["deg", "m"]
     np.testing.assert_allclose(rows[0].lines[0].get_ydata(), np.rad2deg(motion.positions[:, 0]))
     np.testing.assert_allclose(rows[1].lines[0].get_ydata(), motion.positions[:, 1])
@@ -92,7 +89,7 @@ def test_the_limit_that_a_joint_uses_most_is_stated(share: float) -> None:
     }
     limits = JointLimits(["joint0", "joint1"], {"joint1": bounds})
     with styled_figure() as figure:
-        rows = motion_figure(figure, {"a": motion}, "Motion", limits)
+        rows = motion_figure(figure, motion, "Motion", limits)
     name, most = ("acceleration", 99) if share > 0.7 else ("velocity", 70)
     assert [axes.get_title(loc="right") for axes in rows] == ["", f"{most} % of the {name} limit"]
 
