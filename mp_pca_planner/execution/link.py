@@ -3,7 +3,7 @@
 """What the node and its workers say to each other: values that can be pickled.
 
 The *planner* has the primitives and plans; the *watcher* checks the running motion against the
-newest obstacles. The node sends both the set-up and the obstacles.
+newest obstacles, around the robot that the planner has accepted. The node sends both the obstacles.
 """
 
 from __future__ import annotations
@@ -102,6 +102,28 @@ class SetUpDone:
     model: ModelFacts | None = None
     problem: str = ""
     is_unreadable: bool = False
+
+
+@dataclass(frozen=True)
+class WatchedRobot:
+    """The robot of an accepted set-up, as the watcher needs it; it waits for no primitives.
+
+    Attributes
+    ----------
+    urdf : str
+        The robot description, XML text.
+    joint_names : tuple of str
+        Joints of the motions.
+    locked : mapping of str to float
+        Known positions of the others [rad or m].
+    settings : Settings
+        The parameters.
+    """
+
+    urdf: str
+    joint_names: tuple[str, ...]
+    locked: Mapping[str, float]
+    settings: Settings
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -36,7 +37,16 @@ from ..robot.limits import JointLimits, Overrides, limits_file_note
 from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
-from .link import ModelFacts, Planned, PlanRequest, Rejected, RunningMotion, SetUp, SetUpDone
+from .link import (
+    ModelFacts,
+    Planned,
+    PlanRequest,
+    Rejected,
+    RunningMotion,
+    SetUp,
+    SetUpDone,
+    WatchedRobot,
+)
 from .motions import MIN_STEP, PublishedMotion
 from .parameters import REFUSE, Settings, check_limit_names, locked_positions
 
@@ -245,7 +255,29 @@ def _collision(
     )
 
 
-def in_world(model: Model, world: World) -> CollisionModel:
+@dataclass(frozen=True, eq=False)
+class WatchedModel:
+    """A robot and its settings, for its collisions with obstacles alone.
+
+    Attributes
+    ----------
+    robot, settings, collision
+        As of a `Model`.
+    """
+
+    robot: Robot
+    settings: Settings
+    collision: CollisionModel | None
+
+    @classmethod
+    def of(cls, watched: WatchedRobot) -> Self:
+        """The robot that a message describes."""
+        robot = Robot(watched.urdf, watched.joint_names, locked=watched.locked)
+        settings = replace(watched.settings, collision=False)
+        return cls(robot, settings, _collision(robot, (), settings, World())[0])
+
+
+def in_world(model: Model | WatchedModel, world: World) -> CollisionModel:
     """The collision model of a robot among obstacles.
 
     Raises
@@ -255,7 +287,7 @@ def in_world(model: Model, world: World) -> CollisionModel:
     """
     if model.collision is not None:
         return model.collision.with_world(world)
-    made, _ = _collision(model.robot, model.planner.primitives, model.settings, world)
+    made, _ = _collision(model.robot, (), model.settings, world)
     assert made is not None, "obstacles need a collision model"
     return made
 
@@ -274,8 +306,8 @@ class GoalPlanner:
         The model in use.
     world : World
         The obstacles.
-    unplaced, missing : str
-        Why it is unknown where an obstacle is, and why one is not avoided; empty if all are.
+    unplaced : str
+        Why it is unknown where an obstacle is; empty if that is known of all.
     settle : callable
         Called between planning and the answer: takes the obstacles that have arrived meanwhile.
     """
@@ -283,7 +315,7 @@ class GoalPlanner:
     def __init__(self, is_cancelled: Callable[[int], bool] = lambda _: False) -> None:
         self._is_cancelled = is_cancelled
         self.model: Model | None = None
-        self.world, self.unplaced, self.missing = World(), "", ""
+        self.world, self.unplaced = World(), ""
         self.settle: Callable[[], None] = lambda: None
         # The files that were read last, and their primitives; none if they can't be read.
         self._paths: tuple[str, ...] = ()

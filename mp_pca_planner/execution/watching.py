@@ -7,8 +7,8 @@ from __future__ import annotations
 from ..exceptions import PlannerError
 from ..motion.collision import CollisionModel
 from ..robot.world import World
-from .link import Place, Verdict, Watch
-from .planning import Model, in_world
+from .link import Place, Verdict, Watch, WatchedRobot
+from .planning import Model, WatchedModel, in_world
 
 
 class Watcher:
@@ -16,23 +16,25 @@ class Watcher:
 
     Attributes
     ----------
-    model : Model or None
+    model : Model, WatchedModel or None
         The robot.
     world : World
         The obstacles.
     """
 
     def __init__(self) -> None:
-        self.model: Model | None = None
+        self.model: Model | WatchedModel | None = None
         self.world = World()
         self._watch: Watch | None = None
         self._place = 0.0
         self._checked: tuple[object, ...] = ()
-        self._collision: tuple[Model, World, CollisionModel] | None = None
+        self._collision: tuple[object, World, CollisionModel] | None = None
 
-    def receive(self, message: Watch | Place) -> None:
-        """Watch another motion, or note how far the robot is."""
-        if isinstance(message, Watch):
+    def receive(self, message: WatchedRobot | Watch | Place) -> None:
+        """Watch another robot or motion, or note how far the robot is."""
+        if isinstance(message, WatchedRobot):
+            self.model = WatchedModel.of(message)
+        elif isinstance(message, Watch):
             self._watch, self._place = message, message.place
         elif self._watch is not None and message.number == self._watch.number:
             self._place = message.place

@@ -22,7 +22,7 @@ from ..arrays import FloatArray, frozen_array
 from ..exceptions import PlannerError, WorldError, printable
 from ..execution.link import WorldFacts
 from ..execution.parameters import fixed_frames
-from ..execution.planning import Model, in_world
+from ..execution.planning import Model, WatchedModel, in_world
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
 from ..robot.meshes import MeshContent, find_mesh, package_folders, scaled
@@ -266,7 +266,7 @@ class Obstacles:
         self._ends: dict[str, float] = {}
         self._meshes: dict[str, _KeptMesh] = {}
         self._poses: Mapping[str, FloatArray | None] = {}
-        self._model: Model | None = None
+        self._model: Model | WatchedModel | None = None
         self._lost = ""
 
     def __getstate__(self) -> dict[str, Any]:
@@ -311,7 +311,7 @@ class Obstacles:
         self._lost = reason
         self._place()
 
-    def use(self, model: Model | None) -> None:
+    def use(self, model: Model | WatchedModel | None) -> None:
         """Place the obstacles around another robot."""
         if model is not self._model:
             self._model = model

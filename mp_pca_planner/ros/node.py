@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import count
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -27,7 +28,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ..exceptions import GoalError, PlannerError, printable, quote_names
+from ..exceptions import GoalError, PlannerError, quote_names
 from ..execution.link import (
     ModelFacts,
     Planned,
@@ -35,6 +36,7 @@ from ..execution.link import (
     Rejected,
     SetUp,
     SetUpDone,
+    WatchedRobot,
     WorkerDied,
     WorldFacts,
 )
@@ -84,6 +86,7 @@ from .worker import (
     ShowMotion,
     TakeObstacles,
     WorkerProcess,
+    trace_of,
 )
 
 NODE_NAME = "mp_pca_planner"
@@ -130,9 +133,9 @@ class PlannerNode(Node):
             self.get_logger().warning(f"ignored: {to_text(problem)}")
         self._description, self._problem, self._model_problem = "", "", ""
         self._done = SetUpDone(0)
-        self._number = 0
-        self._set_ups: dict[int, Future] = {}
-        self._keeping: Future | None = None
+        # What the planner has been asked, by the numbers of the answers.
+        self._numbers = count(1)
+        self._asked: dict[int, Future] = {}
         self._others: dict[str, float] = {}
         self._notes: tuple[str, ...] = ()
         self._woken = self.create_guard_condition(self._receive)
@@ -140,9 +143,16 @@ class PlannerNode(Node):
         self._planner = WorkerProcess(PLANNER, self._woken.trigger, longest)
         # From the start, because the first obstacle may be near a moving robot.
         self._watcher = WorkerProcess(WATCHER, self._woken.trigger)
-        self._has_obstacles = self._watches = self._is_outdated = False
+        self._watched: WatchedRobot | None = None
+        self._has_obstacles = self._watches = False
+        # The worker that takes over obstacles of the other, and markers that came since it began.
+        self._heir: WorkerProcess | None = None
+        self._meanwhile: list[Markers] = []
         self._world = WorldFacts(0)
         self._poses: dict[str, Any] = {}
+        # The motion of the last goal, whether it has ended, and whether its preview is to be drawn.
+        self._planned: Planned | None = None
+        self._is_over, self._is_due = True, False
         measured = MeasuredStates(time.monotonic, self.seconds)
         self._tracker = Tracker(measured, self.seconds)
         self._server = MotionServer(self._tracker, self._planner, self)
@@ -202,10 +212,7 @@ class PlannerNode(Node):
         is_of_rclpy = type(error).__module__.startswith("rclpy")
         if is_of_rclpy or (isinstance(error, RuntimeError) and "deserialize" in str(error)):
             return to_text(f"rclpy rejects the received message: {error}")
-        self.n_internal_errors += 1
-        lines = "".join(traceback.format_exception(error)).splitlines()
-        text = "\n".join(map(printable, lines))
-        self.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+        self._log_internal(trace_of(error))
         return to_text(f"internal error, please report it: {error!r}")
 
     def failed(self, error: Exception) -> None:
@@ -232,7 +239,7 @@ class PlannerNode(Node):
         self._reports = self.create_publisher(DiagnosticStatus, "~/plan_report", EVERY)
         self._executions = self.create_publisher(DiagnosticStatus, "~/execution_report", EVERY)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVERY)
-        self._preview = _Preview(self.create_publisher(MarkerArray, "~/preview", LATCHED))
+        self._preview = self.create_publisher(MarkerArray, "~/preview", LATCHED)
         self._states = PolledSubscription(self, JointState, "joint_states", STATES)
         self._polled = time.monotonic()
         self._controller: tuple[str, PolledSubscription] | None = None
@@ -341,7 +348,6 @@ class PlannerNode(Node):
         if others != self._others and self._server.is_idle and self._server.model is not None:
             self._others = dict(others)
             self._planner.send(Positions(self._others))
-            self._watcher.send(Positions(self._others))
 
     def _poll_obstacles(self) -> None:
         """Hand the markers that have arrived to the workers."""
@@ -352,6 +358,8 @@ class PlannerNode(Node):
             self._has_obstacles = True
             self._planner.send(message)
             self._watcher.send(message)
+            if self._heir is not None:
+                self._meanwhile.append(message)
             if not self._watches:
                 self._server.stop_unwatched("the watcher of obstacles is being started")
             elif self._server.watcher is None:
@@ -370,11 +378,17 @@ class PlannerNode(Node):
 
     # Workers.
 
-    def _set_up_watcher(self) -> None:
-        """Send it the set-up, or note that its last one is outdated: it must not fall behind."""
-        self._is_outdated = "set-up" in self._watcher.due
-        if not self._is_outdated:
-            self._watcher.send(self._set_up_of(0, self._settings))
+    def _watch_robot(self) -> None:
+        """Tell the watcher which robot it watches, if that is another one."""
+        model = self._server.model
+        if model is None:
+            return
+        urdf, settings = self._settings.robot_description or self._description, self._settings
+        names, locked = model.robot.joint_names, dict(model.facts.locked)
+        watched = WatchedRobot(urdf, names, locked, settings)
+        if watched != self._watched:
+            self._watched = watched
+            self._watcher.send(watched)
 
     def _use_watcher(self) -> None:
         """Have the running motion watched; without obstacles there is nothing to watch for."""
@@ -389,62 +403,71 @@ class PlannerNode(Node):
             self._on_watcher(message)
 
     def _on_planner(self, message: object) -> None:
-        if isinstance(message, Planned | Rejected):
-            self._poll()
-            self._server.answer(message)
-        elif isinstance(message, SetUpDone):
-            future = self._set_ups.pop(message.number, None)
-            if future is not None:
-                future.set_result(message)
-            elif not self._hold:  # of a planner that was started again
-                self._server.hold = ""
-        elif isinstance(message, ModelFacts):
-            self._server.learn(message)
-        elif isinstance(message, WorldFacts):
-            if message.missing and message.missing != self._world.missing:
-                text = f"obstacles: {message.missing}"
-                self.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
-            self._world = message
-            self._follow_frames()
-        elif isinstance(message, Kept) and self._keeping is not None:
-            self._keeping.set_result(message)
-        elif isinstance(message, Preview):
-            self._preview.show(message.content)
-        elif isinstance(message, TakeObstacles):
-            self._watcher.send(message)
-            self._watches = True
-            self._server.watch_again()
-        elif isinstance(message, InternalError):
-            self._log_internal(message)
-        elif isinstance(message, WorkerDied):
-            self._restart_planner(message)
+        match message:
+            case Planned() | Rejected():
+                self._poll()
+                self._server.answer(message)
+                self._watch_robot()
+            case SetUpDone() | Kept():
+                future = self._asked.pop(message.number, None)
+                if future is not None:
+                    future.set_result(message)
+                elif not self._hold:  # of a planner that was started again
+                    self._server.hold = ""
+            case ModelFacts():
+                self._server.learn(message)
+                self._watch_robot()
+            case WorldFacts():
+                if message.missing and message.missing != self._world.missing:
+                    text = f"obstacles: {message.missing}"
+                    self.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
+                self._world = message
+                self._follow_frames()
+            case Preview():
+                if not self._is_over:
+                    self._preview.publish(message.content)
+            case TakeObstacles():
+                self._hand_over(message)
+            case InternalError():
+                self._log_internal(message.text)
+            case WorkerDied():
+                self._restart_planner(message)
 
     def _on_watcher(self, message: object) -> None:
-        if isinstance(message, SetUpDone):
-            if not self._watches and not self._world.n_obstacles:
-                self._watches = True
-            elif not self._watches:
-                self._planner.send(TakeObstacles())
-            if self._has_obstacles:
-                self._use_watcher()
-            if self._is_outdated:
-                self._set_up_watcher()
-        elif isinstance(message, TakeObstacles):
-            self._planner.send(message)
-        elif isinstance(message, InternalError):
-            self._log_internal(message)
-        elif isinstance(message, WorkerDied):
-            self.n_restarts += 1
-            self._server.watcher = None
-            self.get_logger().error(f"the watcher of obstacles has ended: {message.reason}")
-            if self._has_obstacles:
-                reason = f"the watcher of obstacles has ended ({message.reason})"
-                self._server.stop_unwatched(reason)
-            self._watches = False
-            self._watcher.start()
-            self._set_up_watcher()
-        else:
-            self._server.answer(message)
+        match message:
+            case SetUpDone():
+                if self._heir is self._watcher:
+                    self._planner.send(TakeObstacles())
+                else:
+                    self._watches = True
+                if self._has_obstacles:
+                    self._use_watcher()
+            case TakeObstacles():
+                self._hand_over(message)
+            case InternalError():
+                self._log_internal(message.text)
+            case WorkerDied():
+                self._restart_watcher(message)
+            case _:
+                self._poll()
+                self._server.answer(message)
+                self._server.tick()  # now, because an obstacle may be near
+
+    def _hand_over(self, obstacles: TakeObstacles) -> None:
+        """Give the obstacles of a worker to the other one, which was started again."""
+        heir, self._heir = self._heir, None
+        if heir is None:
+            return
+        for message in (obstacles, *self._meanwhile):
+            heir.send(message)
+        if heir is self._watcher:
+            self._watches = True
+            self._server.watch_again()
+
+    def _lose_obstacles(self) -> None:
+        reason = "the obstacles were lost as both workers have ended: publish them again"
+        self._planner.send(LoseObstacles(reason))
+        self._heir, self._watches = None, True
 
     def _restart_planner(self, died: WorkerDied) -> None:
         """Start another planner, with the last set-up and the obstacles that the watcher has."""
@@ -452,23 +475,36 @@ class PlannerNode(Node):
         self.get_logger().error(f"the planner has ended: {died.reason}")
         self._server.hold = self._hold or _RESTARTING
         self._server.answer(died)
-        waiting, self._set_ups = self._set_ups, {}
+        waiting, self._asked = self._asked, {}
         self._planner.start()
         self._planner.send(self._set_up_of(0, self._settings))
-        if self._has_obstacles and self._watches:
-            self._watcher.send(TakeObstacles())
+        if self._heir is self._watcher:
+            self._lose_obstacles()
         elif self._has_obstacles:
-            reason = "the obstacles were lost as a worker has ended: publish them again"
-            self._planner.send(LoseObstacles(reason))
-        problem = f"the planner has ended while it was set up ({died.reason})"
+            self._heir, self._meanwhile = self._planner, []
+            self._watcher.send(TakeObstacles())
         for number, future in waiting.items():
+            problem = f"the planner has ended ({died.reason})"
             future.set_result(SetUpDone(number, problem=problem))
-        if self._keeping is not None and not self._keeping.done():
-            self._keeping.set_result(Kept("", "the planner has ended"))
 
-    def _log_internal(self, error: InternalError) -> None:
+    def _restart_watcher(self, died: WorkerDied) -> None:
+        """Start another watcher, with the obstacles that the planner has."""
+        self.n_restarts += 1
+        self._server.watcher, self._watches, self._watched = None, False, None
+        self.get_logger().error(f"the watcher of obstacles has ended: {died.reason}")
+        self._watcher.start()
+        if self._heir is self._planner:
+            self._lose_obstacles()
+        elif self._has_obstacles:
+            self._heir, self._meanwhile = self._watcher, []
+        if self._has_obstacles:
+            reason = f"the watcher of obstacles has ended ({died.reason})"
+            self._server.stop_unwatched(reason)
+        self._watch_robot()
+
+    def _log_internal(self, text: str) -> None:
         self.n_internal_errors += 1
-        self.get_logger().error(error.text, throttle_duration_sec=LOG_PERIOD)
+        self.get_logger().error(text, throttle_duration_sec=LOG_PERIOD)
 
     # Set-up.
 
@@ -476,13 +512,15 @@ class PlannerNode(Node):
         urdf = settings.robot_description or self._description
         return SetUp(number, urdf, settings, dict(self._tracker.measured.others), rereads)
 
-    def _set_up(self, settings: Settings, *, rereads: bool = False) -> Future:
-        """Ask the planner to use other parameters, files or robots; the answer comes later."""
-        self._number += 1
-        future: Future = Future()
-        self._set_ups[self._number] = future
-        self._planner.send(self._set_up_of(self._number, settings, rereads=rereads))
+    def _ask(self, question: SetUp | KeepMotion) -> Future:
+        """Ask the planner; the answer comes later."""
+        future = self._asked[question.number] = Future()
+        self._planner.send(question)
         return future
+
+    def _set_up(self, settings: Settings, *, rereads: bool = False) -> Future:
+        """Have the planner use other parameters, files or robots."""
+        return self._ask(self._set_up_of(next(self._numbers), settings, rereads=rereads))
 
     def _wait(self, future: Future) -> SetUpDone:
         """The answer of the planner; nothing else is done meanwhile, at the start of a node."""
@@ -506,7 +544,7 @@ class PlannerNode(Node):
             robot = robot.with_drives(done.model.drives)
             model = NodeModel(robot, done.model, settings)
         self._server.use(model, done.joint_names)
-        self._set_up_watcher()
+        self._watch_robot()
         self._use_controller()
         self._log_readiness()
 
@@ -572,17 +610,16 @@ class PlannerNode(Node):
         self.get_logger().error(to_text(done.problem))
 
     async def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        planned, folder = self._preview.planned, self._settings.save_folder
+        planned, folder = self._planned, self._settings.save_folder
         if not folder:
             raise GoalError("motions can't be saved: set the parameter 'save_folder' to a folder")
         if planned is None:
             raise GoalError("there is no motion to save: none was published")
-        self._keeping = Future()
-        self._planner.send(KeepMotion(planned.key, folder))
-        kept = await self._keeping
-        response.success = bool(kept.file)
-        saved = f"saved as '{kept.file}'; call ~/reload_primitives to use it"
-        response.message = to_text(kept.problem or saved)
+        kept = await self._ask(KeepMotion(next(self._numbers), planned.key, folder))
+        response.success = not kept.problem
+        response.message = to_text(
+            kept.problem or f"saved as '{kept.file}'; call ~/reload_primitives to use it"
+        )
         return response
 
     def _use_controller(self) -> None:
@@ -645,7 +682,7 @@ class PlannerNode(Node):
     ) -> None:
         """Report what became of a goal, which is named by its stamp."""
         if outcome is GoalOutcome.SERVED and isinstance(planned, Planned):
-            self._preview.replace(planned)
+            self._planned, self._is_over, self._is_due = planned, False, True
             missing = self._world.missing
             self._reports.publish(to_plan_report(planned, name, ignored_joints, missing))
             seconds = planned.trajectory.duration
@@ -657,14 +694,22 @@ class PlannerNode(Node):
         if outcome is GoalOutcome.REFUSED:
             text = f"goal rejected: {to_text(reason)}"
             self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
-            self._preview.reject()
+            if self._is_over:
+                self._erase_preview()
 
     def report_motion(self, report: ExecutionReport) -> None:
         """Report what became of a motion."""
         self._executions.publish(to_execution_report(report))
-        self._preview.end(report.outcome)
+        if report.outcome is not MotionOutcome.REPLACED:
+            self._is_over = True
+            if report.outcome is not MotionOutcome.NEVER_STARTED:
+                self._erase_preview()
         if not report.outcome.is_good:
             self.get_logger().error(to_text(report.message))
+
+    def _erase_preview(self) -> None:
+        self._is_due = False
+        self._preview.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
 
     def log(self, text: str) -> None:
         """Tell a user what was done without a goal."""
@@ -673,8 +718,9 @@ class PlannerNode(Node):
     def _tidy(self) -> None:
         """Do what can wait."""
         self._follow_frames()
-        if self._server.is_idle and (trajectory := self._preview.next()) is not None:
-            self._planner.send(ShowMotion(trajectory))
+        if self._is_due and self._planned is not None and self._server.is_idle:
+            self._is_due = False
+            self._planner.send(ShowMotion(self._planned.trajectory))
         if (state := self._action.state) not in ("none", "ready"):
             text = f"parameter 'controller_action': {state}"
             self.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD)
@@ -748,63 +794,13 @@ class PlannerNode(Node):
         self._notes = notes
 
 
-class _Preview:
-    """The motion that was published last, as RViz shows it.
-
-    Parameters
-    ----------
-    publisher : Publisher
-        Of its markers.
-
-    Attributes
-    ----------
-    planned : Planned or None
-        The motion.
-    """
-
-    def __init__(self, publisher: Any) -> None:
-        self._publisher = publisher
-        self.planned: Planned | None = None
-        self._is_due = self._is_shown = False
-        self._is_over = True
-
-    def replace(self, planned: Planned) -> None:
-        """Record a published motion."""
-        self.planned, self._is_over, self._is_due = planned, False, True
-
-    def next(self) -> Any:
-        """The trajectory to draw, once; None if there is none."""
-        is_due, self._is_due = self._is_due, False
-        return self.planned.trajectory if is_due and self.planned is not None else None
-
-    def show(self, content: bytes) -> None:
-        """Show the markers of a motion, unless it is over."""
-        if not self._is_over:
-            self._is_shown = True
-            self._publisher.publish(content)
-
-    def end(self, outcome: MotionOutcome) -> None:
-        """Erase the motion when it is over; one that never started stays."""
-        if outcome is not MotionOutcome.REPLACED:
-            self._is_over = True
-            if outcome is not MotionOutcome.NEVER_STARTED:
-                self.reject()
-
-    def reject(self) -> None:
-        """Erase the motion, unless it is being executed."""
-        if self._is_over:
-            self._is_due = False
-            if self._is_shown:
-                self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
-            self._is_shown = False
-
-
 def _is_same(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Whether the same frames have the same poses, except for noise."""
+    unknown = np.full(7, np.nan)
+    pairs = [(unknown if one[k] is None else one[k], other.get(k)) for k in one]
     return one.keys() == other.keys() and all(
-        (pose is None) == (other[name] is None)
-        and (pose is None or bool(abs(pose - other[name]).max() <= 1e-4))
-        for name, pose in one.items()
+        np.allclose(pose, unknown if before is None else before, 0.0, 1e-4, equal_nan=True)
+        for pose, before in pairs
     )
 
 

@@ -26,27 +26,29 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from rclpy.serialization import serialize_message
+
 from ..exceptions import PlannerError, printable
 from ..execution.link import (
-    Place,
     PlanRequest,
     Positions,
     Rejected,
     SetUp,
     SetUpDone,
-    Watch,
+    WatchedRobot,
     WorkerDied,
     WorldFacts,
 )
 from ..execution.planning import GoalPlanner
 from ..execution.watching import Watcher
 from ..motion.trajectory import Trajectory
+from .markers import Frames, Markers, Obstacles
 
 PLANNER, WATCHER = "planner", "watcher"
 
-# Most memory of a worker [bytes], and its priority: the node goes first.
+# Most memory of a worker [bytes], and their priorities: the node and the watcher go first.
 _MEMORY = 6 << 30
-_NICE = 5
+_NICE = {PLANNER: 5, WATCHER: 0}
 # Time after which a request must be answered, beside the time for its solution, and a set-up [s];
 # and the part of the time by the clock that counts beside a worker's processor time.
 _ANSWER_TIME, _SET_UP_TIME, _IDLE_SHARE = 2.0, 60.0, 0.2
@@ -58,8 +60,9 @@ _TAKING = 0.05
 
 @dataclass(frozen=True, eq=False)
 class KeepMotion:
-    """Keep the motion of a request as a primitive in a folder."""
+    """Keep the motion of a request as a primitive in a folder; the number is for the answer."""
 
+    number: int
     key: int
     folder: str
 
@@ -68,7 +71,8 @@ class KeepMotion:
 class Kept:
     """The file of a motion that was kept, or why there is none."""
 
-    file: str
+    number: int
+    file: str = ""
     problem: str = ""
 
 
@@ -245,24 +249,27 @@ def run(role: str, connection: Connection, cancelled: Any) -> None:
     with suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     with suppress(OSError):
-        os.nice(_NICE)
+        os.nice(_NICE[role])
     with suppress(OSError):  # where processes are listed
         Path("/proc/self/comm").write_text(role)
     with suppress(EOFError, OSError):
         _Worker(role, connection, cancelled).work()
 
 
+def trace_of(error: BaseException) -> str:
+    """The traceback of an error, in printable lines."""
+    lines = "".join(traceback.format_exception(error)).splitlines()
+    return "\n".join(map(printable, lines))
+
+
 class _Worker:
-    """What a worker does with each message."""
+    """What a worker does with each message; each role gets its own kinds of them."""
 
     def __init__(self, role: str, connection: Connection, cancelled: Any) -> None:
-        from .markers import Obstacles
-
-        self._role, self._connection = role, connection
+        self._role, self._connection, self._send = role, connection, connection.send
         self._core = GoalPlanner(lambda key: bool(cancelled.value >= key))
         self._core.settle = self._take_obstacles
-        self._watcher = Watcher()
-        self._obstacles = Obstacles()
+        self._watcher, self._obstacles = Watcher(), Obstacles()
         self._later: deque[Any] = deque()
         self._told = WorldFacts(0)
 
@@ -275,75 +282,73 @@ class _Worker:
             if self._obstacles.refresh():
                 self._use_world()
             if self._role == WATCHER and (verdict := self._watcher.look()) is not None:
-                self._connection.send(verdict)
+                self._send(verdict)
 
     def _guarded(self, message: Any) -> None:
         """Handle a message; whatever goes wrong is its answer."""
         try:
             self._handle(message)
+            return
         except (EOFError, OSError):
             raise
         except MemoryError:
-            self._fail(message, "the planner is out of memory")
+            reason = "the planner is out of memory"
         except PlannerError as error:
-            self._fail(message, str(error))
+            reason = str(error)
         except Exception as error:
-            lines = "".join(traceback.format_exception(error)).splitlines()
-            self._connection.send(InternalError("\n".join(map(printable, lines))))
-            self._fail(message, f"internal error, please report it: {error!r:.500}")
-
-    def _fail(self, message: Any, reason: str) -> None:
-        if isinstance(message, PlanRequest):
-            self._connection.send(Rejected(message.key, reason))
-        elif isinstance(message, SetUp):
-            self._connection.send(SetUpDone(message.number, problem=reason))
-        elif isinstance(message, KeepMotion):
-            self._connection.send(Kept("", reason))
-        else:
-            print(f"{self._role}: {printable(reason)}", file=sys.stderr, flush=True)
+            self._send(InternalError(trace_of(error)))
+            reason = f"internal error, please report it: {error!r:.500}"
+        match message:
+            case PlanRequest():
+                self._send(Rejected(message.key, reason))
+            case SetUp():
+                self._send(SetUpDone(message.number, problem=reason))
+            case KeepMotion():
+                self._send(Kept(message.number, problem=reason))
+            case _:
+                print(f"{self._role}: {printable(reason)}", file=sys.stderr, flush=True)
 
     def _handle(self, message: Any) -> None:
-        from .markers import Frames, Markers
-
-        core, send = self._core, self._connection.send
-        if isinstance(message, PlanRequest):
-            self._take_obstacles()
-            send(core.plan(message))
-        elif isinstance(message, Watch | Place):
-            self._watcher.receive(message)
-        elif isinstance(message, SetUp):
-            answer = core.set_up(message)
-            self._use_model()
-            send(answer)
-        elif isinstance(message, Positions):
-            if core.lock(message.measured) and core.model is not None:
+        core = self._core
+        match message:
+            case PlanRequest():
+                self._take_obstacles()
+                self._send(core.plan(message))
+            case SetUp():
+                answer = core.set_up(message)
                 self._use_model()
-                if self._role == PLANNER:
-                    send(core.model.facts)
-        elif isinstance(message, Markers):
-            self._obstacles.apply(message)
-            self._use_world()
-        elif isinstance(message, Frames):
-            self._obstacles.use_frames(message)
-            self._use_world()
-        elif isinstance(message, KeepMotion):
-            self._keep(message)
-        elif isinstance(message, ShowMotion):
-            self._show(message)
-        elif isinstance(message, TakeObstacles):
-            if not message.content:
-                send(TakeObstacles(pickle.dumps(self._obstacles)))
-                return
-            self._obstacles = pickle.loads(message.content)
-            self._use_model()
-        elif isinstance(message, LoseObstacles):
-            self._obstacles.lose(message.reason)
-            self._use_world()
+                self._send(answer)
+            case Positions():
+                if core.lock(message.measured) and core.model is not None:
+                    self._use_model()
+                    self._send(core.model.facts)
+            case KeepMotion():
+                self._send(self._kept(message))
+            case ShowMotion():
+                self._show(message)
+            case Markers():
+                self._obstacles.apply(message)
+                self._use_world()
+            case Frames():
+                self._obstacles.use_frames(message)
+                self._use_world()
+            case LoseObstacles():
+                self._obstacles.lose(message.reason)
+                self._use_world()
+            case TakeObstacles(content=b""):
+                self._send(TakeObstacles(pickle.dumps(self._obstacles)))
+            case TakeObstacles():
+                self._obstacles = pickle.loads(message.content)
+                self._use_model()
+            case WatchedRobot():
+                self._watcher.receive(message)
+                self._use_model()
+                self._send(SetUpDone(0))
+            case _:
+                self._watcher.receive(message)
 
     def _take_obstacles(self) -> None:
         """Take the obstacles that have arrived; other messages wait."""
-        from .markers import Frames, Markers
-
         end = time.monotonic() + _TAKING
         while time.monotonic() < end and self._connection.poll(0):
             message = self._connection.recv()
@@ -353,21 +358,21 @@ class _Worker:
                 self._later.append(message)
 
     def _use_model(self) -> None:
-        self._watcher.model = self._core.model
-        self._obstacles.use(self._core.model)
+        is_planner = self._role == PLANNER
+        self._obstacles.use(self._core.model if is_planner else self._watcher.model)
         self._use_world()
 
     def _use_world(self) -> None:
         """Use the newest obstacles, and tell the node about them."""
-        obstacles = self._obstacles
-        self._core.world = self._watcher.world = obstacles.world
-        self._core.unplaced, self._core.missing = obstacles.unplaced, obstacles.missing
+        core, obstacles = self._core, self._obstacles
+        core.world = self._watcher.world = obstacles.world
+        core.unplaced = obstacles.unplaced
         facts = obstacles.facts
         if self._role == PLANNER and facts != self._told:
             self._told = facts
-            self._connection.send(facts)
+            self._send(facts)
 
-    def _keep(self, message: KeepMotion) -> None:
+    def _kept(self, message: KeepMotion) -> Kept:
         from ..execution.keeping import keep_motion
 
         plan, model = self._core.plans.get(message.key), self._core.model
@@ -376,16 +381,12 @@ class _Worker:
                 "the last motion can't be kept: it continues a running motion; send the goal again "
                 "when the robot is at rest"
             )
-        arguments = model.planner.primitives, Path(message.folder), {"kept_by": "mp_pca_planner"}
-        self._connection.send(Kept(str(keep_motion(plan, *arguments))))
+        folder, facts = Path(message.folder), {"kept_by": "mp_pca_planner"}
+        return Kept(message.number, str(keep_motion(plan, model.planner.primitives, folder, facts)))
 
     def _show(self, message: ShowMotion) -> None:
-        from rclpy.serialization import serialize_message
-
         from .preview import to_preview
 
-        model = self._core.model
-        if model is not None:
-            arguments = model.robot, model.end_effector, model.urdf
-            markers = to_preview(message.trajectory, *arguments)
-            self._connection.send(Preview(serialize_message(markers)))
+        if (model := self._core.model) is not None:
+            markers = to_preview(message.trajectory, model.robot, model.end_effector, model.urdf)
+            self._send(Preview(serialize_message(markers)))

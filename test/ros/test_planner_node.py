@@ -501,7 +501,7 @@ def test_parameter_whose_planner_dies_is_refused(
     os.kill(planner, signal.SIGKILL)
     client.wait(changed.done, HANG, "did not answer")
     (result,) = changed.result().results
-    assert not result.successful and "has ended while it was set up" in result.reason
+    assert not result.successful and "the planner has ended (signal SIGKILL)" in result.reason
     serve(client)
 
 

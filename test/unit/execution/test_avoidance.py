@@ -11,7 +11,7 @@ from support.arm import JOINTS, arm_robot
 from support.served_arm import GOAL, HALF, START, Node, model
 from support.worlds import plain_distances
 
-from mp_pca_planner.execution.link import Place, Watch
+from mp_pca_planner.execution.link import Place, Watch, WatchedRobot
 from mp_pca_planner.execution.watching import Watcher
 from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.robot.world import Obstacle, Sphere, World
@@ -269,6 +269,17 @@ def test_verdict_is_where_the_first_collision_begins(watcher):
     first = motion.times[np.flatnonzero(distances < MARGIN)[0]]
     assert (verdict.number, verdict.place) == (3, pytest.approx(first, abs=0.03))
     assert watcher.look() is None  # neither the motion nor the world has changed
+
+
+def test_watcher_needs_no_primitives(watcher):
+    watcher.model = None
+    watcher.world = ball_at(HALF)
+    watcher.receive(Watch(1, straight(), 0.0))
+    assert watcher.look() is None
+    watcher.receive(WatchedRobot(MODEL.urdf, JOINTS, {}, MODEL.settings))
+    found = watcher.look()
+    watcher.model = MODEL
+    assert found.place == watcher.look().place < np.inf
 
 
 def test_what_the_robot_has_passed_does_not_count(watcher):
