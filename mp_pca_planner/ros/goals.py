@@ -7,6 +7,7 @@ A further topic is a row of `GOAL_TOPICS`: node and client are made from it.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,20 +25,14 @@ from ..exceptions import GoalError, quote_names, unknown_name
 from ..execution.server import GoalRequest, NodeModel
 from ..files import reading
 from ..input_limits import INPUT_LIMITS
-from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
+from ..motion.goal import JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..planning.resolve import in_order
 from ..recordings.joint_states import ENCAPSULATION, NS_PER_S
 from ..robot.model import Robot
-from .messages import check_finite, to_seconds
-
-MakeGoal = Callable[[JointState], Goal]
-"""Returns a goal for a motion from a start state."""
+from .messages import to_seconds
 
 PoseOf = Callable[[str], FloatArray | None]
 """Returns the pose of a frame in the base frame, shape (7,), or None if it is unknown."""
-
-Stated = tuple[Goal, MakeGoal | None, tuple[str, ...]]
-"""A goal, how it depends on the start if it does, and the joints that the primitives don't move."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +46,13 @@ class GoalTopic:
     message_type : type
         Type of its messages.
     read : callable
-        Returns the goal of a message for a model, given the poses of frames that are not links;
+        Returns the request of a message for a model, given the poses of frames that are not links;
         raises a `PlannerError` if it is malformed.
     """
 
     name: str
     message_type: type[Any]
-    read: Callable[[Any, NodeModel, PoseOf], Stated]
+    read: Callable[[Any, NodeModel, PoseOf], GoalRequest]
 
     def request(self, content: bytes, model: NodeModel, pose_of: PoseOf) -> GoalRequest:
         """Read the goal of a serialised message.
@@ -74,8 +69,7 @@ class GoalTopic:
             )
         with reading("the message of the goal", GoalError):
             message = deserialize_message(content, self.message_type)
-        goal, make_goal, ignored = self.read(message, model, pose_of)
-        return GoalRequest(goal, message.header.stamp, make_goal, ignored)
+        return self.read(message, model, pose_of)
 
 
 def read_stamp(content: bytes) -> Time:
@@ -93,181 +87,103 @@ def _check_count(verb: str, n: int, things: str) -> None:
         raise GoalError(f"the goal {verb} {n} {things}, at most {most} are accepted")
 
 
-def _read_configuration(message: JointStateMessage, model: NodeModel, _: PoseOf) -> Stated:
-    goal, ignored = _without_unmoved(to_goal(message, model.settings.duration), model.robot)
-    return goal, None, ignored
+def _read_configuration(message: JointStateMessage, model: NodeModel, _: PoseOf) -> GoalRequest:
+    """A configuration, with the primitive in its frame_id, if it isn't empty; no efforts."""
+    _check_count("names", len(message.name), "joints")
+    stated = _state("the goal", message.name, message.position, message.velocity)
+    (state,), ignored = _moved_joints([stated], message.name, model.robot)
+    goal = JointGoal(state, model.settings.duration or None, message.header.frame_id or None)
+    return GoalRequest(goal, message.header.stamp, None, ignored)
 
 
-def _read_pose(message: PoseStamped, model: NodeModel, pose_of: PoseOf) -> Stated:
-    goal = to_pose_goal(message, model.facts.end_effector, model.settings.duration)
-    return goal, stated_in(goal, message.header.frame_id, model.robot, pose_of), ()
+def _read_sequence(message: JointTrajectory, model: NodeModel, _: PoseOf) -> GoalRequest:
+    """Configurations to pass and to end at, with the primitive in the frame_id.
 
-
-def _read_sequence(message: JointTrajectory, model: NodeModel, _: PoseOf) -> Stated:
-    goal, ignored = _without_unmoved(to_sequence_goal(message), model.robot)
-    return goal, None, ignored
-
-
-GOAL_TOPICS = (
-    GoalTopic("goal", JointStateMessage, _read_configuration),
-    GoalTopic("goal_pose", PoseStamped, _read_pose),
-    GoalTopic("goal_sequence", JointTrajectory, _read_sequence),
-)
-"""All topics of goals."""
-
-
-def to_goal(message: JointStateMessage, duration: float) -> JointGoal:
-    """Read a goal.
-
-    Parameters
-    ----------
-    message :
-        Positions by joint name; velocities at the end, if there are any; in its frame_id the
-        name of the primitive, if it isn't empty. Efforts are not used.
-    duration : float
-        Duration of the motion [s]; 0 leaves it to the planner.
-
-    Raises
-    ------
-    GoalError
-        If names repeat or are too many, lengths disagree or a number is not finite.
-    """
-    names = list(message.name)
-    _check_count("names", len(names), "joints")
-    for field, fields, values, lengths, accepted in (
-        ("position", "positions", message.position, (len(names),), "one"),
-        ("velocity", "velocities", message.velocity, (0, len(names)), "none or one"),
-    ):
-        if len(values) not in lengths:
-            raise GoalError(
-                f"the goal names {len(names)} joints and has {len(values)} {fields}, "
-                f"{accepted} for each joint is accepted"
-            )
-        found = zip(names, values, strict=False)
-        check_finite(f"the goal {field} of joint '{{}}' is {{}}", found)
-    state = JointState(names, message.position, message.velocity or None)
-    return JointGoal(state, duration or None, message.header.frame_id or None)
-
-
-def to_pose_goal(message: PoseStamped, frame: str, duration: float) -> PoseGoal:
-    """Read a pose goal, relative to the frame in which it is stated.
-
-    Parameters
-    ----------
-    message :
-        The pose; its frame_id is not used. A quaternion of zeros leaves the orientation free.
-    frame : str
-        The link of the robot that the pose is for.
-    duration : float
-        Duration of the motion [s]; 0 leaves it to the planner.
-
-    Raises
-    ------
-    GoalError
-        If a number is not finite or the quaternion not of length 1.
-    """
-    p, o = message.pose.position, message.pose.orientation
-    turned = [o.x, o.y, o.z, o.w]
-    return PoseGoal(Pose(frame, [p.x, p.y, p.z], turned if any(turned) else None), duration or None)
-
-
-def to_sequence_goal(message: JointTrajectory) -> SequenceGoal:
-    """Read configurations to pass and to end at.
-
-    Parameters
-    ----------
-    message :
-        One configuration per point; a time from start above 0 says when to be there, velocities
-        of 0 that the motion stops there. In its frame_id the name of the primitive, if it isn't
-        empty.
-
-    Raises
-    ------
-    GoalError
-        If names repeat, names or points are too many, lengths disagree, a number is not finite,
-        times don't increase, or velocities, accelerations or efforts are specified.
+    A time from start above 0 says when to be there, velocities of 0 that the motion stops there.
     """
     _check_count("names", len(message.joint_names), "joints")
     _check_count("has", len(message.points), "points")
-    targets = []
+    states = list[JointState]()
     for k, point in enumerate(message.points, start=1):
-        _check_point(k, point, message.joint_names)
-        targets.append(JointState(message.joint_names, point.positions))
+        what = f"point {k} of the goal"
+        states.append(_state(what, message.joint_names, point.positions, point.velocities))
+        for field in ("velocities", "accelerations", "effort"):
+            if any(getattr(point, field)):
+                raise GoalError(
+                    f"{what} specifies {field}; accepted are positions, and velocities of 0 to "
+                    "stop there"
+                )
+    targets, ignored = _moved_joints(states, message.joint_names, model.robot)
     times = tuple(to_seconds(point.time_from_start) or None for point in message.points)
     stops = tuple(bool(point.velocities) for point in message.points)
-    return SequenceGoal(tuple(targets), times, message.header.frame_id or None, stops)
+    goal = SequenceGoal(targets, times, message.header.frame_id or None, stops)
+    return GoalRequest(goal, message.header.stamp, None, ignored)
 
 
-def _check_point(k: int, point: JointTrajectoryPoint, joint_names: Sequence[str]) -> None:
-    """Raise a `GoalError` if the k-th point of a sequence is not accepted."""
-    n = len(joint_names)
-    if len(point.positions) != n:
+def _state(
+    what: str, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float]
+) -> JointState:
+    """The state that a part of a goal specifies; velocities may be left out."""
+    if len(positions) != len(names) or len(velocities) not in (0, len(names)):
         raise GoalError(
-            f"the goal names {n} joints and point {k} has {len(point.positions)} positions, "
-            "one for each joint is accepted"
+            f"{what} has {len(positions)} positions and {len(velocities)} velocities for "
+            f"{len(names)} joints; one position for each is accepted, and none or one velocity"
         )
-    values = zip(joint_names, point.positions, strict=True)
-    check_finite(f"point {k} of the goal puts joint '{{}}' at {{}}", values)
-    if len(point.velocities) not in (0, n):
-        raise GoalError(
-            f"the goal names {n} joints and point {k} has {len(point.velocities)} velocities: "
-            "none, or one of 0 for each joint to stop there, is accepted"
-        )
-    for field in ("velocities", "accelerations", "effort"):
-        if any(getattr(point, field)):
+    for name, value in zip([*names, *names], [*positions, *velocities], strict=False):
+        if not math.isfinite(value):
             raise GoalError(
-                f"point {k} of the goal specifies {field}; accepted are positions, and "
-                "velocities of 0 to stop there"
+                f"{what} has {value} for joint '{name}', but only finite numbers are accepted"
             )
+    return JointState(names, positions, velocities or None)
 
 
-def stated_in(
-    goal: PoseGoal, reference: str, robot: Robot, pose_of: PoseOf
-) -> Callable[[JointState], PoseGoal]:
-    """Return the conversion of a goal from a reference frame to the frame of the base.
+def _moved_joints(
+    states: Sequence[JointState], names: Sequence[str], robot: Robot
+) -> tuple[tuple[JointState, ...], tuple[str, ...]]:
+    """States without the robot's joints that the primitives don't move, and the names of these.
 
-    Parameters
-    ----------
-    goal : PoseGoal
-        Its pose is relative to the reference frame.
-    reference : str
-        A link of the robot, or another frame; empty: the base. For a moving link, its pose at the
-        start of the motion counts: "10 cm forward" in the frame of a tool.
-    robot : Robot
-        The robot with the links.
-    pose_of : callable
-        Returns the poses of other frames.
-
-    Raises
-    ------
-    GoalError
-        If the pose of the frame is not known.
-
-    Returns
-    -------
-    :
-        Takes the start state of the motion and returns the goal in the frame of the base.
+    Messages of a whole robot name the joints of its gripper, too.
     """
-    if not reference:
-        return lambda _: goal
-    if reference not in robot.frame_names:
-        foreign = pose_of(reference)
-        if foreign is None:
-            reason = unknown_name("link of the robot", reference, robot.frame_names)
-            raise GoalError(
-                f"the goal is stated in the frame '{reference}', but {reason}; an empty frame_id "
-                "means the base. For other frames, set the parameter 'fixed_frames' (FRAME: X Y "
-                "Z), or publish their transforms to tf2"
-            )
-        moved = _moved(goal, foreign)
-        return lambda _: moved
+    still = set(robot.movable_joints) - set(robot.joint_names)
+    kept = tuple(name for name in names if name not in still)
+    if names and not kept:
+        raise GoalError(
+            f"the primitives do not move {quote_names(names)} of the goal; a goal names at least "
+            f"one of {quote_names(robot.joint_names)}"
+        )
+    ignored = tuple(name for name in names if name in still)
+    return tuple(in_order(state, kept) for state in states), ignored
+
+
+def _read_pose(message: PoseStamped, model: NodeModel, pose_of: PoseOf) -> GoalRequest:
+    """A pose of the end effector; a quaternion of zeros leaves the orientation free.
+
+    For a pose in the frame of a moving link, the place of the link at the start of the motion
+    counts: "10 cm forward" in the frame of a tool.
+    """
+    p, o = message.pose.position, message.pose.orientation
+    turn = [o.x, o.y, o.z, o.w]
+    pose = Pose(model.facts.end_effector, [p.x, p.y, p.z], turn if any(turn) else None)
+    goal = PoseGoal(pose, model.settings.duration or None)
+    stamp, frame, robot = message.header.stamp, message.header.frame_id, model.robot
 
     def make_goal(start: JointState) -> PoseGoal:
         q = in_order(start, robot.joint_names).positions
-        (place,) = robot.attached_poses(q[None], [reference], np.zeros((1, 6)))[0]
+        (place,) = robot.attached_poses(q[None], [frame], np.zeros((1, 6)))[0]
         return _moved(goal, place)
 
-    return make_goal
+    if not frame:
+        return GoalRequest(goal, stamp)
+    if frame in robot.frame_names:
+        return GoalRequest(goal, stamp, make_goal)
+    if (foreign := pose_of(frame)) is not None:
+        return GoalRequest(_moved(goal, foreign), stamp)
+    reason = unknown_name("link of the robot", frame, robot.frame_names)
+    raise GoalError(
+        f"the goal is stated in the frame '{frame}', but {reason}; an empty frame_id means the "
+        "base. For other frames, set the parameter 'fixed_frames' (FRAME: X Y Z), or publish their "
+        "transforms to tf2"
+    )
 
 
 def _moved(goal: PoseGoal, place: FloatArray) -> PoseGoal:
@@ -283,34 +199,12 @@ def _moved(goal: PoseGoal, place: FloatArray) -> PoseGoal:
     return replace(goal, pose=Pose(pose.frame, position, orientation))
 
 
-def _without_unmoved(
-    goal: JointGoal | SequenceGoal, robot: Robot
-) -> tuple[JointGoal | SequenceGoal, tuple[str, ...]]:
-    """The goal without the robot's joints that don't move here, and the names of these.
-
-    Messages of a whole robot name the joints of its gripper, too.
-
-    Raises
-    ------
-    GoalError
-        If it names no other joints.
-    """
-    states = goal.targets if isinstance(goal, SequenceGoal) else (goal.state,)
-    names = next(state.joint_names for state in states if isinstance(state, JointState))
-    still = set(robot.movable_joints) - set(robot.joint_names)
-    kept = tuple(name for name in names if name not in still)
-    if names and not kept:
-        raise GoalError(
-            f"the primitives do not move {quote_names(names)} of the goal; a goal names at least "
-            f"one of {quote_names(robot.joint_names)}"
-        )
-    if len(kept) == len(names):
-        return goal, ()
-    reduced = tuple(in_order(state, kept) for state in states if isinstance(state, JointState))
-    ignored = tuple(name for name in names if name in still)
-    if isinstance(goal, SequenceGoal):
-        return replace(goal, targets=reduced), ignored
-    return replace(goal, state=reduced[0]), ignored
+GOAL_TOPICS = (
+    GoalTopic("goal", JointStateMessage, _read_configuration),
+    GoalTopic("goal_pose", PoseStamped, _read_pose),
+    GoalTopic("goal_sequence", JointTrajectory, _read_sequence),
+)
+"""All topics of goals."""
 
 
 def to_sequence_message(goal: SequenceGoal) -> JointTrajectory:

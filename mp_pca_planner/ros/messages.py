@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
@@ -13,20 +12,13 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from trajectory_msgs.msg import JointTrajectory
 
-from ..exceptions import GoalError, printable, quote_names
+from ..exceptions import printable, quote_names
 from ..execution.link import Planned
 from ..execution.outcomes import ExecutionReport, GoalOutcome
 from ..execution.parameters import Declaration
 from ..motion.trajectory import Trajectory
 from ..planning.plan import SOLVED
 from ..recordings.joint_states import NS_PER_S
-
-
-def check_finite(text: str, values: Iterable[tuple[str, float]]) -> None:
-    """Raise a `GoalError` with the first joint and number that is not finite, if there is one."""
-    for name, value in values:
-        if not math.isfinite(value):
-            raise GoalError(f"{text.format(name, value)}, but only finite numbers are accepted")
 
 
 def to_trajectory(message: JointTrajectory) -> Trajectory:

@@ -38,8 +38,6 @@ from mp_pca_planner.motion.trajectory import Trajectory
 from mp_pca_planner.ros.goals import (
     GOAL_TOPICS,
     read_stamp,
-    to_goal,
-    to_sequence_goal,
     to_sequence_message,
 )
 from mp_pca_planner.ros.messages import (
@@ -74,12 +72,12 @@ def plan() -> Planned:
 # Goals
 
 
-def request(message: Any) -> GoalRequest:
+def request(message: Any, model: NodeModel = MODEL) -> GoalRequest:
     """The request of a goal, as the node makes it of the bytes of a message."""
     (topic,) = (one for one in GOAL_TOPICS if one.message_type is type(message))
     poses = ForeignFrames(None)  # type: ignore[arg-type]
     content = bytes(serialize_message(message))
-    return topic.request(content, MODEL, lambda frame: poses.pose(frame, MODEL))
+    return topic.request(content, model, lambda frame: poses.pose(frame, model))
 
 
 def configuration(position: Any = GOAL, name: Any = JOINTS, **fields: Any) -> JointStateMessage:
@@ -106,13 +104,13 @@ def pose_message(turn: Any = (0.0, 0.0, 0.0, 1.0), at: Any = (0, 0, 0), frame: s
 def test_goal_takes_positions_velocities_and_the_primitive_from_the_frame() -> None:
     wanted = configuration([1.0, 2.0], ["elbow", "shoulder1"], velocity=[3.0, 4.0])
     wanted.header.frame_id = "reach"
-    goal = to_goal(wanted, 1.5)
+    goal = request(wanted).goal
     assert goal.state.joint_names == ("elbow", "shoulder1")
     assert goal.state.positions.tolist() == [1.0, 2.0]
     assert goal.state.velocities.tolist() == [3.0, 4.0]
-    assert (goal.duration, goal.primitive) == (1.5, "reach")
-    goal = to_goal(configuration(), 0.0)
-    assert (goal.duration, goal.primitive) == (None, None)
+    assert (goal.duration, goal.primitive) == (None, "reach")
+    goal = request(configuration(), replace(MODEL, settings=Settings(duration=1.5))).goal
+    assert (goal.duration, goal.primitive) == (1.5, None)
     assert not goal.state.velocities.any()
 
 
@@ -120,20 +118,20 @@ def test_goal_takes_positions_velocities_and_the_primitive_from_the_frame() -> N
     ("wrong", "words"),
     [
         (configuration([], []), "at least one"),
-        (configuration([]), "4 joints and has 0 positions"),
-        (configuration(velocity=[1.0, 2.0]), "4 joints and has 2 velocities"),
+        (configuration([]), "has 0 positions .* for 4 joints"),
+        (configuration(velocity=[1.0, 2.0]), "has 4 positions and 2 velocities for 4 joints"),
         (configuration([1.0, 2.0], ["a", "a"]), "'a' given more than once"),
-        (configuration([*GOAL[:3], NAN]), "goal position of joint 'elbow' is nan"),
+        (configuration([*GOAL[:3], NAN]), "the goal has nan for joint 'elbow'"),
         (configuration([0.0], ["finger"]), "primitives do not move 'finger' of the goal"),
         (configuration([0.0] * 30_000, ["joint"] * 30_000), r"has \d+ bytes, at most 200000 are"),
         (configuration([0.0] * 1001, ["joint"] * 1001), "names 1001 joints, at most 1000"),
         (sequence(), "the number of targets must be .* from 1"),
         (sequence(passing(seconds=2), passing(START, 1)), "positive and increase, got .2.0, 1.0"),
         (sequence(passing(seconds=-1)), "positive"),
-        (sequence(passing([*GOAL[:3], NAN])), "point 1 of the goal puts joint 'elbow' at nan"),
-        (sequence(passing(GOAL[:2])), "4 joints and point 1 has 2 positions"),
+        (sequence(passing([*GOAL[:3], NAN])), "point 1 of the goal has nan for joint 'elbow'"),
+        (sequence(passing(GOAL[:2])), "point 1 of the goal has 2 positions .* for 4 joints"),
         (sequence(passing(velocities=[0.1] * 4)), "point 1 of the goal specifies velocities"),
-        (sequence(passing(), passing(velocities=[0.0])), "point 2 has 1 velocities"),
+        (sequence(passing(), passing(velocities=[0.0])), "point 2 of the goal has .* 1 velocities"),
         (sequence(passing([0.0]), names=["finger"]), "primitives do not move 'finger'"),
         (pose_message(frame="world"), "'world'.*empty frame_id means the base.*'fixed_frames'"),
         (pose_message((0.0, 0.0, 0.0, 0.5)), "length 1"),
@@ -169,18 +167,18 @@ def test_pose_is_the_same_in_whichever_frame_it_is_stated() -> None:
     ):
         seen = turned.inv().apply(at - origin)
         message = pose_message((turned.inv() * turn).as_quat(), seen, frame)
-        goal = request(message).make_goal(start)
+        found = request(message)
+        goal = found.make_goal(start) if found.make_goal else found.goal
         np.testing.assert_allclose(goal.pose.position, at, atol=1e-9)
         assert (Rotation.from_quat(goal.pose.orientation).inv() * turn).magnitude() < 1e-9
-    free = request(pose_message((0.0, 0.0, 0.0, 0.0), at, "camera")).make_goal(start)
+    free = request(pose_message((0.0, 0.0, 0.0, 0.0), at, "camera")).goal
     assert free.pose.orientation is None
 
 
 def test_sequence_survives_the_way_through_a_message() -> None:
-    states = tuple(JointState(["a", "b"], q) for q in ([0.1, 0.2], [0.3, -0.4], [0.0, 1.0]))
+    states = tuple(JointState(JOINTS, q) for q in (START, GOAL, [0.0, 1.0, -0.4, 0.3]))
     goal = SequenceGoal(states, (None, 0.25, 1e9 + 0.5), "reach", (False, True, False))
-    raw = serialize_message(to_sequence_message(goal))
-    back = to_sequence_goal(deserialize_message(raw, JointTrajectory))
+    back = request(to_sequence_message(goal)).goal
     assert back.times == goal.times
     assert back.stops == goal.stops
     assert back.primitive == "reach"
