@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -112,13 +113,7 @@ def _name(marker: Marker) -> str:
     return f"{marker.ns}/{marker.id}" if marker.ns else f"marker {marker.id}"
 
 
-_KeptMesh = tuple[MeshContent, bytes, Mesh]
-"""The content of a mesh file, its scale, and the mesh that they make."""
-
-
-def to_obstacle(
-    marker: Marker, folders: Sequence[Path] = (), meshes: dict[str, _KeptMesh] | None = None
-) -> Obstacle:
+def to_obstacle(marker: Marker, folders: Sequence[Path] = ()) -> Obstacle:
     """The obstacle of a marker that is added or modified.
 
     Parameters
@@ -127,8 +122,6 @@ def to_obstacle(
         The marker.
     folders : sequence of Path
         Folders of packages, for meshes.
-    meshes : dict, optional
-        Meshes that were read for markers by name; used again, and filled.
 
     Raises
     ------
@@ -136,7 +129,7 @@ def to_obstacle(
         If its type is not supported, or its numbers can't be used.
     """
     try:
-        shapes = _shapes(marker, folders, {} if meshes is None else meshes)
+        shapes = _shapes(marker, folders)
     except WorldError as error:
         raise rejection(marker, error) from None
     p, o = marker.pose.position, marker.pose.orientation
@@ -150,30 +143,18 @@ def rejection(marker: Marker, reason: object) -> WorldError:
     return WorldError(f"marker '{printable(_name(marker))}': {reason}")
 
 
-def _file_mesh(
-    marker: Marker, scale: FloatArray, folders: Sequence[Path], meshes: dict[str, _KeptMesh]
-) -> Mesh:
-    """The mesh of the file of a marker."""
-    name = _name(marker)
-    kept = meshes.pop(name, None)
-    found = find_mesh(marker.mesh_resource, folders)
-    if kept is None or kept[0] is not found or kept[1] != scale.tobytes():
-        mesh = Mesh(scaled(found.vertices, scale), found.triangles)
-        kept = found, scale.tobytes(), mesh
-    meshes[name] = kept
-    while len(meshes) > INPUT_LIMITS.kept_meshes:
-        del meshes[next(iter(meshes))]
-    return kept[2]
+@lru_cache(maxsize=INPUT_LIMITS.kept_meshes)
+def _scaled(content: MeshContent, scale: tuple[float, ...]) -> Mesh:
+    """The mesh of a file, kept because markers are published again and again."""
+    return Mesh(scaled(content.vertices, np.array(scale)), content.triangles)
 
 
-def _shapes(
-    marker: Marker, folders: Sequence[Path], meshes: dict[str, _KeptMesh]
-) -> Sequence[Shape]:
+def _shapes(marker: Marker, folders: Sequence[Path]) -> Sequence[Shape]:
     """The shapes in the frame of the marker's pose."""
     s, kind = marker.scale, marker.type
     scale = frozen_array([s.x, s.y, s.z], (3,), "scale", WorldError)
     if kind == Marker.MESH_RESOURCE:
-        return [_file_mesh(marker, scale, folders, meshes)]
+        return [_scaled(find_mesh(marker.mesh_resource, folders), tuple(scale.tolist()))]
     if kind == Marker.CUBE:
         return [Box(scale)]
     if kind == Marker.SPHERE:
@@ -222,14 +203,11 @@ class Markers:
         When it was sent [ns].
     is_late : bool
         Whether it may be older than others, because it was latched.
-    now : float
-        The time that lifetimes are counted from [s].
     """
 
     content: bytes
     stamp: int
     is_late: bool
-    now: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +242,6 @@ class Obstacles:
         self._cleared = 0
         # When lifetimes end, by a clock that is never set back [s].
         self._ends: dict[str, float] = {}
-        self._meshes: dict[str, _KeptMesh] = {}
         self._poses: Mapping[str, FloatArray | None] = {}
         self._model: Model | WatchedModel | None = None
         self._lost = ""
@@ -408,7 +385,7 @@ class Obstacles:
             folders: Sequence[Path] = ()
             if self._model is not None:
                 folders = package_folders(self._model.settings.package_folders)
-            self._stated[name] = to_obstacle(marker, folders, self._meshes)
+            self._stated[name] = to_obstacle(marker, folders)
         elif marker.action in (Marker.DELETE, Marker.DELETEALL):
             for other in [other for other in self._stated if _concerns(marker, other)]:
                 del self._stated[other]

@@ -354,7 +354,7 @@ class PlannerNode(Node):
         if max(self._planner.backlog, self._watcher.backlog) > _MOST_MARKERS:
             return
         for content, stamp, is_late in self._markers.poll():
-            message = Markers(content, stamp, is_late, self.seconds())
+            message = Markers(content, stamp, is_late)
             self._has_obstacles = True
             self._planner.send(message)
             self._watcher.send(message)

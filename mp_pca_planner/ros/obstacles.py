@@ -7,6 +7,7 @@ Their content is for the workers.
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import suppress
 from importlib import import_module
@@ -52,9 +53,8 @@ class MarkerSubscription:
         self._node, self._topic = node, topic
         self._name = node.resolve_topic_name(topic)
         self._is_reliable: bool | None = None
-        self._lasting: PolledSubscription | None = None
-        # Subscriptions that end, and when.
-        self._ending: list[tuple[float, PolledSubscription, bool]] = []
+        # Subscriptions, whether they get what was latched, and when they end.
+        self._open: list[tuple[PolledSubscription, bool, float]] = []
         self._known: set[bytes] = set()
         self._discovered = 0.0
 
@@ -65,17 +65,14 @@ class MarkerSubscription:
             self._discovered = now
             self._follow_publishers(now)
         messages = [
-            (one, False) for one in (self._lasting.poll(_MOST_BYTES) if self._lasting else ())
+            (bytes(content), facts["source_timestamp"], is_latched)
+            for subscription, is_latched, _ in self._open
+            for content, facts in subscription.poll(_MOST_BYTES)
         ]
-        for _, subscription, is_latched in self._ending:
-            messages += [(one, is_latched) for one in subscription.poll(_MOST_BYTES)]
-        for end in [one for one in self._ending if one[0] < now]:
-            self._ending.remove(end)
-            end[1].destroy()
-        return [
-            (bytes(content), facts["source_timestamp"], is_late)
-            for (content, facts), is_late in messages
-        ]
+        for one in [one for one in self._open if one[2] < now]:
+            self._open.remove(one)
+            one[0].destroy()
+        return messages
 
     def _follow_publishers(self, now: float) -> None:
         publishers = self._node.get_publishers_info_by_topic(self._name)
@@ -85,33 +82,31 @@ class MarkerSubscription:
         }
         if offers and (len(reliable) == len(offers)) != self._is_reliable:
             self._is_reliable = len(reliable) == len(offers)
-            if self._lasting is not None:
-                self._ending.append((now + _FETCHING, self._lasting, False))
-            self._lasting = self._subscribe(is_reliable=self._is_reliable)
+            # The one before still receives for a while.
+            self._open = [(one, kind, min(end, now + _FETCHING)) for one, kind, end in self._open]
+            self._subscribe(self._is_reliable, False, math.inf)
         latched = {
             key for key in reliable if offers[key].durability == DurabilityPolicy.TRANSIENT_LOCAL
         }
         if latched - self._known:
-            self._fetch_latched(now, n_others=len(offers) - len(latched))
+            self._subscribe(True, True, now + _FETCHING)
+            if n_others := len(offers) - len(latched):
+                self._node.get_logger().info(
+                    f"'{self._name}' has publishers that latch their messages and {n_others} that "
+                    "do not: what these log now on incompatible QoS concerns a second "
+                    "subscription, and their messages are received",
+                    throttle_duration_sec=LOG_PERIOD,
+                )
         self._known = latched
 
-    def _fetch_latched(self, now: float, n_others: int) -> None:
-        latched = self._subscribe(is_reliable=True, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._ending.append((now + _FETCHING, latched, True))
-        if n_others:
-            self._node.get_logger().info(
-                f"'{self._name}' has publishers that latch their messages and {n_others} that do "
-                "not: what these log now on incompatible QoS concerns a second subscription, and "
-                "their messages are received",
-                throttle_duration_sec=LOG_PERIOD,
-            )
-
-    def _subscribe(
-        self, *, is_reliable: bool, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
-    ) -> PolledSubscription:
-        best = ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
-        qos = QoSProfile(depth=_DEPTH, reliability=best, durability=durability)
-        return PolledSubscription(self._node, MarkerArray, self._topic, qos)
+    def _subscribe(self, is_reliable: bool, is_latched: bool, end: float) -> None:
+        qos = QoSProfile(
+            depth=_DEPTH,
+            reliability=ReliabilityPolicy[("BEST_EFFORT", "RELIABLE")[is_reliable]],
+            durability=DurabilityPolicy[("VOLATILE", "TRANSIENT_LOCAL")[is_latched]],
+        )
+        subscription = PolledSubscription(self._node, MarkerArray, self._topic, qos)
+        self._open.append((subscription, is_latched, end))
 
 
 class ForeignFrames:

@@ -21,6 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import SimpleQueue
@@ -252,6 +253,9 @@ def run(role: str, connection: Connection, cancelled: Any) -> None:
         os.nice(_NICE[role])
     with suppress(OSError):  # where processes are listed
         Path("/proc/self/comm").write_text(role)
+    if role == WATCHER:  # it must not be deaf while these load, with the first mesh
+        for reader in ("collada", "trimesh"):
+            import_module(reader)
     with suppress(EOFError, OSError):
         _Worker(role, connection, cancelled).work()
 

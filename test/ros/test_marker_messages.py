@@ -145,7 +145,7 @@ class Kept:
 
     def send(self, *sent: Marker) -> None:
         self._stamp += 1
-        self.obstacles.apply(Markers(written(*sent), self._stamp, False, 0.0))
+        self.obstacles.apply(Markers(written(*sent), self._stamp, False))
 
     @property
     def names(self) -> list[str]:
@@ -238,7 +238,7 @@ def test_marker_that_can_not_be_used_changes_nothing_and_is_named_until_it_is_me
 
 def test_malformed_messages_are_named_and_names_bounded_in_length_and_number(kept: Kept) -> None:
     for content in (b"\0\1\0\0", b"\0\1\0\0" + (8000).to_bytes(4, "little") + bytes(8000)):
-        kept.obstacles.apply(Markers(content, 0, False, 0.0))
+        kept.obstacles.apply(Markers(content, 0, False))
         assert "the message of markers" in kept.obstacles.facts.missing
     kept.send(box(ns="x" * 100_000))
     text = "a marker's name has 100002 characters, at most 500 are used"
@@ -250,7 +250,7 @@ def test_malformed_messages_are_named_and_names_bounded_in_length_and_number(kep
     assert kept.names == ["test/0"]
     assert len(kept.obstacles._changed) <= kept.obstacles.most + 1
     # What was deleted last does not come back with an older latched message.
-    kept.obstacles.apply(Markers(written(box(3 * kept.obstacles.most)), -1, True, 0.0))
+    kept.obstacles.apply(Markers(written(box(3 * kept.obstacles.most)), -1, True))
     assert kept.names == ["test/0"]
 
 
@@ -258,7 +258,7 @@ def test_obstacles_of_a_robot_without_its_meshes_are_kept_and_said_not_to_be_avo
     shape = '<collision><geometry><mesh filename="/no/such/hand.stl"/></geometry></collision>'
     urdf, obstacles = URDF.replace("</inertial>", f"</inertial>{shape}"), Obstacles()
     obstacles.use(assemble_model(urdf, [arm_primitive()], Settings()))
-    obstacles.apply(Markers(written(box()), 1, False, 0.0))
+    obstacles.apply(Markers(written(box()), 1, False))
     assert obstacles.world.names == ("test/1",)
     assert "/no/such/hand.stl" in obstacles.facts.missing
 

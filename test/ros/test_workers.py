@@ -119,7 +119,7 @@ def test_obstacles_of_one_worker_are_avoided_by_another(
     ball.pose.position = Point(x=x, y=y, z=z)
     content = bytes(serialize_message(MarkerArray(markers=[ball])))
     first.send(request(1))  # what comes meanwhile waits
-    first.send(Markers(content, 1, False, 0.0))
+    first.send(Markers(content, 1, False))
     first.send(TakeObstacles())
     second.send(answer_of(first, TakeObstacles))
     assert answer_of(second, WorldFacts).n_obstacles == 1
@@ -140,7 +140,7 @@ def test_goal_is_answered_while_obstacles_keep_coming(
     deadline = time.monotonic() + 5.0
     while time.monotonic() < deadline:
         if worker.backlog < 5:
-            worker.send(Markers(content, next(stamps), False, 0.0))
+            worker.send(Markers(content, next(stamps), False))
         answers = [one for one in worker.receive() if isinstance(one, Planned | Rejected)]
         if answers:
             return
