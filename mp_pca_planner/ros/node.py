@@ -71,6 +71,7 @@ from .nodes import (
     STATES,
     PolledSubscription,
     message_age,
+    thinned,
 )
 from .obstacles import ForeignFrames, MarkerSubscription
 from .parameters import NodeParameters
@@ -326,7 +327,7 @@ class PlannerNode(Node):
                 sent = stamp if stamp and self._tracker.measured.stamps.is_usable else 0.0
                 then = sent or now - message_age(facts, longest)
                 self._tracker.controller.receive(partial(to_command, content), then)
-        for content, facts in self._states.poll():
+        for content, facts in thinned(self._states.poll()):
             try:
                 message = deserialize_message(content, JointState)
             except RuntimeError:  # what is no message

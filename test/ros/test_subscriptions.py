@@ -15,7 +15,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from support.domains import set_domain
@@ -24,7 +24,7 @@ from support.patience import HANG
 
 from mp_pca_planner.ros import nodes
 from mp_pca_planner.ros.live_node import JointStateSource
-from mp_pca_planner.ros.nodes import PolledSubscription, message_age
+from mp_pca_planner.ros.nodes import PolledSubscription, message_age, thinned
 
 DEPTH = 5
 
@@ -68,6 +68,20 @@ def test_age_of_a_message_is_bounded_where_the_wall_clock_is_set(
     facts = {"received_timestamp": 1000 * 10**9}
     assert message_age(facts, 0.4) == pytest.approx(age)
     assert message_age({"received_timestamp": 0}, 0.4) == 0.0  # a middleware that does not say
+
+
+def test_states_at_1_khz_are_thinned_and_the_newest_of_each_source_kept() -> None:
+    def taken(name: str, time: int) -> tuple[bytes, dict[str, int]]:
+        message = JointState(name=[name], position=[0.1])
+        message.header.stamp.nanosec = time
+        return bytes(serialize_message(message)), {"received_timestamp": time}
+
+    arm = [taken("shoulder_of_the_left_arm_of_the_robot_at_work", 10**6 * k) for k in range(1, 51)]
+    gripper = [taken("finger_of_the_gripper_of_the_robot_at_work_", 10**6 * 25)]
+    found = thinned([*arm[:25], *gripper, *arm[25:]])
+    assert found == [arm[0], arm[10], arm[20], *gripper, arm[30], arm[40], arm[49]]
+    unknown = [(content, {"received_timestamp": 0}) for content, _ in arm]
+    assert thinned(unknown) == unknown
 
 
 def test_topic_that_nobody_publishes_on_is_named_beside_the_others(node: Node) -> None:
