@@ -21,10 +21,8 @@ from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .demonstration import Demonstration
-from .joint_states import JointStates
 from .recording import Recording, Samples
 from .recording_set import Overview, Segment
-from .repair import repair
 from .segmentation import (
     MIN_EXTENT,
     MOVING_RATIO,
@@ -35,7 +33,6 @@ from .segmentation import (
     find_motions,
     joint_speed,
     least_extent,
-    least_extent_of_set,
     smooth,
     speed_thresholds,
     trim,
@@ -102,43 +99,6 @@ def smoothed(recording: Recording) -> tuple[list[SmoothPiece], SpeedThresholds]:
     pieces = [smooth(piece, recording.sample_rate) for piece in recording.pieces]
     speed = np.concatenate([joint_speed(piece.velocities) for piece in pieces])
     return pieces, speed_thresholds(speed)
-
-
-def cut_joint_states(
-    states: JointStates,
-    joints: Sequence[str] | None,
-    *,
-    moving_only: bool = False,
-) -> tuple[list[Cut], Recording]:
-    """Cut joint states as :func:`.load_recordings` cuts a bag that holds nothing else.
-
-    Parameters
-    ----------
-    states :
-        Joint states as recorded.
-    joints :
-        Names of the joints; by default all that every message lists.
-    moving_only :
-        Leaves out those of `joints` that are not listed or never move.
-
-    Raises
-    ------
-    RecordingError
-        If they can't be used, or hold no motion.
-    """
-    listed = [name for name in joints or () if name in states.joint_names]
-    recording = repair(states, listed if moving_only and listed else joints)
-    if moving_only and joints is not None:
-        moving = [name for name in recording.joint_names if name not in recording.still_joints]
-        recording = recording.with_joints(moving)
-    pieces, thresholds = smoothed(recording)
-    options = SegmentationOptions()
-    cuts, notes, counts = cut_motions(recording, pieces, thresholds, options)
-    extents = [cut.extent for cut in cuts]
-    least = least_extent_of_set(extents) if cuts else 0.0
-    if cuts and min(extents) <= least:
-        cuts, notes, counts = cut_motions(recording, pieces, thresholds, options, least)
-    return cuts, recording.noted(*notes, repairs=counts)
 
 
 def cut_motions(

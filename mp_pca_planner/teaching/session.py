@@ -24,7 +24,8 @@ from ..recordings.bags.bag import damage_reported
 from ..recordings.demonstration import Demonstration
 from ..recordings.joint_states import collect_joint_states
 from ..recordings.recording import Recording
-from ..recordings.segmentation import SegmentationOptions, extent
+from ..recordings.repair import repair
+from ..recordings.segmentation import SegmentationOptions, extent, least_extent_of_set
 from ..robot.model import Robot
 
 StoredStates = list[tuple[int, bytes]]
@@ -86,41 +87,33 @@ class SessionWords:
     ----------
     robot : Robot or None
         The robot.
-    frame : str
-        Its end effector; by default the link that most joints move.
     """
 
-    def __init__(self, robot: Robot | None = None, frame: str = "") -> None:
-        self._robot, self._frame = robot, frame
+    def __init__(self, robot: Robot | None = None) -> None:
+        self._robot = robot
 
     def motion(self, number: int, motion: Demonstration) -> str:
         """What is said of a new motion."""
         unit = self._unit(motion.joint_names)
         length = f"{unit.number(extent(motion.positions))} {unit.name}"
-        if self._robot is not None:
-            frame, path = self._places(self._robot, motion.joint_names, motion.positions)
-            metres = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
-            length += f", {frame} over {metres:.2f} m"
         return f"motion {number}: {motion.duration:.2f} s, {length}, accepted"
 
     def learned(self, motions: Sequence[Demonstration]) -> list[str]:
         """What motions teach: the error of left-out motions, and the range of the goals."""
-        if len(motions) < 2:
-            return ["  nothing is learned yet: two motions are needed"]
         try:
-            facts = build_primitive(motions, "taught").summary()
+            facts = build_primitive(motions, "taught").summary() if len(motions) > 1 else {}
         except PlannerError as error:
             return [f"  nothing is learned yet: {error}"]
+        if not facts:
+            return ["  nothing is learned yet: two motions are needed"]
         names = motions[0].joint_names
         unit, goals = self._unit(names), np.array([motion.positions[-1] for motion in motions])
-        errors = [
+        left_out, straight = (
             f"{unit.number(facts[f'{name}_error'])} {unit.name}"
             for name in ("left_out", "minimum_jerk")
-        ]
-        lines = [
-            f"  left-out error {errors[0]} (straight motions: {errors[1]})",
-            f"  goals shown {self._si(names)}: {_ranges(names, goals)}",
-        ]
+        )
+        lines = [f"  left-out error {left_out} (straight motions: {straight})"]
+        lines.append(f"  goals shown {self._si(names)}: {_ranges(names, goals)}")
         if self._robot is not None:
             frame, places = self._places(self._robot, names, goals)
             lines.append(f"  {frame} at goals [m]: {_ranges('xyz', places)}")
@@ -140,9 +133,8 @@ class SessionWords:
         self, robot: Robot, joint_names: Sequence[str], q: FloatArray
     ) -> tuple[str, FloatArray]:
         """The end effector that these joints move, and its places [m], shape (n_steps, 3)."""
-        robot = robot.with_joints(joint_names)
-        frame = self._frame or robot.end_effector  # of a gripper at rest, the hand
-        return frame, robot.frame_positions(q, [frame])[:, 0]
+        robot = robot.with_joints(joint_names)  # of a gripper at rest, the hand
+        return robot.end_effector, robot.frame_positions(q, [robot.end_effector])[:, 0]
 
     def _si(self, joint_names: Sequence[str]) -> str:
         """The unit of positions that commands read."""
@@ -208,13 +200,12 @@ class TeachingSession:
         self._messages: StoredStates = []
         self._states = collect_joint_states(topic, [])
         if self.recording.exists():
-            with open_bag(self.recording) as bag:
-                if [stored.name for stored in bag.topics] != [topic]:
-                    raise RecordingError(
-                        f"'{self.recording}' holds other topics than '{topic}': choose another "
-                        "--output"
-                    )
-            self.record(stored_states(self.recording, topic)[1])
+            written, messages = stored_states(self.recording)
+            if written != topic:
+                raise RecordingError(
+                    f"'{self.recording}' holds other topics than '{topic}': choose another --output"
+                )
+            self.record(messages)
             self._take()
         self._n_written = len(self._messages)
         self._discarded_spans: list[_Span] = []
@@ -254,26 +245,46 @@ class TeachingSession:
         """
         self._take()
         try:
-            cuts, clean = cutting.cut_joint_states(
-                self._states, self._joints, moving_only=self._moving_only
-            )
+            cuts, clean = self._cut()
         except RecordingError as error:
             is_known = self._messages or is_over
             return self._news([f"no motion yet: {error}"] if is_known else [])
-        if not is_over and not _is_at_rest(cuts, clean):
-            return []
+        if cuts and not is_over:
+            ended = cuts[-1].piece.times[cuts[-1].last]
+            if clean.pieces[-1].times[-1] - ended <= SegmentationOptions.min_rest:
+                return []
         self._present = clean.pieces[-1].positions[-1]
         whole = [cut for cut in cuts if not cut.is_cut_off]
         every = (cut.demonstration(clean.joint_names, self._name, "") for cut in whole)
         before = _spans(self.motions)
         self.motions = tuple(x for x in every if not _is_among(x, self._discarded_spans))
-        lines = self._news(f"left out: {note}" for note in _left_out(clean, cuts))
+        n_torn, n_rest = len(cuts) - len(whole), clean.repairs.get("rest", 0)
+        left_out = [f"{n_rest} movement(s) within the extent of noise and sway"] * bool(n_rest)
+        left_out += [f"{n_torn} motion(s) that lack their start or end"] * bool(n_torn)
+        left_out += [note for note in clean.notes if "left out" in note]
+        lines = self._news(f"left out: {note}" for note in left_out)
         numbered = enumerate(self.motions, 1)
         if new := [(k, motion) for k, motion in numbered if not _is_among(motion, before)]:
             self._write_recording()
             lines += [self._words.motion(k, motion) for k, motion in new]
             lines += self._words.learned(self.motions)
         return lines
+
+    def _cut(self) -> tuple[list[cutting.Cut], Recording]:
+        """The motions of the recording, as :func:`.load_recordings` cuts it when it is alone."""
+        joints, known = self._joints, self._states.joint_names
+        if self._moving_only and joints is not None:
+            joints = [name for name in joints if name in known] or joints
+        clean = repair(self._states, joints)
+        if self._moving_only and joints is not None:
+            moving = [name for name in clean.joint_names if name not in clean.still_joints]
+            clean = clean.with_joints(moving)
+        pieces, thresholds = cutting.smoothed(clean)
+        cuts, notes, counts = cutting.cut_motions(clean, pieces, thresholds, SegmentationOptions())
+        least = least_extent_of_set([cut.extent for cut in cuts]) if cuts else 0.0
+        large = [cut for cut in cuts if cut.extent > least]
+        counts["rest"] += len(cuts) - len(large)
+        return large, clean.noted(*notes, repairs=counts)
 
     def discard_last(self) -> Demonstration | None:
         """Discard the last motion for good; returns it, None if there is none."""
@@ -385,26 +396,6 @@ def hold_dialogue(
             say(discarded if session.discard_last() else "there is no motion to discard")
         elif key:
             say(f"'{key}' does nothing: {KEYS}")
-
-
-def _is_at_rest(cuts: Sequence[cutting.Cut], clean: Recording) -> bool:
-    """Whether the recording ends with a rest that cuts."""
-    if not cuts:
-        return True
-    last = cuts[-1]
-    rested = float(clean.pieces[-1].times[-1] - last.piece.times[last.last])
-    return rested > SegmentationOptions.min_rest
-
-
-def _left_out(clean: Recording, cuts: Sequence[cutting.Cut]) -> list[str]:
-    """What was cut, and is no motion."""
-    n_rest, n_cut_off = clean.repairs.get("rest", 0), sum(cut.is_cut_off for cut in cuts)
-    notes = [note for note in clean.notes if "left out" in note]
-    if n_cut_off:
-        notes.insert(0, f"{n_cut_off} motion(s) of which the recording lacks the start or the end")
-    if n_rest:
-        notes.insert(0, f"{n_rest} movement(s) within the extent of noise and sway")
-    return notes
 
 
 def _spans(motions: Sequence[Demonstration]) -> list[_Span]:

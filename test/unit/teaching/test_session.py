@@ -86,7 +86,7 @@ def test_a_motion_that_the_recording_cuts_off_is_left_out(tmp_path: Path) -> Non
             lines += taught.update()
         assert shown(lines) == [1, 2]  # each when the arm rests, the third is under way
         lines = taught.update(is_over=True)
-        assert not shown(lines) and "lacks the start or the end" in lines[0]
+        assert not shown(lines) and "lack their start or end" in lines[0]
 
 
 def test_the_first_goal_is_that_of_the_motion_from_where_the_arm_is(tmp_path: Path) -> None:
