@@ -17,8 +17,8 @@ from ..exceptions import PlannerError
 from ..primitives.differences import PHASES
 from ..primitives.primitive import MovementPrimitive, prediction_words
 from ..primitives.timing import own_phases
-from ..recordings.recording import REPAIRS
-from ..recordings.recording_set import RecordingReport, RecordingSet
+from ..recordings.recording import REPAIRS, Recording
+from ..recordings.recording_set import RecordingSet
 from .primitive import primitive_figure
 from .style import (
     BLACK,
@@ -100,7 +100,7 @@ def report_page(
     )
 
 
-def _repairs(reports: Sequence[RecordingReport]) -> list[tuple[str, int, int]]:
+def _repairs(reports: Sequence[Recording]) -> list[tuple[str, int, int]]:
     """Kinds of repairs that were made, how often, and in how many recordings."""
     totals, concerned = Counter[str](), Counter[str]()
     for report in reports:
@@ -110,17 +110,15 @@ def _repairs(reports: Sequence[RecordingReport]) -> list[tuple[str, int, int]]:
     return [(kind, totals[kind], concerned[kind]) for kind in kinds if totals[kind]]
 
 
-def recording_figure(
-    figure: Figure, report: RecordingReport, prismatic: Collection[str] = ()
-) -> None:
+def recording_figure(figure: Figure, report: Recording, prismatic: Collection[str] = ()) -> None:
     """Plot the content of a recording.
 
     Parameters
     ----------
     figure : Figure
         An empty figure, see :func:`.styled_figure`.
-    report : RecordingReport
-        The report on the recording, with an overview.
+    report : Recording
+        The recording, with an overview.
     prismatic : collection of str
         Joints that are measured in metres.
 
@@ -129,7 +127,7 @@ def recording_figure(
     PlannerError
         If the report has no overview.
     """
-    if report.overview is None:
+    if report.overview is None or report.thresholds is None:
         raise PlannerError(f"recording '{report.name}' can't be drawn: its report has no overview")
     times, positions, speed = report.overview
     joints = [palette_line(name, i, 1.4) for i, name in enumerate(report.joint_names)]

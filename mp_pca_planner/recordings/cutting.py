@@ -21,14 +21,12 @@ from ..exceptions import RecordingError, quote_names, unknown_name
 from ..files import read_text, reading
 from ..input_limits import INPUT_LIMITS
 from .demonstration import Demonstration
-from .recording import Recording, Samples
-from .recording_set import Overview, Segment
+from .recording import Overview, Recording, Samples, Segment, SpeedThresholds
 from .segmentation import (
     MIN_EXTENT,
     MOVING_RATIO,
     SegmentationOptions,
     SmoothPiece,
-    SpeedThresholds,
     extent,
     find_motions,
     joint_speed,
@@ -318,11 +316,10 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
     Raises
     ------
     RecordingError
-        If the file can't be read, lacks a column, or a row names no given recording, holds no
-        time span, or repeats another one; with the number of the line.
+        If the file can't be read, lacks a column, or a row names no given recording or holds no
+        time span; with the number of the line.
     """
     segments: dict[str, list[Segment]] = {}
-    seen: dict[tuple[str, float, float, str], str] = {}
     with reading(f"'{path}'", RecordingError):
         rows = csv.DictReader(io.StringIO(read_text(path), newline=""))
         missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
@@ -338,33 +335,22 @@ def read_segments(path: str | Path, recordings: Collection[str]) -> dict[str, li
             name = row["recording"] or ""
             if name not in recordings:
                 raise RecordingError(f"{where}: {unknown_name('recording', name, recordings)}")
-            segment = _segment(row, where)
-            first = seen.setdefault((name, segment.start, segment.end, segment.label), where)
-            if first != where:
-                raise RecordingError(f"{where}: this row repeats {first}: remove one")
-            segments.setdefault(name, []).append(segment)
+            segments.setdefault(name, []).append(_segment(row, where))
     return segments
 
 
 def _segment(row: dict[str, str], where: str) -> Segment:
-    start, end = (_seconds(row[name], name, where) for name in COLUMNS[1:])
-    latest = INPUT_LIMITS.segment_time
+    texts, latest = [row[name] or "" for name in COLUMNS[1:]], INPUT_LIMITS.segment_time
+    try:
+        start, end = map(float, texts)
+    except ValueError:
+        start = end = math.nan
     if not 0.0 <= start < end <= latest:
         raise RecordingError(
-            f"{where}: a motion must start at 0 s or later and end after its start, "
-            f"at {latest:g} s at the latest, got {start:g} s to {end:g} s"
+            f"{where}: {quote_names(COLUMNS[1:])} must be numbers of seconds, the second one "
+            f"larger, from 0 to {latest:g}, got {quote_names(texts)}"
         )
     return Segment(start, end, row.get("label") or "", where=where)
-
-
-def _seconds(text: str | None, column: str, where: str) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise RecordingError(f"{where}: '{column}' must be a number of seconds, got '{text or ''}'")
-    return value
 
 
 def segments_table(motions: Iterable[tuple[str, float, float, str]]) -> bytes:
@@ -374,11 +360,6 @@ def segments_table(motions: Iterable[tuple[str, float, float, str]]) -> bytes:
     ----------
     motions :
         The recording, start [s], end [s] and label of each motion, in the order of the rows.
-
-    Raises
-    ------
-    RecordingError
-        If the name of a recording can't be written in UTF-8.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
@@ -387,7 +368,4 @@ def segments_table(motions: Iterable[tuple[str, float, float, str]]) -> bytes:
     writer.writerows(
         [recording, f"{start:.6f}", f"{end:.6f}", label] for recording, start, end, label in motions
     )
-    try:
-        return text.getvalue().encode()
-    except UnicodeEncodeError as error:
-        raise RecordingError(f"a table of segments can't be written in UTF-8: {error}") from None
+    return text.getvalue().encode(errors="replace")

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from ..arrays import (
     MAX_SIZE,
     FloatArray,
-    float_array,
     frozen_array,
     set_frozen,
     unique_names,
@@ -207,14 +206,8 @@ class Demonstration:
 
         names = unique_names(joint_names, f"joints of '{recording}'", RecordingError)
         t = frozen_array(times, (None,), f"times of '{recording}'", RecordingError)
-        shape = (t.size, len(names))
-        q = float_array(positions, f"positions of '{recording}'", RecordingError)
-        if q.shape != shape:
-            raise RecordingError(
-                f"positions of '{recording}' must have the shape (samples, joints) = {shape}, got "
-                f"{q.shape}{_shape_hint(q.shape, t.size)}"
-            )
-        q = frozen_array(q, shape, f"positions of '{recording}'", RecordingError)
+        what = f"positions of '{recording}' (samples, joints)"
+        q = frozen_array(positions, (t.size, len(names)), what, RecordingError)
         if t.size < MIN_SAMPLES:
             raise RecordingError(
                 f"'{recording}' has {t.size} samples: {MIN_SAMPLES} or more are needed"
@@ -226,15 +219,10 @@ class Demonstration:
                 f"{t[index]:.9g} s follows {t[index - 1]:.9g} s"
             )
         span, period = float(t[-1] - t[0]), float(np.median(np.diff(t)))
-        if span > _MAX_SPAN:
+        if span > _MAX_SPAN or span * len(names) > MAX_SIZE * period:
             raise RecordingError(
-                f"the times of '{recording}' span {span:.3g} s: times must be in seconds, and "
-                "these look like nanoseconds (or milliseconds)"
-            )
-        if span * len(names) > MAX_SIZE * period:
-            raise RecordingError(
-                f"the times of '{recording}' are too uneven: they span {span:.3g} s, but half of "
-                f"them are at most {period:.3g} s apart"
+                f"the times of '{recording}' must be in seconds and about even, but span "
+                f"{span:.3g} s, and half of them are at most {period:.3g} s apart"
             )
         found = smooth(Samples(t - t[0], q), 1.0 / period)
         return cls(
@@ -282,12 +270,3 @@ class Demonstration:
         Their shape is (n_phases, n_joints); at least 2 phases are needed.
         """
         return self.at(np.linspace(0.0, self.duration, n_phases))
-
-
-def _shape_hint(shape: tuple[int, ...], n_times: int) -> str:
-    """What is probably wrong with the shape of positions; empty if that is unknown."""
-    if len(shape) != 2 or shape[0] == n_times:
-        return ""
-    if shape[1] == n_times:
-        return ": transpose them"
-    return f": there are {n_times} times for {shape[0]} samples"

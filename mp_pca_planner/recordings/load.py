@@ -41,8 +41,8 @@ from .demonstration import Demonstration
 from .joint_states import Names
 from .options import LoadOptions
 from .reading import read_recording, scale_of_calibration
-from .recording import MarkerResidual, Recording
-from .recording_set import ABSURD, FACTS, RecordingReport, RecordingSet, Refusal, Segment
+from .recording import MarkerResidual, Recording, Segment
+from .recording_set import ABSURD, RecordingSet, Refusal
 from .repair import repair
 from .segmentation import ABSURD_EXTENT, extent, least_extent_of_set
 from .workers import dask_cluster, process_pool
@@ -384,7 +384,8 @@ def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> Re
         )
         for cut in cuts
     )
-    report = RecordingReport(
+    report = replace(
+        recording,
         name=task.name,
         path=str(task.path),
         format=bags.recording_format(task.path),
@@ -394,7 +395,6 @@ def _motions_of(task: LoadTask, recording: Recording, least_extent: float) -> Re
         thresholds=thresholds,
         notes=(*recording.all_notes, *_absurd(motions, options), *_beyond_limits(motions, options)),
         overview=cutting.overview(pieces) if options.overviews else None,
-        **{name: getattr(recording, name) for name in FACTS},
     )
     return RecordingSet(motions, (report,))
 

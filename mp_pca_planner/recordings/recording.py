@@ -81,6 +81,54 @@ class MarkerResidual:
     n_frames: int
 
 
+@dataclass(frozen=True)
+class SpeedThresholds:
+    """Speeds that separate rest from motion: norms over the joints [rad/s or m/s].
+
+    Attributes
+    ----------
+    rest : float
+        Under it the joints rest.
+    moving : float
+        A motion has a peak over it.
+    """
+
+    rest: float
+    moving: float
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Interval of a recording that holds one motion.
+
+    Attributes
+    ----------
+    start, end : float
+        Times since the recording's first message [s].
+    label : str
+        Label in the table of segments ('' if there is none).
+    extent : float
+        Norm over the joints of the distance that each of them covers [rad or m].
+    where : str
+        File and line of the table of segments, for messages.
+    """
+
+    start: float
+    end: float
+    label: str = ""
+    extent: float = 0.0
+    where: str = ""
+
+
+Overview = tuple[FloatArray, FloatArray, FloatArray]
+"""A whole recording in few samples, for a figure.
+
+Its times since the first message [s], shape (n_samples,), NaN between the pieces; its joint
+positions [rad or m], shape (n_samples, n_joints); the highest norm of the joint velocities up to
+the next sample [rad/s or m/s], shape (n_samples,).
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """Repaired samples of the chosen joints.
@@ -116,6 +164,14 @@ class Recording:
         Residual of each marker; empty unless markers were recorded.
     checksum : str
         SHA-256 of the stored bytes.
+    name, path, format : str
+        Its name, its place and its storage format.
+    motions : tuple of Segment
+        The motions that are cut out of it, in order.
+    thresholds : SpeedThresholds
+        Speeds of rest and motion, determined from the recording.
+    overview : Overview or None
+        The recording in few samples, on request.
     """
 
     joint_names: tuple[str, ...]
@@ -132,6 +188,12 @@ class Recording:
     episodes: tuple[tuple[float, int | str], ...] = ()
     marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
     checksum: str = ""
+    name: str = ""
+    path: str = ""
+    format: str = ""
+    motions: tuple[Segment, ...] = ()
+    thresholds: SpeedThresholds | None = None
+    overview: Overview | None = None
 
     @property
     def duration(self) -> float:

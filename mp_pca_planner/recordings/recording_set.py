@@ -6,19 +6,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
 
-from ..arrays import FloatArray
 from ..exceptions import RecordingError, listed
 from .demonstration import Demonstration
-from .recording import DROPPED, REPAIRS, MarkerResidual
+from .recording import DROPPED, REPAIRS, Recording
 from .segmentation import ABSURD_EXTENT
-
-if TYPE_CHECKING:
-    from .bags import RecordingFormat
-    from .segmentation import SpeedThresholds
-
 
 NORMALISED = (
     "its values are from -100 to 100: if they are LeRobot's shares of the calibrated ranges and "
@@ -28,44 +21,6 @@ NORMALISED = (
 
 ABSURD = f"rad (or m), and over {ABSURD_EXTENT:g} is absurd"
 """In the note on a joint that moves absurdly far."""
-
-FACTS = (
-    *("topic", "n_messages", "rate", "duration", "joint_names", "checksum", "repairs"),
-    "marker_residuals",
-)
-"""What a report says of a recording as it is."""
-
-
-@dataclass(frozen=True)
-class Segment:
-    """Interval of a recording that holds one motion.
-
-    Attributes
-    ----------
-    start, end : float
-        Times since the recording's first message [s].
-    label : str
-        Label in the table of segments ('' if there is none).
-    extent : float
-        Norm over the joints of the distance that each of them covers [rad or m].
-    where : str
-        File and line of the table of segments, for messages.
-    """
-
-    start: float
-    end: float
-    label: str = ""
-    extent: float = 0.0
-    where: str = ""
-
-
-Overview = tuple[FloatArray, FloatArray, FloatArray]
-"""A whole recording in few samples, for a figure.
-
-Its times since the first message [s], shape (n_samples,), NaN between the pieces; its joint
-positions [rad or m], shape (n_samples, n_joints); the highest norm of the joint velocities up to
-the next sample [rad/s or m/s], shape (n_samples,).
-"""
 
 
 @dataclass(frozen=True)
@@ -86,55 +41,6 @@ class Refusal:
 
 
 @dataclass(frozen=True)
-class RecordingReport:
-    """Content of a recording, its repairs and its motions.
-
-    Attributes
-    ----------
-    name, path, format, topic : str
-        The recording and its topic of joint states.
-    n_messages : int
-        Messages on the topic.
-    rate : float
-        Usual rate [Hz].
-    duration : float
-        Time from the first to the last usable message [s].
-    joint_names : tuple of str
-        Names of the joints taken.
-    checksum : str
-        SHA-256 of the stored bytes.
-    repairs : dict
-        Counts of the repairs, by their names in :data:`.recording.REPAIRS`.
-    motions : tuple of Segment
-        The motions, in order.
-    thresholds : SpeedThresholds
-        Speeds of rest and motion, determined from the recording.
-    notes : tuple of str
-        Other findings, one sentence each.
-    overview : Overview or None
-        The recording in few samples, on request.
-    marker_residuals : dict
-        Residual of each marker; empty unless markers were recorded.
-    """
-
-    name: str
-    path: str
-    format: RecordingFormat
-    topic: str
-    n_messages: int
-    rate: float
-    duration: float
-    joint_names: tuple[str, ...]
-    checksum: str
-    repairs: dict[str, int]
-    motions: tuple[Segment, ...]
-    thresholds: SpeedThresholds
-    notes: tuple[str, ...]
-    overview: Overview | None = None
-    marker_residuals: dict[str, MarkerResidual] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class RecordingSet:
     """Demonstrations from several recordings, with a report or a refusal for each of these.
 
@@ -142,8 +48,8 @@ class RecordingSet:
     ----------
     demonstrations : sequence of Demonstration
         Those of all recordings, in order.
-    reports : sequence of RecordingReport
-        One for each recording that is used.
+    reports : sequence of Recording
+        Those that are used.
     refused : sequence of Refusal
         One for each that is not.
     notes : sequence of str
@@ -151,7 +57,7 @@ class RecordingSet:
     """
 
     demonstrations: Sequence[Demonstration] = ()
-    reports: Sequence[RecordingReport] = ()
+    reports: Sequence[Recording] = ()
     refused: Sequence[Refusal] = ()
     notes: Sequence[str] = ()
 
@@ -191,17 +97,16 @@ class RecordingSet:
         for kind in sorted(DROPPED & repairs.keys()):
             reason = REPAIRS[kind].partition(": ")[2]
             dropped.append(f"dropped: {repairs.pop(kind)} {kind} ({reason})")
-        names: dict[str, list[str]] = {}
-        for one in self.reports:
-            for note in one.notes:
-                names.setdefault(note, []).append(one.name)
         return "\n".join(
             [
                 f"{len(self.demonstrations)} motions in {len(self.reports)} usable recording(s)",
                 *(f"repaired: {count} {kind}" for kind, count in repairs.items()),
                 *dropped,
                 *self.notes,
-                *(f"{listed(several, 3)}: {note}" for note, several in names.items()),
+                *(
+                    f"{listed(several, 3)}: {note}"
+                    for note, several in self._names_by_note().items()
+                ),
                 *(f"rejected {one.recording}: {one.reason}" for one in self.refused),
             ]
         )
@@ -229,12 +134,19 @@ class RecordingSet:
     @property
     def unit_warning(self) -> str:
         """A sentence on joints that seem to be in other units; empty if none do."""
-        doubtful: dict[str, list[str]] = {}
+        return "; ".join(
+            f"{listed(names, 3)}: {note}"
+            for note, names in self._names_by_note().items()
+            if note == NORMALISED or ABSURD in note
+        )
+
+    def _names_by_note(self) -> dict[str, list[str]]:
+        """Names of the recordings that have each note."""
+        names: dict[str, list[str]] = {}
         for one in self.reports:
             for note in one.notes:
-                if note == NORMALISED or ABSURD in note:
-                    doubtful.setdefault(note, []).append(one.name)
-        return "; ".join(f"{listed(names, 3)}: {note}" for note, names in doubtful.items())
+                names.setdefault(note, []).append(one.name)
+        return names
 
     def require_motion(self) -> None:
         """Raise a RecordingError, with the first reason, if no recording holds a motion."""

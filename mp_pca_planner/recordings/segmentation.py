@@ -23,7 +23,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import RecordingError, unknown_name
 from ..lazy import LazyModule
-from .recording import Samples
+from .recording import Samples, SpeedThresholds
 
 interpolate, signal = LazyModule("scipy.interpolate"), LazyModule("scipy.signal")
 
@@ -179,22 +179,6 @@ class SegmentationOptions:
             )
         if self.cut not in CUTS:
             raise RecordingError(unknown_name("kind of cuts", self.cut, CUTS))
-
-
-@dataclass(frozen=True)
-class SpeedThresholds:
-    """Speeds that separate rest from motion: norms over the joints [rad/s or m/s].
-
-    Attributes
-    ----------
-    rest : float
-        Under it the joints rest.
-    moving : float
-        A motion has a peak over it.
-    """
-
-    rest: float
-    moving: float
 
 
 def joint_speed(velocities: FloatArray) -> FloatArray:

@@ -88,10 +88,10 @@ def test_a_primitive_of_one_demonstration_gives_a_warning() -> None:
 
 def test_times_in_nanoseconds_and_uneven_times_are_rejected() -> None:
     t = np.linspace(0.0, 1.0, 51)
-    with pytest.raises(mp.PlannerError, match="span 1e.09 s: times must be in seconds"):
+    with pytest.raises(mp.PlannerError, match="must be in seconds.* span 1e.09 s"):
         mp.Demonstration.from_arrays(["elbow"], 1e9 * t, np.sin(t)[:, None])
     uneven = np.append(1e-6 * t[:-1], 9e5)
-    with pytest.raises(mp.PlannerError, match="too uneven"):
+    with pytest.raises(mp.PlannerError, match="about even, but"):
         mp.Demonstration.from_arrays(["elbow"], uneven, np.sin(t)[:, None])
 
 
@@ -100,9 +100,11 @@ def test_arrays_of_another_shape_are_named() -> None:
     q = np.column_stack([np.sin(t), np.cos(t)])
     fit = mp.MovementPrimitive.fit
     for names in (None, ["a", "b"]):
-        with pytest.raises(mp.PlannerError, match=r"\(samples, joints\).*: transpose them"):
+        with pytest.raises(
+            mp.PlannerError, match=r"\(samples, joints\) must have .*, got \(2, 51\)"
+        ):
             fit([q.T], times=t, joint_names=names)
-    with pytest.raises(mp.PlannerError, match="there are 50 times for 51 samples"):
+    with pytest.raises(mp.PlannerError, match=r"\(50, 2\), got \(51, 2\)"):
         fit([q], times=t[:-1])
     for period in (0.01, np.array(0.01)):
         with pytest.raises(mp.PlannerError, match="times must be the times of the samples"):

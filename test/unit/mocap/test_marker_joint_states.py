@@ -21,7 +21,7 @@ from mp_pca_planner.mocap.marker_joint_states import (
     marker_source,
 )
 from mp_pca_planner.recordings.joint_states import JointStates
-from mp_pca_planner.recordings.recording_set import MarkerResidual
+from mp_pca_planner.recordings.recording import MarkerResidual
 from mp_pca_planner.robot.model import Robot
 
 URDF, MAP = config_file("human_arm.urdf"), config_file("human_arm_markers.yaml")
