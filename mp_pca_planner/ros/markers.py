@@ -32,6 +32,7 @@ from .messages import to_seconds
 
 _ACCEPTED = "CUBE, SPHERE, CYLINDER, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST and MESH_RESOURCE"
 _MAX_NAME = 500  # characters
+_NOISE = 1e-4  # of the poses of frames [m]
 _LEAST_BYTES = 200  # of a marker without names, points and images
 # The fields of a Marker in CDR, joined where nothing of another length is between: alignment and
 # size [bytes], and whether it is a list of such items; a text is a list of bytes.
@@ -242,7 +243,7 @@ class Obstacles:
         self._cleared = 0
         # When lifetimes end, by a clock that is never set back [s].
         self._ends: dict[str, float] = {}
-        self._poses: Mapping[str, FloatArray | None] = {}
+        self._poses: dict[str, FloatArray] = {}
         self._model: Model | WatchedModel | None = None
         self._lost = ""
 
@@ -295,9 +296,15 @@ class Obstacles:
             self._place()
 
     def use_frames(self, frames: Frames) -> None:
-        """Place the obstacles by other poses of frames."""
-        self._poses = frames.poses
-        self._place()
+        """Place the obstacles by other poses of frames, unless these differ by noise alone."""
+        known = {name: pose for name, pose in frames.poses.items() if pose is not None}
+        same = (
+            np.allclose(pose, self._poses.get(name, np.nan), 0.0, _NOISE)
+            for name, pose in known.items()
+        )
+        if known.keys() != self._poses.keys() or not all(same):
+            self._poses = known
+            self._place()
 
     def refresh(self) -> bool:
         """Drop the obstacles whose lifetime is over; returns whether there are any."""

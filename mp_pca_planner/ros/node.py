@@ -10,7 +10,6 @@ from functools import partial
 from itertools import count
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -150,7 +149,6 @@ class PlannerNode(Node):
         self._heir: WorkerProcess | None = None
         self._meanwhile: list[Markers] = []
         self._world = WorldFacts(0)
-        self._poses: dict[str, Any] = {}
         # The motion of the last goal, whether it has ended, and whether its preview is to be drawn.
         self._planned: Planned | None = None
         self._is_over, self._is_due = True, False
@@ -178,23 +176,6 @@ class PlannerNode(Node):
             raise PlannerError(done.problem)
         self._adopt(done, self._settings)
         return True
-
-    def unload(self) -> None:
-        """Drop the primitives."""
-        self._server.use(None, ())
-        self._done = SetUpDone(0)
-
-    def accept_goals(self) -> None:
-        """Serve goals from now on."""
-        self._hold = self._server.hold = ""
-        self._log_readiness()
-
-    def reject_goals(self, hold: str) -> None:
-        """Cancel goals, reject further ones, with this reason, and stop a running motion."""
-        self._hold = self._server.hold = hold
-        self._poll()
-        self._server.cancel(hold)
-        self._server.release(hold)
 
     def destroy_node(self) -> None:
         """End the workers, then the node."""
@@ -372,10 +353,8 @@ class PlannerNode(Node):
         if model is None or not self._world.frames:
             return
         poses = {frame: self._frames.pose(frame, model) for frame in self._world.frames}
-        if not _is_same(poses, self._poses):
-            self._poses = poses
-            for worker in (self._planner, self._watcher):
-                worker.send(Frames(poses))
+        for worker in (self._planner, self._watcher):
+            worker.send(Frames(poses))
 
     # Workers.
 
@@ -795,16 +774,6 @@ class PlannerNode(Node):
         self._notes = notes
 
 
-def _is_same(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether the same frames have the same poses, except for noise."""
-    unknown = np.full(7, np.nan)
-    pairs = [(unknown if one[k] is None else one[k], other.get(k)) for k in one]
-    return one.keys() == other.keys() and all(
-        np.allclose(pose, unknown if before is None else before, 0.0, 1e-4, equal_nan=True)
-        for pose, before in pairs
-    )
-
-
 _INACTIVE = "the node is not active: configure and activate it with ~/change_state"
 
 
@@ -829,20 +798,28 @@ class LifecyclePlannerNode(LifecycleNodeMixin, PlannerNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Serve goals from now on."""
-        self.accept_goals()
+        self._hold = self._server.hold = ""
+        self._log_readiness()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Cancel goals, reject further ones, and stop a running motion."""
-        self.reject_goals(_INACTIVE)
+        self._reject_goals()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Drop the primitives."""
-        self.unload()
+        self._server.use(None, ())
+        self._done = SetUpDone(0)
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Reject goals permanently."""
-        self.reject_goals(_INACTIVE)
+        self._reject_goals()
         return super().on_shutdown(state)
+
+    def _reject_goals(self) -> None:
+        self._hold = self._server.hold = _INACTIVE
+        self._poll()
+        self._server.cancel(_INACTIVE)
+        self._server.release(_INACTIVE)
