@@ -7,6 +7,7 @@ A worker does so, because meshes take long to read, and their libraries may end 
 
 from __future__ import annotations
 
+import re
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -110,7 +111,9 @@ def _without_points(content: bytes, n_markers: int) -> tuple[bytes, list[FloatAr
 
 
 def _name(marker: Marker) -> str:
-    """The name of the obstacle of a marker: its namespace and number."""
+    """The name of the obstacle of a marker: its namespace, and its number unless that is 0."""
+    if marker.id == 0 and re.fullmatch("(?!marker )[^/]+", marker.ns):  # names stay unique
+        return str(marker.ns)
     return f"{marker.ns}/{marker.id}" if marker.ns else f"marker {marker.id}"
 
 
@@ -408,4 +411,4 @@ def _concerns(marker: Marker, name: str) -> bool:
     """Whether a marker changes or deletes the obstacle of a name."""
     if marker.action != Marker.DELETEALL:
         return name == _name(marker)
-    return name.startswith(f"{marker.ns}/" if marker.ns else "")
+    return name == marker.ns or name.startswith(f"{marker.ns}/" if marker.ns else "")
