@@ -39,10 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     goal.add_argument("goal", metavar="NAME=VALUE,…", **absent, help=f"goal: {place[:-1]}")
     goal.add_argument("--goal", metavar="NAME=VALUE,…[@T]", help="the same as an option")
     pose_options: dict[str, Any] = {"metavar": "'X Y Z …'", "dest": "goal_pose"}
-    help_text = "pose of the end effector [m, quaternion]; 3 numbers: position only"
+    help_text = "pose of the end effector in the base frame [m, quaternion]; 3 numbers: position"
     goal.add_argument("--goal-pose", "--pose", **pose_options, help=help_text)
-    help_text = "link in whose frame --goal-pose is stated (default: the base)"
-    parser.add_argument("--frame", metavar="LINK", default="", help=help_text)
     add_targets(parser, place)
     parser.add_argument("--degrees", action="store_true", help="positions are in degrees")
     help_text = "primitive to use (default: the nearest)"
@@ -100,7 +98,7 @@ def _pose_message(arguments: argparse.Namespace, _: GoalClient) -> Any:
     for option in ("via", "primitive", "degrees"):
         if getattr(arguments, option):
             raise GoalError(f"--{option} is for joint goals, and is not accepted with --goal-pose")
-    return to_pose_message(pose(arguments.frame, arguments.goal_pose, "--goal-pose"))
+    return to_pose_message(pose("", arguments.goal_pose, "--goal-pose"))
 
 
 def _joint_message(arguments: argparse.Namespace, client: GoalClient) -> Any:
@@ -109,8 +107,6 @@ def _joint_message(arguments: argparse.Namespace, client: GoalClient) -> Any:
 
     from ..ros.goals import to_sequence_message
 
-    if arguments.frame:
-        raise GoalError("--frame is for --goal-pose, and is not accepted with joint positions")
     text = arguments.goal.partition("@")[0]
     names = [part.partition("=")[0].strip() for part in text.split(",") if "=" in part]
     if not names:  # those of the node, as the robot description has them

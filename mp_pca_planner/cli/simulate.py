@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from ..arrays import by_name
-from ..exceptions import GoalError
 from ..files import write_whole
 from ..primitives.library import load_primitives
 from ..robot.model import Robot
@@ -23,7 +22,7 @@ from ..ros.simulated_robot import SimulatedRobotNode
 from ..simulation.robot import Faults, SimulatedRobot
 from .common import check_output, robot_of, show, usual_ends
 from .goal_arguments import joint_values
-from .options import add_file, add_report, name_list, number
+from .options import add_file, add_report, number
 from .terminal import DONE
 
 _DESCRIPTION = """\
@@ -39,10 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = _DESCRIPTION
     needed: dict[str, Any] = {"metavar": "URDF", "type": Path, "required": True}
     parser.add_argument("--robot", **needed, help="robot description")
-    help_text = "primitive file: the robot has its joints and starts as its demonstrations"
+    help_text = "primitive file: the controller has its joints, and starts as its demonstrations"
     parser.add_argument("--primitive", metavar="FILE", help=help_text)
-    help_text = "joints of the controller (default: all)"
-    parser.add_argument("--joints", metavar="A,B", type=name_list, help=help_text)
     help_text = "start: name=value,… or values in joint order [rad or m]"
     parser.add_argument("--start", metavar="VALUES", help=help_text)
     rate = number(0.01, 1000.0, "Hz")
@@ -63,11 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command until SIGINT or SIGTERM; returns the exit status."""
     check_output(arguments.record, ".npz", force=arguments.force)
     if arguments.primitive is None:
-        robot = Robot.from_file(arguments.robot, arguments.joints)
+        robot = Robot.from_file(arguments.robot)
         start = _start_within_limits(robot)
     else:
-        if arguments.joints is not None:
-            raise GoalError("--primitive says which joints the controller has: remove --joints")
         library = load_primitives([arguments.primitive])
         robot = robot_of(arguments.robot, library)
         start = by_name(library.joint_names, usual_ends(library.ends)[0])

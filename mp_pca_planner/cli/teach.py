@@ -9,7 +9,7 @@ import os
 import select
 import sys
 import termios
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from ..teaching.session import (
 )
 from .common import check_output, fact_lines, reported
 from .main import run_command
-from .options import add_file, add_node, name_list
+from .options import add_file, add_node
 from .terminal import DONE, FAILED, PROGRAM, REFUSED, complain, say
 
 _DESCRIPTION = """\
@@ -43,8 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output: dict[str, Any] = {"metavar": "FILE.npz", "type": Path, "required": True}
     help_text = "primitive to write; the recording is written beside it"
     parser.add_argument("--output", **output, help=help_text)
-    help_text = "joints to use, in this order (default: the robot's joints, or all)"
-    parser.add_argument("--joints", metavar="a,b,c", type=name_list, help=help_text)
     add_file(parser, "--robot", "URDF", "robot description, to show the end effector's positions")
     help_text = "topic of joint states (default: joint_states, or the only one of --play)"
     parser.add_argument("--topic", help=help_text)
@@ -57,24 +55,25 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; returns the exit status."""
     output = arguments.output
     check_output(output, ".npz", force=arguments.force)
-    robot = Robot.from_file(arguments.robot, arguments.joints) if arguments.robot else None
-    joints, keys = robot.joint_names if robot else arguments.joints, Keys()
-    # Without --joints, all joints of the robot, also those of a gripper.
-    options: dict[str, Any] = {"moving_only": not arguments.joints, "words": SessionWords(robot)}
+    robot = Robot.from_file(arguments.robot) if arguments.robot else None
+    keys, states = Keys(), list[tuple[int, bytes]]()
+    source: AbstractContextManager[Source | None] = nullcontext()
     if arguments.play is not None:
         topic, states = stored_states(arguments.play, arguments.topic)
-        with TeachingSession(output, topic, joints, **options) as session:
-            # Those that a session that is continued already holds are not recorded again.
-            session.record([state for state in states if state[0] > session.last_stamp])
-            is_built = _is_built(session, None, keys)
     else:
         from ..ros.live_node import JointStateSource, full_topic_name
 
         topic = full_topic_name(arguments.topic or "joint_states", arguments.namespace)
-        taught = TeachingSession(output, topic, joints, **options)
-        with taught as session, JointStateSource(topic) as source:
-            say(f"recording    {topic} into {session.recording}")
-            is_built = _is_built(session, source, keys)
+        source = JointStateSource(topic)
+    joints, is_built = robot.joint_names if robot else None, False
+    options: dict[str, Any] = {"moving_only": True, "words": SessionWords(robot)}
+    with TeachingSession(output, topic, joints, **options) as session, source as heard:
+        # Those that a session that is continued already holds are not recorded again.
+        session.record([state for state in states if state[0] > session.last_stamp])
+        say(f"recording    {topic} into {session.recording}")
+        say(f"{KEYS}; press Enter after the letter")
+        with suppress(KeyboardInterrupt):
+            is_built = hold_dialogue(session, heard, keys.pressed, say)
     if not is_built:
         kept = f"{session.recording} holds the recording; the same command continues it"
         say(kept if session.n_messages else "nothing was recorded")
@@ -87,14 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
     status = run_command("build_primitives", [str(session.recording), *words])
     is_live = status == DONE and arguments.play is None
     return _try(arguments, session, keys) if is_live else status
-
-
-def _is_built(session: TeachingSession, source: Source | None, keys: Keys) -> bool:
-    """Whether to build the primitive when the session ends; Ctrl-C quits."""
-    say(f"{KEYS}; press Enter after the letter")
-    with suppress(KeyboardInterrupt):
-        return hold_dialogue(session, source, keys.pressed, say)
-    return False
 
 
 def _try(arguments: argparse.Namespace, session: TeachingSession, keys: Keys) -> int:

@@ -55,7 +55,7 @@ def test_a_session_that_is_quit_is_continued(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert "taught.mcap holds the recording" in done.stdout
     assert not (tmp_path / "taught.npz").exists()
-    done = teach(tmp_path, "b\n", "--joints", "elbow,shoulder1")
+    done = teach(tmp_path, "b\n")
     assert (done.returncode, done.stderr) == (0, "")
     # What is in the session already is not recorded again.
     assert "of 7 demonstrations" in done.stdout

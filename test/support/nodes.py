@@ -188,7 +188,7 @@ def arm_node(
 def simulated_robot(log: Path, start: Sequence[float], *options: str) -> Iterator[None]:
     """A simulated robot in a process of its own, which has to end cleanly."""
     command = [sys.executable, "-m", "mp_pca_planner", "simulate"]
-    command += ["--robot", str(config_file("human_arm.urdf")), "--joints", ",".join(JOINTS)]
+    command += ["--robot", str(config_file("human_arm.urdf"))]
     command += ["--start", ",".join(map(str, start)), *options]
     with log.open("w") as output, Popen(command, stdout=output, stderr=output) as robot:
         try:
