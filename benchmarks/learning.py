@@ -126,7 +126,7 @@ def learn_by_trials(
 
 def perturbed_robot(robot: Robot, seed: int) -> Robot:
     """The arm with other masses and moments of inertia than its model says."""
-    n_links = len(robot.link_inertias.links)
+    n_links = len(robot.link_inertias)
     factors = 1.0 + MODEL_ERROR * np.random.default_rng(seed).uniform(-1.0, 1.0, (n_links, 1))
     return robot.with_link_inertias(np.repeat(factors, 4, axis=1))
 

@@ -8,7 +8,6 @@ period, as in a real control loop. Robots that differ from the model verify an e
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -60,8 +59,8 @@ class ErrorModel:
             values = rng.uniform(-1.0, 1.0, size)
             return np.where(values < 0.0, -1.0, 1.0) if extreme else values
 
-        n, shape = robot.n_joints, robot.link_inertias.parts.shape[:2]
-        true = robot.with_link_inertias(1.0 + self.inertia * draw(*shape))
+        n, factors = robot.n_joints, 1.0 + self.inertia * draw(len(robot.link_inertias), 4)
+        true = robot.with_link_inertias(factors)
         return true, self.position * draw(n), self.friction * 0.5 * (1.0 + draw(n))
 
 
@@ -234,7 +233,6 @@ def verify(
     n_trials: int,
     *,
     seed: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verification:
     """Simulate the loop with robots that differ from the controller's model.
 
@@ -251,8 +249,6 @@ def verify(
         Simulations.
     seed : int
         Seed of the errors.
-    progress : callable
-        Called with (done, total).
     """
     rng = np.random.default_rng(seed)
     worst = np.empty((n_trials, loop.model.n_joints))
@@ -263,5 +259,4 @@ def verify(
         worst[trial] = magnitude.max(axis=0)
         held += error_bound is not None and bool(np.all(magnitude <= error_bound))
         saturated += bool(np.any(np.abs(efforts) >= loop.effort_limits))
-        progress(trial + 1, n_trials)
     return Verification(worst, held, saturated)

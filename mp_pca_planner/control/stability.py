@@ -262,7 +262,7 @@ def _known_responses(
 
 def _changed_robots(model: Robot) -> list[Robot]:
     """Robots with the mass, or one principal moment of inertia, of one link doubled."""
-    ones = np.ones(model.link_inertias.parts.shape[:2])
+    ones = np.ones((len(model.link_inertias), 4))
     units = np.eye(ones.size).reshape(-1, *ones.shape)
     return [model.with_link_inertias(ones + unit) for unit in units]
 

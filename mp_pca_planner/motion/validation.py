@@ -9,6 +9,7 @@ it is sampled.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,20 +77,22 @@ class LimitCheck:
 
     Attributes
     ----------
-    violations : tuple of Violation
-        Every limit violated by more than rounding, the worst first.
     touched : tuple of Violation
-        These, and every limit that is nearer than `LIMIT_NEAR`, the worst first.
+        Every limit that is violated or nearer than `LIMIT_NEAR`, the worst first.
     efforts : array, shape (n_points, n_joints), or None
         Efforts at the points of the trajectory [N·m or N]; None if they are not known.
     remark : str
         Which joint starts outside its limits of position, within `START_TOLERANCE`; empty if none.
     """
 
-    violations: tuple[Violation, ...] = ()
     touched: tuple[Violation, ...] = ()
     efforts: FloatArray | None = None
     remark: str = ""
+
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        """Every limit violated by more than rounding, the worst first."""
+        return tuple(one for one in self.touched if not one.excess <= LIMIT_TOLERANCE)
 
     @property
     def worst_excess(self) -> float:
@@ -130,36 +133,27 @@ def check_limits(trajectory: Trajectory, robot: Robot, limits: JointLimits) -> L
             distances = np.maximum(-lowest, highest[0])
             slopes = robot.effort_slopes(distances, *highest[1:])
             near_efforts = _near_effort_limits(slopes, steps, at_points, limits)
-    compared: list[tuple[str, FloatArray, FloatArray, FloatArray]] = []
-    times: list[FloatArray] = []
+    touched: list[Violation] = []
     if near.any():
         dense, span = interpolate(trajectory, segments=near), _span(limits)
         lower, upper = reached_bounds(dense.q, limits, start - inside)
-        compared += [
+        for compared in (
             ("position", dense.q, limits.lower, (lower - dense.q) / span),
             ("position", dense.q, limits.upper, (dense.q - upper) / span),
             _magnitude("velocity", dense.v, limits.velocity),
             _magnitude("acceleration", dense.a, limits.acceleration),
             _magnitude("jerk", dense.jerk, limits.jerk),
-        ]
-        times += [dense.times] * len(compared)
+        ):
+            touched += _worst(limits.joint_names, dense.times, *compared)
     if near_efforts.any():
         period = min(GRID_PERIOD, trajectory.duration / _N_EFFORTS)
         dense = interpolate(trajectory, period, near_efforts)
-        tau = robot.inverse_dynamics(dense.q, dense.v, dense.a)
-        compared.append(_magnitude("effort", tau, limits.effort))
-        times.append(dense.times)
-    violations, n_violated = list[Violation](), 0
-    for moments, (quantity, values, bound, excess) in zip(times, compared, strict=True):
-        for j, (name, k) in enumerate(zip(limits.joint_names, excess.argmax(axis=0), strict=True)):
-            if not excess[k, j] <= -LIMIT_NEAR:  # a NaN is a violation
-                at = (moments[k], values[k, j], bound[j], excess[k, j])
-                violations.append(Violation(quantity, name, *map(float, at)))
-                n_violated += not violations[-1].excess <= LIMIT_TOLERANCE
-    violations.sort(key=lambda violation: -violation.excess)
+        tau = _magnitude("effort", robot.inverse_dynamics(dense.q, dense.v, dense.a), limits.effort)
+        touched += _worst(limits.joint_names, dense.times, *tau)
+    touched.sort(key=lambda one: -one.excess)
     efforts = None if np.isnan(at_points).any() else at_points
     remark = "" if np.array_equal(start, inside) else _start_remark(start, inside, limits)
-    return LimitCheck(tuple(violations[:n_violated]), tuple(violations), efforts, remark)
+    return LimitCheck(tuple(touched), efforts, remark)
 
 
 def nearest_start(positions: FloatArray, limits: JointLimits) -> FloatArray:
@@ -208,6 +202,21 @@ def _start_remark(start: FloatArray, inside: FloatArray, limits: JointLimits) ->
         f"(or m) outside its limits of position, at most {START_TOLERANCE:g} is accepted: it moves "
         "inwards"
     )
+
+
+def _worst(
+    names: Sequence[str],
+    times: FloatArray,
+    quantity: str,
+    values: FloatArray,
+    bound: FloatArray,
+    excess: FloatArray,
+) -> Iterator[Violation]:
+    """The worst sample of each joint, if it is near a limit."""
+    for j, (name, k) in enumerate(zip(names, excess.argmax(axis=0), strict=True)):
+        if not excess[k, j] <= -LIMIT_NEAR:  # a NaN is a violation
+            at = (times[k], values[k, j], bound[j], excess[k, j])
+            yield Violation(quantity, name, *map(float, at))
 
 
 def _magnitude(

@@ -357,9 +357,7 @@ class MovementPrimitive:
             If an end point is none of these or not finite, or `n` or `seed` is no whole number of
             at least 0; at most 10,000 motions.
         """
-        check_number(n, "the number of motions", GoalError, 0, is_whole=True)
-        if n > _MAX_DRAWS:
-            raise GoalError(f"at most {_MAX_DRAWS} motions are drawn at once, got {n}")
+        check_number(n, "the number of motions", GoalError, 0, _MAX_DRAWS, is_whole=True)
         check_number(seed, "the seed", GoalError, 0, is_whole=True)
         ends, expected = self._predicted(start, goal, None)
         _warn_if_unusual(self.name, expected.in_span_score, ends)

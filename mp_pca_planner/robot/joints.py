@@ -5,12 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray, frozen_array
 from ..exceptions import RobotError
@@ -77,113 +75,72 @@ class JointOrder:
         return x if self.is_same else x[..., self.to_pin, :][..., self.to_pin]
 
 
-class LockedModel:
-    """A model of all movable joints, with the positions of the locked ones.
-
-    Parameters
-    ----------
-    joint_names : sequence of str
-        Joints that move.
-    locked : mapping of str to float
-        Positions [rad or m] of others; 0 (or the nearest limit) unless given. Those of joints that
-        mimic one of these follow from it.
-    description : Description
-        All joints.
-
-    Attributes
-    ----------
-    known : mapping of str to float
-        The positions that were given, and those of joints that mimic these [rad or m].
+def positions_with_mimics(
+    locked: Mapping[str, float], joint_names: Sequence[str], description: Description
+) -> dict[str, float]:
+    """Given positions of locked joints, and those of joints that mimic these [rad or m].
 
     Raises
     ------
     RobotError
         If a position is no finite number.
     """
+    given = {
+        name: float(frozen_array(x, (), f"position of locked joint '{name}'", RobotError))
+        for name, x in locked.items()
+    }
+    following = {
+        name: multiplier * given[followed] + offset
+        for name, (followed, multiplier, offset) in description.mimics.items()
+        if followed in given and name not in joint_names
+    }
+    return {**following, **given}
 
-    def __init__(
-        self,
-        joint_names: Sequence[str],
-        locked: Mapping[str, float],
-        description: Description,
-    ) -> None:
-        self._full = full = description.model
-        self._colliding = description.collisions.keys()
-        low, high = full.lowerPositionLimit, full.upperPositionLimit
-        self._reference = np.clip(pin.neutral(full), low, high)
-        names = enumerate(full.names)
-        self._locked = [i for i, name in names if i > 0 and name not in joint_names]
-        given = {
-            name: float(frozen_array(x, (), f"position of locked joint '{name}'", RobotError))
-            for name, x in locked.items()
-        }
-        following = {
-            name: multiplier * given[followed] + offset
-            for name, (followed, multiplier, offset) in description.mimics.items()
-            if followed in given and name not in joint_names
-        }
-        self.known: Mapping[str, float] = {**following, **given}
-        for name, position in self.known.items():
-            self._reference[full.joints[full.getJointId(name)].idx_q] = position
 
-    def relevant(self, *, pairs: bool, links: Collection[str]) -> tuple[str, ...]:
-        """The locked joints whose positions make a difference, see `Robot.relevant_joints`."""
-        model = self._full
-        moving = {i for i in range(1, model.njoints) if i not in self._locked}
-        shapes, needed = (
-            {f.parentJoint for f in model.frames if f.type == pin.FrameType.BODY and f.name in some}
-            for some in (self._colliding, links)
-        )
-        relevant = []
-        for joint in self._locked:
-            carried, carriers = set(model.subtrees[joint]), set(model.supports[joint])
-            is_carried = bool(moving & carriers)
-            has_mass = any(model.inertias[i].mass > 0.0 for i in carried)
-            if (
-                (carried & (moving | needed))
-                or (is_carried and has_mass)
-                or ((is_carried or pairs) and carried & shapes)
-            ):
-                relevant.append(model.names[joint])
-        return tuple(relevant)
+def reduced_model(full: Any, joint_names: Sequence[str], locked: Mapping[str, float]) -> Any:
+    """A model in which only some joints move.
 
-    def carriers(self, links: Collection[str]) -> tuple[str, ...]:
-        """The locked joints that place joints that move, or some links."""
-        model, body = self._full, pin.FrameType.BODY
-        placed = {i for i in range(1, model.njoints) if i not in self._locked}
-        placed |= {f.parentJoint for f in model.frames if f.type == body and f.name in links}
-        carriers = (joint for joint in self._locked if set(model.subtrees[joint]) & placed)
-        return tuple(model.names[joint] for joint in carriers)
+    Pinocchio finds frames by name in it, and some joints have the name of a link: they get other
+    names meanwhile.
 
-    def reduced(self) -> Any:
-        """The model without locked joints.
+    Parameters
+    ----------
+    full : pinocchio.Model
+        The model of all joints.
+    joint_names : sequence of str
+        Joints that move.
+    locked : mapping of str to float
+        Positions [rad or m] of others; 0 (or the nearest limit) unless given.
+    """
+    reference = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
+    for name, position in locked.items():
+        reference[full.joints[full.getJointId(name)].idx_q] = position
+    fixed = locked_joints(full, joint_names)
+    if not fixed:
+        return full
+    links = {frame.name for frame in full.frames if frame.type == pin.FrameType.BODY}
+    model = full.copy()
+    for frame in model.frames:
+        if frame.type != pin.FrameType.BODY and frame.name in links:
+            frame.name += _NOT_A_LINK
+    for joint, name in enumerate(full.names):
+        model.names[joint] = name + _NOT_A_LINK if name in links else name
+    reduced = pin.buildReducedModel(model, fixed, reference)
+    for joint, name in enumerate(list(reduced.names)):
+        reduced.names[joint] = name.removesuffix(_NOT_A_LINK)
+    return reduced
 
-        Pinocchio finds frames by name there, and some joints have the name of a link: they get
-        other names meanwhile.
-        """
-        full = self._full
-        if not self._locked:
-            return full
-        links = {frame.name for frame in full.frames if frame.type == pin.FrameType.BODY}
-        model = full.copy()
-        for frame in model.frames:
-            if frame.type != pin.FrameType.BODY and frame.name in links:
-                frame.name += _NOT_A_LINK
-        for joint, name in enumerate(full.names):
-            model.names[joint] = name + _NOT_A_LINK if name in links else name
-        reduced = pin.buildReducedModel(model, self._locked, self._reference)
-        for joint, name in enumerate(list(reduced.names)):
-            reduced.names[joint] = name.removesuffix(_NOT_A_LINK)
-        return reduced
 
-    def are_neighbours(self, links: Sequence[str]) -> NDArray[np.bool_]:
-        """Whether at most one joint is between two links, shape (n_links, n_links)."""
-        full, body = self._full, pin.FrameType.BODY
-        frames = (full.frames[full.getFrameId(name, body)] for name in links)
-        joints = np.array([frame.parentJoint for frame in frames], dtype=np.intp)
-        above = np.array(full.parents, dtype=np.intp)[joints]
-        moved = joints[:, None]
-        return np.asarray((moved == joints) | (moved == above) | (above[:, None] == joints))
+def locked_joints(full: Any, joint_names: Sequence[str]) -> list[int]:
+    """Pinocchio's numbers of the joints that don't move."""
+    return [i for i, name in enumerate(full.names) if i > 0 and name not in joint_names]
+
+
+def joints_of_links(full: Any, links: Collection[str]) -> list[int]:
+    """Pinocchio's numbers of the joints that carry some links, in their order."""
+    body = pin.FrameType.BODY
+    ids = (full.getFrameId(name, body) for name in links if full.existFrame(name, body))
+    return [full.frames[i].parentJoint for i in ids]
 
 
 def inertia_flaws(model: Any, description: Description) -> tuple[list[str], list[int]]:
@@ -232,59 +189,35 @@ def _is_valid(inertia: Any) -> bool:
     return bool(inertia.mass > 0.0 and is_definite)
 
 
-@dataclass(frozen=True, eq=False)
-class LinkInertias:
-    """Contribution of each link to the inertia of the joint that carries it.
+LinkInertias = Mapping[str, tuple[int, FloatArray]]
+"""Contributions of links to the inertia of the joints that carry them, by link.
 
-    Pinocchio keeps one inertia per joint, into which links behind fixed and locked joints are
-    merged. The dynamics are linear in the ten inertial parameters of a joint, and so in those of
-    each link.
+Pinocchio keeps one inertia per joint, into which links behind fixed and locked joints are merged.
+The dynamics are linear in the ten inertial parameters of a joint, and so in those of each link.
+Pinocchio's joint, and the parameters in its frame of the mass alone and of each principal moment
+alone, shape (4, 10).
+"""
 
-    Attributes
-    ----------
-    links : tuple of str
-        Names of the n_links links that joints move and that have an inertia.
-    joints : tuple of int
-        Pinocchio's joint that carries each.
-    parts : array, shape (n_links, 4, 10)
-        Inertial parameters in the frame of that joint, in Pinocchio's order, of the mass alone
-        and of each principal moment alone.
-    """
 
-    links: tuple[str, ...]
-    joints: tuple[int, ...]
-    parts: FloatArray
-
-    @classmethod
-    def of(cls, inertias: Mapping[str, Any], model: Any) -> LinkInertias:
-        """Place inertias of links, given by link, in a model of the same robot."""
-        links, joints, parts = [], [], []
-        for name, inertia in inertias.items():
-            if not model.existFrame(name, pin.FrameType.BODY):
-                continue
-            frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-            if frame.parentJoint == 0:
-                continue
-            links.append(name)
-            joints.append(frame.parentJoint)
+def link_inertias(inertias: Mapping[str, Any], model: Any) -> LinkInertias:
+    """Place inertias of links, given by link, in a model of the same robot."""
+    links = {}
+    for name, inertia in inertias.items():
+        if not model.existFrame(name, pin.FrameType.BODY):
+            continue
+        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        if frame.parentJoint > 0:
             placed = (frame.placement.act(part) for part in _parts(inertia))
-            parts.append([part.toDynamicParameters() for part in placed])
-        array = np.array(parts, dtype=np.float64).reshape(-1, 4, 10)
-        return cls(tuple(links), tuple(joints), array)
+            parameters = np.array([part.toDynamicParameters() for part in placed])
+            links[name] = frame.parentJoint, parameters
+    return links
 
-    def change(self, model: Any, factors: FloatArray) -> None:
-        """Multiply the parts of a model's links.
 
-        Parameters
-        ----------
-        model :
-            Pinocchio's model, changed in place.
-        factors : array, shape (n_links, 4)
-            Of the mass and of each principal moment.
-        """
-        for joint, part, factor in zip(self.joints, self.parts, factors, strict=True):
-            parameters = model.inertias[joint].toDynamicParameters() + (factor - 1.0) @ part
-            model.inertias[joint] = _inertia(parameters)
+def scale_links(model: Any, links: LinkInertias, factors: FloatArray) -> None:
+    """Multiply masses and principal moments of links in a model by factors, (n_links, 4)."""
+    for (joint, parts), factor in zip(links.values(), factors, strict=True):
+        parameters = model.inertias[joint].toDynamicParameters() + (factor - 1.0) @ parts
+        model.inertias[joint] = _inertia(parameters)
 
 
 def _inertia(parameters: FloatArray) -> Any:

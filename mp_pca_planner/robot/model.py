@@ -22,9 +22,14 @@ from .bodies import Bodies
 from .joints import (
     JointOrder,
     LinkInertias,
-    LockedModel,
     effort_slopes,
     inertia_flaws,
+    joints_of_links,
+    link_inertias,
+    locked_joints,
+    positions_with_mimics,
+    reduced_model,
+    scale_links,
 )
 from .limits import DRIVE_KEYS, JointLimits, Overrides, given_limits, merge_limits
 from .urdf import read_description
@@ -63,6 +68,8 @@ class Robot:
         Whether each joint turns without end.
     prismatic_joints : tuple of str
         The joints of `joint_names` that are measured in metres.
+    locked_positions : mapping of str to float
+        The known positions of locked joints [rad or m]; others count as 0.
     movable_joints : tuple of str
         All movable joints of the description, in the order of the kinematic tree.
     armature, damping, friction : array, shape (n_joints,)
@@ -112,8 +119,10 @@ class Robot:
             raise RobotError(f"{quote_names(both)} can't be locked and move at the same time")
         if locked:
             _movable(tuple(locked), self.movable_joints, source)
-        self._locked = LockedModel(names, locked or {}, description)
-        model = self._locked.reduced()
+        self.locked_positions: Mapping[str, float] = positions_with_mimics(
+            self._given_locks, names, description
+        )
+        model = reduced_model(description.model, names, self.locked_positions)
         self._inertia_flaws, unknown = inertia_flaws(model, description)
         for joint in unknown:  # efforts that can't be computed become NaN, not 0
             model.inertias[joint] = pin.Inertia(np.nan, np.zeros(3), np.zeros((3, 3)))
@@ -203,11 +212,6 @@ class Robot:
         return tuple(name for name in self.movable_joints if name in self.joint_names)
 
     @property
-    def locked_positions(self) -> Mapping[str, float]:
-        """The known positions of locked joints [rad or m]; others count as 0."""
-        return self._locked.known
-
-    @property
     def mimicking_joints(self) -> Mapping[str, str]:
         """Locked joints that mimic one that moves, and that one; in the model, they are fixed."""
         mimics, mimicking = self._description.mimics, dict[str, str]()
@@ -242,11 +246,29 @@ class Robot:
         links : collection of str
             Links whose poses are needed.
         """
-        return self._locked.relevant(pairs=pairs, links=links)
+        full, shapes = self._description.model, self._description.collisions
+        fixed = locked_joints(full, self.joint_names)
+        moving = set(range(1, full.njoints)) - set(fixed)
+        colliding = set(joints_of_links(full, shapes))
+        needed = moving | set(joints_of_links(full, links))
+        relevant = []
+        for joint in fixed:
+            carried, is_carried = set(full.subtrees[joint]), moving & set(full.supports[joint])
+            has_mass = any(full.inertias[i].mass > 0.0 for i in carried)
+            if (
+                carried & needed
+                or (is_carried and has_mass)
+                or ((is_carried or pairs) and carried & colliding)
+            ):
+                relevant.append(full.names[joint])
+        return tuple(relevant)
 
     def carrying_joints(self, links: Collection[str] = ()) -> tuple[str, ...]:
         """The locked joints that place joints that move, or some links."""
-        return self._locked.carriers(links)
+        full = self._description.model
+        fixed = locked_joints(full, self.joint_names)
+        placed = {*range(1, full.njoints)} - {*fixed} | {*joints_of_links(full, links)}
+        return tuple(full.names[joint] for joint in fixed if set(full.subtrees[joint]) & placed)
 
     def locked_at(self, positions: Mapping[str, float]) -> Robot:
         """The robot with other positions of the joints that do not move [rad or m]."""
@@ -356,7 +378,7 @@ class Robot:
     @cached_property
     def link_inertias(self) -> LinkInertias:
         """Masses and principal moments of inertia of the links that the joints move."""
-        return LinkInertias.of(self._description.inertias, self._model)
+        return link_inertias(self._description.inertias, self._model)
 
     def with_drives(self, *overrides: Overrides | str | Path) -> Robot:
         """The same robot with other drives, which its efforts include.
@@ -397,7 +419,7 @@ class Robot:
             mass of each link of `link_inertias`.
         """
         model = self._model.copy()
-        self.link_inertias.change(model, factors)
+        scale_links(model, self.link_inertias, factors)
         return self._with_model(model)
 
     def link_bodies(self, package_dirs: Sequence[Path]) -> Bodies:
@@ -428,7 +450,11 @@ class Robot:
         are_neighbours : array of bool, shape (n_links, n_links)
             For each two of them.
         """
-        return self._locked.are_neighbours(links)
+        full = self._description.model
+        joints = np.array(joints_of_links(full, links), dtype=np.intp)
+        above = np.array(full.parents, dtype=np.intp)[joints]
+        moved = joints[:, None]
+        return np.asarray((moved == joints) | (moved == above) | (above[:, None] == joints))
 
     # Dynamics
 

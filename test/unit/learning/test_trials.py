@@ -42,7 +42,7 @@ def wrong_effort(planned):
     """Effort on a robot with other masses than the model, and friction."""
     factors = 1.0 + 0.3 * np.random.default_rng(0).uniform(-1.0, 1.0, (4, 1))
     robot = planned[0].robot
-    changed = robot.with_link_inertias(np.repeat(factors[: len(robot.link_inertias.links)], 4, 1))
+    changed = robot.with_link_inertias(np.repeat(factors[: len(robot.link_inertias)], 4, 1))
 
     def effort(trajectory):
         acting = changed.inverse_dynamics(*trajectory.states) + 3.0 * trajectory.velocities

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Primitives from the front door: fit, predict, sample, save and load."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from support.arm import arm_demonstrations, arm_primitive, file_bytes
@@ -12,6 +10,7 @@ from mp_pca_planner.exceptions import GoalError
 from mp_pca_planner.motion.interpolation import hermite_functions
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
+from mp_pca_planner.recordings.recording_set import RecordingSet
 
 
 def request():
@@ -23,7 +22,7 @@ def test_fit_gives_what_the_builder_gives(wrapped):
     options = PrimitiveOptions(coupling="joint", n_components=2, align="linear")
     built = build_primitive(arm_demonstrations(), "reach", options)
     demonstrations = arm_demonstrations()
-    given = SimpleNamespace(demonstrations=demonstrations) if wrapped else demonstrations
+    given = RecordingSet(demonstrations) if wrapped else demonstrations
     fitted = MovementPrimitive.fit(
         given, name="reach", coupling="joint", components=2, align="linear"
     )
