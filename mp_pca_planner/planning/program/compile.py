@@ -243,7 +243,7 @@ def compile_program(context: Context, request: Request, setting: Setting) -> Mot
     if collision is not None and among and not (clear or links or request.is_shortest):
         # Whether bodies collide at a quadrature node of the first motion. Links alone rarely do;
         # the check of the motion finds it.
-        clear = collision.collide_anywhere(segments[0].at(starts[0])[0].nodes.positions)
+        clear = collision.collide_anywhere(segments[0].at(starts[0]).nodes.positions)
     constraints = []
     for segment, (here, there) in zip(segments, pairwise(junctions), strict=True):
         ends = here.fixed_state, there.fixed_state
@@ -299,7 +299,7 @@ def _goal_precision(segment: SegmentProgram, basis: MotionBasis, goals: FloatArr
     if free:
         spread = np.maximum(goals.std(axis=0), _MIN_SPREAD)
         precision[free, free] = (END_SCALES[GOAL_POSITION] / spread) ** 2
-    _, here = segment.at(segment.expected)
+    here = segment.at(segment.expected)
     descent = float(np.sqrt(here.gradient[:n] @ np.linalg.solve(own, here.gradient[:n])))
     return precision * max(here.cost, _EFFORT_WEIGHT * descent)
 
@@ -356,7 +356,7 @@ def _constraints(
     tables, unknowns, options = program.tables, program.unknowns, context.options
     chosen = None
     if near:
-        expected, _ = program.at(program.expected)
+        expected = program.at(program.expected)
         timed, is_known = unknowns.n_linear, not unknowns.duration_is_free
         is_known = is_known or bool(program.precision[timed, timed] > 0.0)
         shares = limit_shares(context.limits, expected.states, expected.nodes.efforts).max(axis=1)
@@ -381,5 +381,5 @@ def _starts(setting: Setting, program: SegmentProgram, is_near: bool) -> list[Fl
     found = [program.unknowns.from_weights(one) for one in setting.bases[0].starts[:n_starts]]
     if len(found) == 1:
         return found
-    costs = program.costs(found) + [program.naturalness(x).cost for x in found]
+    costs = [program.at(x).cost + program.naturalness(x)[0] for x in found]
     return [found[i] for i in np.argsort(costs, kind="stable")]

@@ -225,13 +225,12 @@ class MotionProgram:
         hessian, inequalities = np.zeros((x.size, x.size)), np.zeros(self.lower.size)
         errors, slopes, linear, first = [np.zeros(0)], [np.zeros((0, x.size))], [], 0
         for i, (own, by_x) in enumerate(parts or ()):
-            segment, natural = self.segments[i], self.segments[i].naturalness(own)
-            course, (running, by_own, curved) = segment.at(own)
-            by_own, curved = by_own + natural.gradient, curved + natural.hessian
+            segment, where = self.segments[i], self.slices[i]
+            course, (natural, pull) = segment.at(own), segment.naturalness(own)
+            by_own, curved = course.gradient + pull, course.hessian + segment.precision
             if by_x is not None:
                 by_own, curved = by_own @ by_x, by_x.T @ curved @ by_x
-            where = self.slices[i]
-            cost += running + natural.cost
+            cost += course.cost + natural
             gradient[where] += by_own
             hessian[where, where] += curved
             for constraint in self.constraints[i]:

@@ -297,17 +297,18 @@ class Course:
         States and efforts at the nodes.
     slopes : mapping of str to array, shape (n_nodes, n_joints, n_unknowns)
         Derivatives of each of `QUANTITIES` by the unknowns.
+    cost : float
+        The running costs.
+    gradient : array, shape (n_unknowns,)
+        Their gradient.
+    hessian : array, shape (n_unknowns, n_unknowns)
+        The known part of their Hessian.
     """
 
     x: FloatArray
     states: FloatArray
     nodes: Nodes
     slopes: dict[str, FloatArray]
-
-
-class Quadratic(NamedTuple):
-    """A term of the objective at one x: its value, gradient and the known part of its Hessian."""
-
     cost: float
     gradient: FloatArray
     hessian: FloatArray
@@ -353,21 +354,16 @@ class SegmentProgram:
         self.expected = unknowns.from_weights(expected)
         self.precision = np.zeros((self.expected.size, self.expected.size))
         self.target: PoseTarget | None = None
-        self._known: dict[bytes, tuple[Course, Quadratic]] = {}
+        self._known: dict[bytes, Course] = {}
         # Derivatives of positions to jerks, shape (4, n_nodes, n_joints, n_unknowns), and of all
         # but jerks at each node, shape (n_nodes, 3 n_joints, n_unknowns).
         self._slopes: tuple[FloatArray, FloatArray] | None = None
 
-    def at(self, x: FloatArray) -> tuple[Course, Quadratic]:
+    def at(self, x: FloatArray) -> Course:
         """The motion and its running costs; those of the last x and the expected one are kept."""
         key, expected = x.tobytes(), self.expected.tobytes()
-        if key not in self._known:
-            if expected in self._known:
-                self._known = {expected: self._known[expected]}
-            self._known[key] = self._evaluated(x)
-        return self._known[key]
-
-    def _evaluated(self, x: FloatArray) -> tuple[Course, Quadratic]:
+        if key in self._known:
+            return self._known[key]
         unknowns, tables, (by_row, by_unknown) = self.unknowns, self.tables, self._states.at(x)
         n_nodes, n_joints, duration = tables.n_nodes, unknowns.n_joints, unknowns.duration_at(x)
         if self._slopes is None or unknowns.duration_is_free:
@@ -399,38 +395,18 @@ class SegmentProgram:
             jacobians.append(jacobian.reshape(values.size, x.size))
         residual, jacobian = np.concatenate(residuals), np.concatenate(jacobians)
         cost = 0.5 * float(residual @ residual)
-        costs = Quadratic(cost, residual @ jacobian, jacobian.T @ jacobian)
-        return Course(x, states, nodes, slopes), costs
+        costs = cost, residual @ jacobian, jacobian.T @ jacobian
+        self._known = {k: one for k, one in self._known.items() if k == expected}
+        self._known[key] = course = Course(x, states, nodes, slopes, *costs)
+        return course
 
-    def naturalness(self, x: FloatArray) -> Quadratic:
-        """½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), the cost of deviations from the demonstrations."""
+    def naturalness(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """½ρ(w−ŵ)ᵀΛ⁻¹(w−ŵ), the cost of deviations from the demonstrations, and its gradient."""
         deviation = x - self.expected
         pull = self.precision @ deviation
-        return Quadratic(0.5 * float(pull @ deviation), pull, self.precision)
-
-    def costs(self, candidates: Sequence[FloatArray]) -> FloatArray:
-        """The running costs of candidates x, without derivatives, shape (n_candidates,)."""
-        nodes = self._at_nodes(candidates)
-        squares = sum(
-            weight * np.sum(objective(nodes).values ** 2, axis=1)
-            for weight, objective in self._objectives
-        )
-        durations = np.array([self.unknowns.duration_at(x) for x in candidates])
-        by_candidate = np.reshape(squares, (len(candidates), self.tables.n_nodes))
-        return np.asarray(0.5 * durations * (by_candidate @ self.tables.quadrature))
-
-    def _at_nodes(self, candidates: Sequence[FloatArray]) -> Nodes:
-        """The nodes of one candidate after the other."""
-        shape = N_RATES, self.unknowns.n_joints, self.tables.n_nodes
-        rows = [self._states.at(x)[0].reshape(shape).transpose(0, 2, 1) for x in candidates]
-        q, v, a, jerk = np.concatenate(rows, axis=1)
-        tau = self._robot.inverse_dynamics(q, v, a)
-        ends = self.unknowns.boundary[0], self.unknowns.boundary[GOAL_POSITION]
-        return Nodes(self._robot, q, v, a, jerk, tau, *ends)
+        return 0.5 * float(pull @ deviation), pull
 
     def effort(self, x: FloatArray) -> float:
         """½∫‖τ‖²dt at x, whether it is an objective or not [N²·m²·s]."""
-        known = self._known.get(x.tobytes())
-        tau = self._at_nodes([x]).efforts if known is None else known[0].nodes.efforts
-        squares = np.square(tau).sum(axis=1)
+        squares = np.square(self.at(x).nodes.efforts).sum(axis=1)
         return float(0.5 * self.unknowns.duration_at(x) * self.tables.quadrature @ squares)

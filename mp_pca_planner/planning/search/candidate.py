@@ -358,7 +358,7 @@ def _described(
     natural = effort = expected = 0.0
     parts = program.parts(found.unknowns) or ()
     for segment, (own, _) in zip(program.segments, parts, strict=True):
-        natural += segment.naturalness(own).cost
+        natural += segment.naturalness(own)[0]
         effort += segment.effort(own)
         expected += segment.effort(segment.expected)
     objective = float("nan") if request.is_shortest else found.cost - natural

@@ -58,16 +58,16 @@ def test_the_gradient_of_each_objective_equals_central_differences(name, basis):
     program, x = compile_free(
         basis, objectives=[(0.7, objective)], free_orders=(range(3), range(3))
     )
-    found = program.at(x)[1].gradient
-    wanted = central_differences(lambda x: np.array(program.at(x)[1].cost), x)
+    found = program.at(x).gradient
+    wanted = central_differences(lambda x: np.array(program.at(x).cost), x)
     np.testing.assert_allclose(found, wanted, atol=1e-6 * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_derivatives_of_states_and_efforts_by_every_unknown_equal_central_differences(quantity):
     program, x = compile_free(free_orders=(range(3), range(3)))
-    found = program.at(x)[0].slopes[quantity].reshape(-1, x.size)
-    wanted = central_differences(lambda x: getattr(program.at(x)[0].nodes, quantity).ravel(), x)
+    found = program.at(x).slopes[quantity].reshape(-1, x.size)
+    wanted = central_differences(lambda x: getattr(program.at(x).nodes, quantity).ravel(), x)
     np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
 
 
@@ -90,7 +90,7 @@ def test_each_objective_is_its_integral_along_the_motion(name):
         "time": np.ones(times.size),
         "straightness": 0.5 * np.sum((way - np.outer(way @ line, line)) ** 2, axis=1),
     }[name]
-    assert program.at(x)[1].cost == pytest.approx(trapezoid(density, times), rel=2e-3)
+    assert program.at(x).cost == pytest.approx(trapezoid(density, times), rel=2e-3)
 
 
 def test_equations_of_a_pose_have_the_derivatives_of_central_differences():

@@ -63,13 +63,13 @@ def test_rows_of_the_program_equal_central_differences(name):
     upright = Upright(FRAME, 0.7)
     subject = AlongPath(arm_robot(), upright, segment.unknowns, segment.tables.basis, ends, phases)
     x = motion.weights / segment.unknowns.scales
-    at = subject.at(segment.at(x)[0])
+    at = subject.at(segment.at(x))
     assert at.values.shape == subject.lower.shape == (8,)
     q, _, _ = motion.evaluate(motion.duration * phases[1:])
     np.testing.assert_allclose(at.values, upright.values(arm_robot(), q)[0][:, 0], atol=1e-12)
     rows = at.rows(np.arange(8), None)
     for k, step in enumerate(1e-6 * np.eye(x.size)):
-        ahead, behind = (subject.at(segment.at(x + s * step)[0]).values for s in (1.0, -1.0))
+        ahead, behind = (subject.at(segment.at(x + s * step)).values for s in (1.0, -1.0))
         np.testing.assert_allclose(rows[:, k], (ahead - behind) / 2e-6, atol=1e-6)
 
 
