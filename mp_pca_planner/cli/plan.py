@@ -17,11 +17,11 @@ from ..arrays import by_name
 from ..exceptions import GoalError, PlannerError, RobotError, quote_names
 from ..files import check_writable, write_whole
 from ..motion.collision import CollisionModel
+from ..planning.demonstrated import robot_collision
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.options import MOST_STARTS, PlannerOptions
 from ..planning.path_constraints import path_constraints
 from ..planning.plan import ALREADY_THERE, Plan
-from ..planning.self_collision import robot_collision
 from ..primitives.library import load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..recordings.trajectory_files import check_format

@@ -25,12 +25,12 @@ from ..motion.interpolation import hermite_functions
 from ..motion.trajectory import Trajectory
 from ..motion.validation import LimitCheck, check_limits
 from ..planning.context import Budget
+from ..planning.demonstrated import robot_collision
 from ..planning.objectives import objective_weights, weighted_objectives
 from ..planning.path_constraints import PathConstraint, path_constraints
 from ..planning.plan import Plan
 from ..planning.planner import Planner
 from ..planning.report import motion_remarks
-from ..planning.self_collision import robot_collision
 from ..primitives.library import PrimitiveLibrary, load_primitives
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits, Overrides, limits_file_note

@@ -24,8 +24,8 @@ from ..planning.program.constraints import (
     N_CLEARANCE_PHASES,
     N_MORE_PHASES,
     least_distances,
+    limit_shares,
 )
-from ..planning.program.limits import limit_shares
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .refined_motion import (

@@ -42,15 +42,13 @@ from ..robot.meshes import package_folders
 from ..robot.model import Robot
 from ..robot.world import World
 from .context import Budget, Context, one_blas_thread
-from .demonstrated import demonstrated_limits
+from .demonstrated import NO_SHAPES, demonstrated_limits, robot_collision
 from .objectives import uses_efforts
 from .options import FREE, MODES, OPTIMAL, SHORTEST, PlannerOptions
 from .plan import Plan
 from .report import already_there, report
-from .resolve import in_order, resolve, target
+from .resolve import Selector, in_order, resolve, target
 from .search.search import search
-from .selection import Selector
-from .self_collision import NO_SHAPES, robot_collision
 
 # Time that is kept for the last checks and for a slow motion where no other was found, for each
 # segment; at most 0.4 of all [s].

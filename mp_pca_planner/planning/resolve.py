@@ -2,6 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Resolution of goals: open quantities are filled in, unusable goals are rejected.
 
+A primitive is selected without solving for all. The in-span score is a first filter: only
+primitives about as near to the request as the nearest one remain. These are ranked by the cost of
+their expected motion, compiled but not optimised. The reduction by optimisation differs by a few
+percent between primitives, so the planner solves for all whose costs are that close to the least.
+
 For each pose of a sequence, the initial configuration is the one that makes the sequence most
 similar to the demonstrations.
 """
@@ -21,14 +26,127 @@ from ..exceptions import GoalError, quote_names, unknown_name
 from ..motion.goal import Goal, JointGoal, JointState, Pose, PoseGoal, SequenceGoal
 from ..motion.validation import nearest_start
 from ..primitives.in_span import UNUSUAL_IN_SPAN_SCORE
+from ..primitives.library import PrimitiveLibrary
+from ..primitives.prediction import ConditionalDistribution
+from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
 from .configurations import configurations_at, starts_near
 from .context import Budget, Context
+from .motion import Motion, cost_of, rank_of
+from .objectives import Objective, effort
 from .options import SHORTEST
-from .program.compile import expected_cost
+from .program.compile import expected_cost, tables_of
 from .request import Request, RequestSegment, naturalness_for, timing_for
-from .selection import Selector
+
+# Largest in-span score of a primitive that is considered, as a multiple of the least one, and the
+# score below which all are: the request is like their demonstrations.
+_RELATIVE_SCORE, _NEAR_SCORE = 1.25, 1.0
+# Primitives that are considered at most. Among many alike, the least expected cost of the 12
+# nearest is 0.6 % above that of the 32 nearest, in the mean.
+_MAX_CONSIDERED = 12
+# Usual relative error of expected costs: three standard deviations of optimised to expected costs
+# among the primitives of a request (1.6 % for the human-like arm).
+_USUAL_ERROR = 0.05
+# Primitives with which motions are planned at most.
+_MAX_CONTENDERS = 5
+
+
+Contender = tuple[MovementPrimitive, ConditionalDistribution]
+"""A primitive and its prediction for a request."""
+
+
+class Selector:
+    """Chooses among primitives of the same joints.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model.
+    primitives : PrimitiveLibrary or sequence of MovementPrimitive
+        At least one.
+    objectives : sequence of (float, Objective)
+        Running costs and their weights, as in :class:`.PlannerOptions`.
+    max_score : float
+        In-span score above which a primitive is only chosen if all are above it; 0: none.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        primitives: Sequence[MovementPrimitive],
+        objectives: Sequence[tuple[float, Objective]] = ((1.0, effort),),
+        max_score: float = 0.0,
+    ) -> None:
+        self._robot, self._max_score = robot, max_score
+        self.primitives = PrimitiveLibrary.of(primitives)
+        self._objectives = tuple(objectives)
+
+    def named(self, name: str) -> Selector:
+        """The selector for the primitive of that name alone.
+
+        Raises
+        ------
+        GoalError
+            If no primitive has that name.
+        """
+        return Selector(self._robot, [self.primitives.named(name)], self._objectives)
+
+    def least_score(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> float:
+        """The least in-span score of all primitives for end points [rad or m] and a time [s]."""
+        return float(self._scores(start, goal, duration).min())
+
+    def _scores(self, start: FloatArray, goal: FloatArray, duration: float | None) -> FloatArray:
+        """In-span scores of a request for all primitives, shape (n_primitives,)."""
+        found, continuous = list[float](), self._robot.continuous
+        for model in (primitive.model for primitive in self.primitives):
+            found.append(model.in_span_score(*model.turned(start, goal, continuous), duration))
+        return np.array(found)
+
+    def choose(
+        self, start: FloatArray, goal: FloatArray, duration: float | None = None
+    ) -> list[Contender]:
+        """The best primitives for a motion from rest to rest.
+
+        Parameters
+        ----------
+        start, goal : array, shape (n_joints,)
+            End points [rad or m].
+        duration : float, optional
+            Duration [s]; the one that each primitive predicts unless given.
+
+        Returns
+        -------
+        contenders : list of Contender
+            The one with the least expected cost, then those whose costs are too close to it to be
+            ranked.
+        """
+        chosen = np.zeros(1, dtype=np.intp)
+        if len(self.primitives) > 1:
+            scores = self._scores(start, goal, duration)
+            nearest = np.argsort(scores, kind="stable")[:_MAX_CONSIDERED]
+            scores = scores[nearest]
+            most = max(self._max_score or np.inf, float(scores.min()))
+            near_score = max(_RELATIVE_SCORE * float(scores.min()), _NEAR_SCORE)
+            chosen = nearest[(scores <= near_score) & (scores <= most)]
+        found, costs = list[Contender](), list[float]()
+        here, there = (JointState(self._robot.joint_names, q) for q in (start, goal))
+        for primitive in (self.primitives[i] for i in chosen):
+            turned = primitive.model.turned(start, goal, self._robot.continuous)
+            expected = primitive.model.predict(*turned, duration)
+            found.append((primitive, expected))
+            if len(chosen) == 1:
+                return found
+            # Without time scaling: tables for each request would dominate the computing time.
+            tables = tables_of(primitive)
+            motion = Motion(here, there, expected.duration, tables.basis, expected.weights)
+            costs.append(rank_of(cost_of(self._robot, motion, tables, self._objectives)))
+        cheapest = np.argsort(costs, kind="stable")[:_MAX_CONTENDERS]
+        near = (1.0 + _USUAL_ERROR) * min(costs)
+        return [found[i] for i in cheapest if costs[i] <= near]
+
 
 # Largest positions, velocities and accelerations where there is no limit [SI].
 _NO_ROBOT = 1e6

@@ -14,9 +14,9 @@ import numpy as np
 from ..arrays import FloatArray, check_type
 from ..exceptions import MissingDependencyError, PlannerError
 from ..motion.collision import CollisionModel
+from ..planning.demonstrated import robot_collision
 from ..planning.plan import Plan
 from ..planning.planner import Planner
-from ..planning.self_collision import robot_collision
 from ..primitives.primitive import MovementPrimitive
 from ..robot.limits import JointLimits
 from ..robot.meshes import package_folders

@@ -24,8 +24,7 @@ from ..context import Budget, Context
 from ..motion import Motion, rank_of, samples_of
 from ..options import AUTO
 from ..plan import NOT_SOLVED, MotionSolution
-from ..program.bases import MotionBasis
-from ..program.compile import Setting, compile_program, lasting
+from ..program.compile import MotionBasis, Setting, compile_program, lasting
 from ..program.constraints import Findings
 from ..program.motion_program import MotionProgram
 from ..program.segment import GOAL_POSITION

@@ -23,8 +23,14 @@ from ...arrays import FloatArray
 from ...exceptions import MissingDependencyError, require
 from ..context import Budget, Context
 from ..options import FREE, SolverOptions
-from ..program.bases import MIN_NATURALNESS, basis_along, rates_along
-from ..program.compile import SCALING_MARGIN, Setting, first_setting
+from ..program.compile import (
+    MIN_NATURALNESS,
+    SCALING_MARGIN,
+    Setting,
+    basis_along,
+    first_setting,
+    rates_along,
+)
 from ..program.constraints import least_distances
 from ..request import Request, timing_for
 from ..time_scaling import kinematic_stretch, slowdown

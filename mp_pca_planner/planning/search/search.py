@@ -18,8 +18,17 @@ from ..context import Budget, Context
 from ..motion import cost_of, rank_of
 from ..objectives import effort
 from ..options import DEMONSTRATED, REAL_TIME
-from ..program.bases import N_WIDTHS, NEAR_EXPECTED, MotionBasis, segment_basis
-from ..program.compile import MAX_STRETCH, Setting, first_setting, joined_motion, stretched
+from ..program.compile import (
+    MAX_STRETCH,
+    N_WIDTHS,
+    NEAR_EXPECTED,
+    MotionBasis,
+    Setting,
+    first_setting,
+    joined_motion,
+    segment_basis,
+    stretched,
+)
 from ..request import Request
 from .candidate import (
     JOINED,

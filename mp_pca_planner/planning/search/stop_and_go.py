@@ -31,7 +31,7 @@ from ...robot.model import Robot
 from ..context import Budget, Context
 from ..motion import Motion, Tables
 from ..options import SHORTEST
-from ..program.bases import MotionBasis
+from ..program.compile import MotionBasis
 from ..request import Request
 from ..time_scaling import least_duration, slowdown
 from .candidate import SLOW, Candidate, checked, sampled

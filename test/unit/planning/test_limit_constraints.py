@@ -12,7 +12,7 @@ from support.motion_programs import BASES, compile_motion
 
 from mp_pca_planner.motion.goal import JointState
 from mp_pca_planner.planning.motion import N_LIMIT_POINTS, limit_phases
-from mp_pca_planner.planning.program.limits import QUANTITIES, Limits
+from mp_pca_planner.planning.program.constraints import QUANTITIES, Limits
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.solver import solve
 

@@ -8,7 +8,7 @@ from support.patience import PATIENT
 
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.selection import Selector
+from mp_pca_planner.planning.resolve import Selector
 from mp_pca_planner.primitives.build import PrimitiveOptions, build_primitive
 from mp_pca_planner.primitives.primitive import MovementPrimitive
 

@@ -20,8 +20,12 @@ from mp_pca_planner.planning.context import Budget
 from mp_pca_planner.planning.options import MODES, OPTIMAL, REAL_TIME
 from mp_pca_planner.planning.plan import Plan
 from mp_pca_planner.planning.planner import Planner
-from mp_pca_planner.planning.program.bases import segment_basis
-from mp_pca_planner.planning.program.compile import Setting, compile_program, joined_motion
+from mp_pca_planner.planning.program.compile import (
+    Setting,
+    compile_program,
+    joined_motion,
+    segment_basis,
+)
 from mp_pca_planner.planning.program.motion_program import MotionProgram
 from mp_pca_planner.planning.resolve import resolve
 
