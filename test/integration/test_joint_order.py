@@ -61,7 +61,7 @@ def test_lists_follow_the_robot_description_and_not_the_primitive(command: str, 
     assert by_list["start"] == dict(zip(JOINTS, [-0.2, 0.1, 0.5, -0.4], strict=True))
     assert by_list["goal"] == dict(zip(JOINTS, [-1.2, 0.1, 0.5, -0.9], strict=True))
     hand, robot = by_list["end_effector"], Robot.from_file(URDF, JOINTS)
-    q = np.array([[*by_list[end].values()] for end in ("start", "goal")])
+    q = np.array([[by_list[end][name] for name in JOINTS] for end in ("start", "goal")])
     expected = robot.frame_positions(q, [robot.end_effector])[:, 0]
     assert hand["frame"] == robot.end_effector
     np.testing.assert_allclose([hand["start"], hand["goal"]], expected, atol=1e-6)
