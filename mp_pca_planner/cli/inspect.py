@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from typing import Any
 
 from ..control.law import control_statement
@@ -66,6 +65,6 @@ def _contents(name: str, arguments: argparse.Namespace) -> tuple[list[dict[str, 
         return [facts], [*primitive_lines(name, primitive), f"  control law: {law}"]
     options = reading_options(arguments)
     paths = find_recordings([name])
-    found = [asdict(inspect_recording(path, **options)) for path in paths]
+    found = [inspect_recording(path, **options) for path in paths]
     lines = [line for facts in found for line in (*fact_lines(facts), "")]
     return found, lines[:-1]

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,25 +281,12 @@ def _banded_step(
     return np.asarray(step, dtype=np.float64).reshape(n_frames, n_joints)
 
 
-class FittedOrigin(NamedTuple):
-    """A joint whose origin is fitted.
-
-    Attributes
-    ----------
-    joint : str
-        Its name.
-    origin : array, shape (3,)
-        Its origin in its parent link in the URDF [m].
-    directions : array, shape (n_directions, 3)
-        The directions there in which it is fitted.
-    """
-
-    joint: str
-    origin: FloatArray
-    directions: FloatArray
+FittedOrigins = Mapping[str, tuple[FloatArray, FloatArray]]
+"""By joint, its origin in its parent link in the URDF [m], shape (3,), and the directions there in
+which it is fitted, shape (n_directions, 3)."""
 
 
-def fitted_origins(urdf: str, marker_map: MarkerMap) -> tuple[FittedOrigin, ...]:
+def fitted_origins(urdf: str, marker_map: MarkerMap) -> FittedOrigins:
     """The joints whose origins are fitted.
 
     Raises
@@ -311,7 +297,7 @@ def fitted_origins(urdf: str, marker_map: MarkerMap) -> tuple[FittedOrigin, ...]
     """
     where = f"{marker_map.source}: fit_origins"
     joints = {joint.get("name", ""): joint for joint in ET.fromstring(urdf).findall("joint")}
-    fitted = []
+    fitted = {}
     for name, kind in marker_map.fit_origins.items():
         if name not in joints:
             raise RecordingError(f"{where}: {unknown_name('joint', name, joints)}")
@@ -324,15 +310,12 @@ def fitted_origins(urdf: str, marker_map: MarkerMap) -> tuple[FittedOrigin, ...]
                 "length to fit; use 'position'"
             )
         directions = np.eye(3) if kind == "position" else origin[None] / np.linalg.norm(origin)
-        fitted.append(FittedOrigin(name, origin, directions))
-    return tuple(fitted)
+        fitted[name] = origin, directions
+    return fitted
 
 
 def fit_origins(
-    robot: Robot,
-    markers: Sequence[MarkerPlacement],
-    fitted: Sequence[FittedOrigin],
-    targets: FloatArray,
+    robot: Robot, markers: Sequence[MarkerPlacement], fitted: FittedOrigins, targets: FloatArray
 ) -> tuple[Robot, tuple[str, ...]]:
     """Fit the origins of some joints.
 
@@ -342,7 +325,7 @@ def fit_origins(
         The model.
     markers : sequence of MarkerPlacement
         Markers that its joints move.
-    fitted : sequence of FittedOrigin
+    fitted : FittedOrigins
         Those joints.
     targets : array, shape (n_frames, n_markers, 3)
         Measured positions in the base frame [m]; NaN where missing. The frames must fix all joints.
@@ -357,19 +340,20 @@ def fit_origins(
     chosen = np.unique(np.linspace(0, len(targets) - 1, _N_FRAMES).round().astype(int))
     problem = MarkerProblem(robot, markers, targets[chosen])
     # Places are linear in the origins: those of robots with one of them displaced by 1 m tell all.
-    places = [problem.points]
-    for joint in fitted:
-        for direction in joint.directions:
-            urdf = _with_origins(robot.urdf, {joint.joint: joint.origin + direction})
-            places.append(_attached(Robot(urdf, robot.joint_names), markers))
-    n = len(places) - 1
+    displaced = [
+        _with_origins(robot, {name: origin + direction})
+        for name, (origin, directions) in fitted.items()
+        for direction in directions
+    ]
+    places = [problem.points, *(_attached(other, markers) for other in displaced)]
+    n, scale = len(displaced), problem.scale[..., None]
 
     def errors(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Weighted errors of the markers, and their derivatives by the changes and by q."""
+        """Weighted errors of the markers, and their derivatives by origins and joint positions."""
         change, q = x[:n], x[n:].reshape(-1, robot.n_joints)
         of_all = [place.positions_and_jacobians(q) for place in places]
         points, by_q = map(np.array, zip(*of_all, strict=True))
-        shares, scale = np.append(1.0 - change.sum(), change), problem.scale[..., None]
+        shares = np.append(1.0 - change.sum(), change)
         wrong = scale * (np.tensordot(shares, points, 1) - problem.targets)
         effects = scale[..., None] * np.moveaxis(points[1:] - points[0], 0, -1)
         rows = scale[..., None] * np.tensordot(shares, by_q, 1)
@@ -382,36 +366,37 @@ def fit_origins(
     for frame in range(1, problem.n_frames):
         solved, _ = _solve_frame(problem, frame, configurations[-1], _FIRST_STEP)
         configurations.append(solved)
-    start = np.append(np.zeros(n), configurations)
     bounds = [
         np.append(np.full(n, end), np.tile(limit, problem.n_frames))
         for end, limit in ((-np.inf, problem.lower), (np.inf, problem.upper))
     ]
+    start = np.append(np.zeros(n), configurations)
     fit = optimize.least_squares(
         lambda x: errors(x)[0], start, lambda x: errors(x)[1], bounds, max_nfev=_MAX_STEPS
     )
-    origins, notes, first = dict[str, FloatArray](), [], 0
-    for joint in fitted:
-        changes = fit.x[first : first + len(joint.directions)]
-        first += len(joint.directions)
-        origins[joint.joint] = joint.origin + changes @ joint.directions
-        after, before = (
-            ", ".join(f"{1000.0 * x:.1f}" for x in place)
-            for place in (origins[joint.joint], joint.origin)
-        )
-        notes.append(
-            f"joint '{joint.joint}' fits the markers best at ({after}) mm in its parent link; "
-            f"the URDF has it at ({before}) mm"
-        )
-    return Robot(_with_origins(robot.urdf, origins), robot.joint_names), tuple(notes)
+    changes = iter(fit.x)
+    origins = {
+        name: origin + sum(next(changes) * direction for direction in directions)
+        for name, (origin, directions) in fitted.items()
+    }
+    notes = tuple(
+        f"joint '{name}' fits the markers best at ({_millimetres(origin)}) mm in its parent link; "
+        f"the URDF has it at ({_millimetres(fitted[name][0])}) mm"
+        for name, origin in origins.items()
+    )
+    return _with_origins(robot, origins), notes
 
 
-def _with_origins(urdf: str, origins: Mapping[str, FloatArray]) -> str:
-    """A robot description with other origins of some joints."""
-    root = ET.fromstring(urdf)
+def _millimetres(place: FloatArray) -> str:
+    return ", ".join(f"{1000.0 * x:.1f}" for x in place)
+
+
+def _with_origins(robot: Robot, origins: Mapping[str, FloatArray]) -> Robot:
+    """The robot with other origins of some joints."""
+    root = ET.fromstring(robot.urdf)
     for joint in root.findall("joint"):
         if (position := origins.get(joint.get("name", ""))) is not None:
             origin = joint.find("origin")
             origin = ET.SubElement(joint, "origin") if origin is None else origin
             origin.set("xyz", " ".join(map(repr, position.tolist())))
-    return ET.tostring(root, encoding="unicode")
+    return Robot(ET.tostring(root, encoding="unicode"), robot.joint_names)

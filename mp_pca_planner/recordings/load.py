@@ -145,11 +145,6 @@ def load_demonstrations(
     """
     check_type(paths, "the paths of recordings", RecordingError, str, Path, Iterable)
     check_type(robot, "robot", RobotError, Robot, str, Path, NoneType)
-    several = (
-        [paths]
-        if isinstance(paths, (str, Path))
-        else as_list(paths, "the paths of recordings are needed", RecordingError)
-    )
     for option in options.keys() - {*_OPTIONS}:
         raise RecordingError(unknown_name("option of load_demonstrations", option, _OPTIONS, 40))
     joints = options.pop("joints", None)
@@ -158,7 +153,7 @@ def load_demonstrations(
         robot = Robot.from_file(robot, joints)
     joints = robot.joint_names if robot else joints
     options = facts_of_robot(robot) | options
-    recordings = load_recordings(several, joints=joints, same_joints=True, **options)
+    recordings = load_recordings(paths, joints=joints, same_joints=True, **options)
     recordings.require_motion()
     for sentence in (recordings.warning, recordings.unit_warning):
         if sentence:
@@ -222,7 +217,7 @@ def load_recordings(
         options["scale"] = scale_of_calibration(options["scale"])
     settings = LoadOptions(**options)
     check_number(jobs, "the number of jobs", RecordingError, 1, is_whole=True)
-    several = [paths] if isinstance(paths, str | Path) else list(paths)
+    several = [paths] if isinstance(paths, str | Path) else as_list(paths, "paths", RecordingError)
     found = bags.find_recordings(several)
     if dask is not None or executor is not None:  # its workers have other working directories
         found = tuple(path.absolute() for path in found)

@@ -11,12 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..arrays import as_list, is_number, set_frozen
-from ..exceptions import RecordingError, unknown_name
+from ..arrays import as_list, check_choice, is_number, set_frozen
+from ..exceptions import RecordingError
 from ..renaming import Rename, check_rename
 from .segmentation import SegmentationOptions
-
-SEGMENTATIONS = ("auto", "none")
 
 
 @dataclass(frozen=True)
@@ -91,8 +89,7 @@ class LoadOptions:
     overviews: bool = False
 
     def __post_init__(self) -> None:
-        if self.segment not in SEGMENTATIONS:
-            raise RecordingError(unknown_name("segmentation", self.segment, SEGMENTATIONS))
+        check_choice(self.segment, "segment", RecordingError, ("auto", "none"))
         if self.episodes is not None:
             what = "episodes: a list of their numbers is needed"
             set_frozen(self, episodes=as_list(self.episodes, what, RecordingError))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from ..exceptions import RecordingError, UnusableRecordingError, quote_names, un
 from ..files import read_text, reading
 from ..renaming import notes_on_rename
 from . import bags
-from .bags import Topic
 from .continuity import LARGEST_ANGLE
 from .joint_states import JointStates
 from .options import LoadOptions
@@ -168,67 +167,22 @@ def scale_of_calibration(path: str | Path) -> dict[str, float]:
         }
 
 
-@dataclass(frozen=True)
-class RecordingInspection:
-    """Content of a recording, also of one that can't be used.
-
-    Attributes
-    ----------
-    name, path : str
-        The recording.
-    format : str
-        Its storage format.
-    topics : tuple of Topic
-        All topics with their types and counts; empty if it can't be read.
-    topic : str or None
-        The topic of joint states that was inspected.
-    n_messages : int
-        Messages on it.
-    joint_names : tuple of str
-        All joints that its messages list.
-    rate, duration : float or None
-        Usual rate [Hz] and duration [s], if its time is usable.
-    repairs : dict
-        Counts of the repairs that are needed, by their names in :data:`.recording.REPAIRS`.
-    notes : tuple of str
-        Other findings, one sentence each.
-    refusal : str or None
-        Reason why its joint states can't be used, if so.
-    """
-
-    name: str
-    path: str
-    format: bags.RecordingFormat
-    topics: tuple[Topic, ...] = ()
-    topic: str | None = None
-    n_messages: int = 0
-    joint_names: tuple[str, ...] = ()
-    rate: float | None = None
-    duration: float | None = None
-    repairs: dict[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    refusal: str | None = None
-
-
-def inspect_recording(
-    path: str | Path,
-    topic: str | None = None,
-    *,
-    salvage: bool = False,
-    **options: Any,
-) -> RecordingInspection:
+def inspect_recording(path: str | Path, **options: Any) -> dict[str, Any]:
     """Inspect a recording; defects that make it unusable are reported, not raised.
 
     Parameters
     ----------
     path :
         The recording.
-    topic :
-        Topic of the joint states; by default the only one.
-    salvage :
-        Inspects the messages before the damage of a damaged recording.
     **options :
-        Other fields of :class:`.LoadOptions`, such as `degrees`.
+        Fields of :class:`.LoadOptions`, such as `topic` and `degrees`.
+
+    Returns
+    -------
+    facts : dict
+        Its `name`, `path` and `format`; all `topics` of a bag with their types and counts; of its
+        joint states `topic`, `n_messages`, `joint_names`, `rate` [Hz], `duration` [s], `repairs`
+        that are needed and `notes`; `refusal`, the reason why they can't be used, if so.
 
     Raises
     ------
@@ -238,25 +192,24 @@ def inspect_recording(
     paths = bags.find_recordings([path])
     if len(paths) > 1:
         raise RecordingError(f"there are {len(paths)} recordings at '{path}': inspect one of them")
-    (recording,) = paths
-    inspection = RecordingInspection(
-        bags.recording_names(paths)[0], str(recording), bags.recording_format(recording)
-    )
+    (recording,), settings = paths, LoadOptions(**options)
+    facts: dict[str, Any] = {
+        **{"name": bags.recording_names(paths)[0], "path": str(recording)},
+        **{"format": bags.recording_format(recording), "topics": (), "topic": None},
+        **{"n_messages": 0, "joint_names": (), "rate": None, "duration": None},
+        **{"repairs": {}, "notes": (), "refusal": None},
+    }
     try:
-        if inspection.format not in FORMATS:
-            with bags.open_bag(recording, salvage=salvage) as bag:
-                inspection = replace(inspection, topics=bag.topics)
-        clean = read_recording(recording, LoadOptions(topic, salvage=salvage, **options))
-        facts = vars(clean) | {"duration": clean.duration, "notes": clean.all_notes}
-        refusal = None
+        if facts["format"] not in FORMATS:
+            with bags.open_bag(recording, salvage=settings.salvage) as bag:
+                facts["topics"] = tuple(asdict(topic) for topic in bag.topics)
+        clean = read_recording(recording, settings)
+        found = vars(clean) | {"duration": clean.duration, "notes": clean.all_notes}
     except UnusableRecordingError as error:
-        facts, refusal = error.findings, str(error)
+        found = error.findings
+        facts["refusal"] = str(error)
     except RecordingError as error:
-        return replace(inspection, refusal=str(error))
-    shown = ("topic", "n_messages", "rate", "duration", "repairs", "notes")
-    return replace(
-        inspection,
-        joint_names=facts["listed_joints"],
-        refusal=refusal,
-        **{name: facts[name] for name in shown if name in facts},
-    )
+        return facts | {"refusal": str(error)}
+    of_states = ("topic", "n_messages", "rate", "duration", "repairs", "notes")
+    facts |= {name: found[name] for name in of_states if name in found}
+    return facts | {"joint_names": found["listed_joints"]}

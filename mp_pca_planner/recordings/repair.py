@@ -256,11 +256,6 @@ def _between(
     return between
 
 
-SIMULATION_TIME = (
-    "header stamps are not the time of day (simulation time, for example): they are used"
-)
-
-
 def choose_clock(states: JointStates, rows: IntArray) -> tuple[IntArray, tuple[str, ...]]:
     """Take the header stamps, or the times of reception if most messages have no stamp.
 
@@ -279,8 +274,6 @@ def choose_clock(states: JointStates, rows: IntArray) -> tuple[IntArray, tuple[s
     headers, received = states.header_stamps[rows], states.receive_stamps[rows]
     stamped = headers > 0
     if 2 * count(stamped) > stamped.size and _plausible(headers[stamped]):
-        if is_simulation_time(int(headers[stamped][0]), int(received[stamped][0])):
-            return headers, (SIMULATION_TIME,)
         return headers, ()
     if _plausible(received):
         return received, ("no usable header stamps: times of reception are used",)
@@ -290,11 +283,6 @@ def choose_clock(states: JointStates, rows: IntArray) -> tuple[IntArray, tuple[s
         f"received in bursts within {np.ptp(received) / NS_PER_S:.3g} s; record them with stamps, "
         "or as they happen"
     )
-
-
-def is_simulation_time(header: int, received: int) -> bool:
-    """Whether a header stamp is more than a year away from the time of reception, both [ns]."""
-    return abs(header - received) > 365 * 24 * 3600 * NS_PER_S
 
 
 def _plausible(stamps: IntArray) -> bool:

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..exceptions import RecordingError, unknown_name
+from ..arrays import FloatArray, check_choice, check_number
+from ..exceptions import RecordingError
 from ..lazy import LazyModule
 from .recording import Samples, SpeedThresholds
 
@@ -173,12 +173,8 @@ class SegmentationOptions:
     cut: str = "valleys"
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.min_rest < np.inf:
-            raise RecordingError(
-                f"the shortest rest 'min_rest' must be over 0 and under inf, got {self.min_rest}"
-            )
-        if self.cut not in CUTS:
-            raise RecordingError(unknown_name("kind of cuts", self.cut, CUTS))
+        check_number(self.min_rest, "the shortest rest 'min_rest' [s]", RecordingError, 1e-3)
+        check_choice(self.cut, "the kind of cuts", RecordingError, CUTS)
 
 
 def joint_speed(velocities: FloatArray) -> FloatArray:

@@ -124,8 +124,6 @@ def write_joint_states(
     joint_names: Sequence[str],
     stamps_ns: ArrayLike,
     positions: ArrayLike,
-    velocities: ArrayLike | None = None,
-    efforts: ArrayLike | None = None,
     *,
     overwrite: bool = False,
 ) -> None:
@@ -142,9 +140,8 @@ def write_joint_states(
         Names of the joints.
     stamps_ns : array of int, shape (n_steps,)
         Header stamps and times of reception [ns].
-    positions, velocities, efforts : array, shape (n_steps, n_joints)
-        Joint positions [rad or m], velocities [/s] and efforts [N·m or N]; the last two stay
-        empty unless given.
+    positions : array, shape (n_steps, n_joints)
+        Joint positions [rad or m]; velocities and efforts stay empty.
     overwrite :
         Whether an existing file or folder may be replaced.
 
@@ -159,20 +156,11 @@ def write_joint_states(
     stamps = np.asarray(stamps_ns, dtype=np.int64)
     if stamps.ndim != 1:
         raise RecordingError("stamps to write must be one list of nanoseconds, one for each step")
-    fields = [
-        np.empty((stamps.size, 0))
-        if values is None
-        else frozen_array(values, (stamps.size, len(names)), what, RecordingError)
-        for what, values in (
-            ("positions to write", positions),
-            ("velocities to write", velocities),
-            ("efforts to write", efforts),
-        )
-    ]
-    kind = known_types(bag_format).types[JOINT_STATE]
+    rows = frozen_array(positions, (stamps.size, len(names)), "positions", RecordingError)
+    kind, empty = known_types(bag_format).types[JOINT_STATE], np.empty(0)
     messages = (
-        (int(stamp), kind(_header(bag_format, int(stamp)), list(names), *rows))
-        for stamp, *rows in zip(stamps, *fields, strict=True)
+        (stamp, kind(_header(bag_format, stamp), list(names), row, empty, empty))
+        for stamp, row in zip(stamps.tolist(), rows, strict=True)
     )
     _write(Path(path), bag_format, "/joint_states", JOINT_STATE, messages, overwrite)
 

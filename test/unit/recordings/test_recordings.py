@@ -323,19 +323,22 @@ def test_inspection_counts_defects_and_tells_why_a_recording_is_useless(tmp_path
     messages[4].positions = [1.0]
     path = write_bag(tmp_path / "x", "rosbag1", [messages[0], *messages], unknown_type=True)
     found = inspect_recording(path)
-    assert found.format == "rosbag1"
-    assert [(t.name, t.count) for t in found.topics] == [("/joint_states", 501), ("/strange", 1)]
-    assert (found.joint_names, found.rate) == (("a", "b"), pytest.approx(100.0))
+    assert found["format"] == "rosbag1"
+    assert [(t["name"], t["count"]) for t in found["topics"]] == [
+        ("/joint_states", 501),
+        ("/strange", 1),
+    ]
+    assert (found["joint_names"], found["rate"]) == (("a", "b"), pytest.approx(100.0))
     defects = {"malformed": 1, "non_finite": 1, "repeated_stamps": 1}
-    assert (found.repairs, found.refusal) == (defects, None)
+    assert (found["repairs"], found["refusal"]) == (defects, None)
     for message in messages[5:]:
         message.positions = [0.1, -0.05]
     still = inspect_recording(write_bag(tmp_path / "still", "mcap", messages[3:]))
-    assert (still.n_messages, still.joint_names) == (len(messages) - 3, ("a", "b"))
-    assert "nothing moves" in str(still.refusal)
-    assert still.repairs == {"malformed": 1, "non_finite": 1}
+    assert (still["n_messages"], still["joint_names"]) == (len(messages) - 3, ("a", "b"))
+    assert "nothing moves" in str(still["refusal"])
+    assert still["repairs"] == {"malformed": 1, "non_finite": 1}
     (tmp_path / "broken.bag").write_bytes(b"")
     broken = inspect_recording(tmp_path / "broken.bag")
-    assert broken.topics == () and "broken.bag" in str(broken.refusal)
+    assert broken["topics"] == () and "broken.bag" in str(broken["refusal"])
     with pytest.raises(RecordingError, match="3 recordings"):
         inspect_recording(tmp_path)
