@@ -7,7 +7,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import count
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -35,6 +34,7 @@ from ..execution.link import (
     Rejected,
     SetUp,
     SetUpDone,
+    Verdict,
     WatchedRobot,
     WorkerDied,
     WorldFacts,
@@ -75,19 +75,8 @@ from .nodes import (
 from .obstacles import ForeignFrames, MarkerSubscription
 from .parameters import NodeParameters
 from .serialised import serialize_trajectory
-from .worker import (
-    PLANNER,
-    WATCHER,
-    InternalError,
-    KeepMotion,
-    Kept,
-    LoseObstacles,
-    Preview,
-    ShowMotion,
-    TakeObstacles,
-    WorkerProcess,
-    trace_of,
-)
+from .worker import PLANNER, InternalError, KeepMotion, Preview, ShowMotion, trace_of
+from .workers import Workers
 
 NODE_NAME = "mp_pca_planner"
 
@@ -125,7 +114,7 @@ class PlannerNode(Node):
         except RuntimeError as error:  # where DDS security lacks files, or support, for example
             reason = str(error).splitlines()[0]
             raise PlannerError(f"ROS refuses the node: {reason}") from error
-        self.n_internal_errors = self.n_restarts = 0
+        self.n_internal_errors = 0
         self._hold, self._began = hold, time.monotonic()
         self._declared = NodeParameters(self)
         self._settings = self._declared.settings()
@@ -133,21 +122,12 @@ class PlannerNode(Node):
             self.get_logger().warning(f"ignored: {to_text(problem)}")
         self._description, self._problem, self._model_problem = "", "", ""
         self._done = SetUpDone(0)
-        # What the planner has been asked, by the numbers of the answers.
-        self._numbers = count(1)
-        self._asked: dict[int, Future] = {}
         self._others: dict[str, float] = {}
         self._notes: tuple[str, ...] = ()
-        self._woken = self.create_guard_condition(self._receive)
+        woken = self.create_guard_condition(lambda: self._workers.receive())
         longest = self._settings.max_solve_time
-        self._planner = WorkerProcess(PLANNER, self._woken.trigger, longest)
-        # From the start, because the first obstacle may be near a moving robot.
-        self._watcher = WorkerProcess(WATCHER, self._woken.trigger)
-        self._watched: WatchedRobot | None = None
-        self._has_obstacles = self._watches = False
-        # The worker that takes over obstacles of the other, and markers that came since it began.
-        self._heir: WorkerProcess | None = None
-        self._meanwhile: list[Markers] = []
+        self._workers = Workers(woken.trigger, longest, self._on_worker)
+        self._planner, self._watcher = self._workers.planner, self._workers.watcher
         self._world = WorldFacts(0)
         # The motion of the last goal, whether it has ended, and whether its preview is to be drawn.
         self._planned: Planned | None = None
@@ -179,8 +159,7 @@ class PlannerNode(Node):
 
     def destroy_node(self) -> None:
         """End the workers, then the node."""
-        self._planner.close()
-        self._watcher.close()
+        self._workers.close()
         super().destroy_node()
 
     def seconds(self) -> float:
@@ -324,8 +303,7 @@ class PlannerNode(Node):
         self._poll_obstacles()
         self._action.watch()
         self._server.tick()
-        for worker in (self._planner, self._watcher):
-            worker.check()
+        self._workers.check()
         others = self._tracker.measured.others
         if others != self._others and self._server.is_idle and self._server.model is not None:
             self._others = dict(others)
@@ -333,16 +311,11 @@ class PlannerNode(Node):
 
     def _poll_obstacles(self) -> None:
         """Hand the markers that have arrived to the workers."""
-        if max(self._planner.backlog, self._watcher.backlog) > _MOST_MARKERS:
+        if self._workers.backlog > _MOST_MARKERS:
             return
         for content, stamp, is_late in self._markers.poll():
-            message = Markers(content, stamp, is_late)
-            self._has_obstacles = True
-            self._planner.send(message)
-            self._watcher.send(message)
-            if self._heir is not None:
-                self._meanwhile.append(message)
-            if not self._watches:
+            self._workers.send_obstacles(Markers(content, stamp, is_late))
+            if not self._workers.is_watching:
                 self._server.stop_unwatched("the watcher of obstacles is being started")
             elif self._server.watcher is None:
                 self._use_watcher()
@@ -353,8 +326,7 @@ class PlannerNode(Node):
         if model is None or not self._world.frames:
             return
         poses = {frame: self._frames.pose(frame, model) for frame in self._world.frames}
-        for worker in (self._planner, self._watcher):
-            worker.send(Frames(poses))
+        self._workers.send_obstacles(Frames(poses))
 
     # Workers.
 
@@ -365,35 +337,24 @@ class PlannerNode(Node):
             return
         urdf, settings = self._settings.robot_description or self._description, self._settings
         names, locked = model.robot.joint_names, dict(model.facts.locked)
-        watched = WatchedRobot(urdf, names, locked, settings)
-        if watched != self._watched:
-            self._watched = watched
-            self._watcher.send(watched)
+        self._workers.watch(WatchedRobot(urdf, names, locked, settings))
 
     def _use_watcher(self) -> None:
         """Have the running motion watched; without obstacles there is nothing to watch for."""
         self._server.watcher = self._watcher
         self._server.watch_again()
 
-    def _receive(self) -> None:
-        """Handle what the workers say."""
-        for message in self._planner.receive():
-            self._on_planner(message)
-        for message in self._watcher.receive():
-            self._on_watcher(message)
-
-    def _on_planner(self, message: object) -> None:
+    def _on_worker(self, role: str, message: object) -> None:
+        """Handle what a worker says."""
         match message:
             case Planned() | Rejected():
                 self._poll()
                 self._server.answer(message)
                 self._watch_robot()
-            case SetUpDone() | Kept():
-                future = self._asked.pop(message.number, None)
-                if future is not None:
-                    future.set_result(message)
-                elif not self._hold:  # of a planner that was started again
-                    self._server.hold = ""
+            case Verdict():
+                self._poll()
+                self._server.answer(message)
+                self._server.tick()  # now, because an obstacle may be near
             case ModelFacts():
                 self._server.learn(message)
                 self._watch_robot()
@@ -406,81 +367,25 @@ class PlannerNode(Node):
             case Preview():
                 if not self._is_over:
                     self._preview.publish(message.content)
-            case TakeObstacles():
-                self._hand_over(message)
-            case InternalError():
-                self._log_internal(message.text)
-            case WorkerDied():
-                self._restart_planner(message)
-
-    def _on_watcher(self, message: object) -> None:
-        match message:
+            case SetUpDone() if role == PLANNER:  # it was started again
+                self._server.hold = self._hold
             case SetUpDone():
-                if self._heir is self._watcher:
-                    self._planner.send(TakeObstacles())
-                else:
-                    self._watches = True
-                if self._has_obstacles:
+                if self._workers.has_obstacles:
                     self._use_watcher()
-            case TakeObstacles():
-                self._hand_over(message)
             case InternalError():
                 self._log_internal(message.text)
-            case WorkerDied():
-                self._restart_watcher(message)
-            case _:
-                self._poll()
+            case WorkerDied() if role == PLANNER:
+                self.get_logger().error(f"the planner has ended: {message.reason}")
+                self._server.hold = self._hold or _RESTARTING
                 self._server.answer(message)
-                self._server.tick()  # now, because an obstacle may be near
-
-    def _hand_over(self, obstacles: TakeObstacles) -> None:
-        """Give the obstacles of a worker to the other one, which was started again."""
-        heir, self._heir = self._heir, None
-        if heir is None:
-            return
-        for message in (obstacles, *self._meanwhile):
-            heir.send(message)
-        if heir is self._watcher:
-            self._watches = True
-            self._server.watch_again()
-
-    def _lose_obstacles(self) -> None:
-        reason = "the obstacles were lost as both workers have ended: publish them again"
-        self._planner.send(LoseObstacles(reason))
-        self._heir, self._watches = None, True
-
-    def _restart_planner(self, died: WorkerDied) -> None:
-        """Start another planner, with the last set-up and the obstacles that the watcher has."""
-        self.n_restarts += 1
-        self.get_logger().error(f"the planner has ended: {died.reason}")
-        self._server.hold = self._hold or _RESTARTING
-        self._server.answer(died)
-        waiting, self._asked = self._asked, {}
-        self._planner.start()
-        self._planner.send(self._set_up_of(0, self._settings))
-        if self._heir is self._watcher:
-            self._lose_obstacles()
-        elif self._has_obstacles:
-            self._heir, self._meanwhile = self._planner, []
-            self._watcher.send(TakeObstacles())
-        for number, future in waiting.items():
-            problem = f"the planner has ended ({died.reason})"
-            future.set_result(SetUpDone(number, problem=problem))
-
-    def _restart_watcher(self, died: WorkerDied) -> None:
-        """Start another watcher, with the obstacles that the planner has."""
-        self.n_restarts += 1
-        self._server.watcher, self._watches, self._watched = None, False, None
-        self.get_logger().error(f"the watcher of obstacles has ended: {died.reason}")
-        self._watcher.start()
-        if self._heir is self._planner:
-            self._lose_obstacles()
-        elif self._has_obstacles:
-            self._heir, self._meanwhile = self._watcher, []
-        if self._has_obstacles:
-            reason = f"the watcher of obstacles has ended ({died.reason})"
-            self._server.stop_unwatched(reason)
-        self._watch_robot()
+                self._planner.send(self._set_up_of(0, self._settings))
+            case WorkerDied():
+                self.get_logger().error(f"the watcher of obstacles has ended: {message.reason}")
+                self._server.watcher = None
+                if self._workers.has_obstacles:
+                    reason = f"the watcher of obstacles has ended ({message.reason})"
+                    self._server.stop_unwatched(reason)
+                self._watch_robot()
 
     def _log_internal(self, text: str) -> None:
         self.n_internal_errors += 1
@@ -492,22 +397,17 @@ class PlannerNode(Node):
         urdf = settings.robot_description or self._description
         return SetUp(number, urdf, settings, dict(self._tracker.measured.others), rereads)
 
-    def _ask(self, question: SetUp | KeepMotion) -> Future:
-        """Ask the planner; the answer comes later."""
-        future = self._asked[question.number] = Future()
-        self._planner.send(question)
-        return future
-
     def _set_up(self, settings: Settings, *, rereads: bool = False) -> Future:
         """Have the planner use other parameters, files or robots."""
-        return self._ask(self._set_up_of(next(self._numbers), settings, rereads=rereads))
+        question = partial(self._set_up_of, settings=settings, rereads=rereads)
+        return self._workers.ask(question)
 
     def _wait(self, future: Future) -> SetUpDone:
         """The answer of the planner; nothing else is done meanwhile, at the start of a node."""
         while not future.done():
             time.sleep(0.002)
-            self._planner.check()
-            self._receive()
+            self._workers.check()
+            self._workers.receive()
         return future.result()
 
     def _adopt(self, done: SetUpDone, settings: Settings) -> None:
@@ -595,7 +495,8 @@ class PlannerNode(Node):
             raise GoalError("motions can't be saved: set the parameter 'save_folder' to a folder")
         if planned is None:
             raise GoalError("there is no motion to save: none was published")
-        kept = await self._ask(KeepMotion(next(self._numbers), planned.key, folder))
+        question = partial(KeepMotion, key=planned.key, folder=folder)
+        kept = await self._workers.ask(question)
         response.success = not kept.problem
         response.message = to_text(
             kept.problem or f"saved as '{kept.file}'; call ~/reload_primitives to use it"
@@ -746,7 +647,7 @@ class PlannerNode(Node):
             "library": self._library,
             **{f"goals_{outcome}": n for outcome, n in statistics.counts.items()},
             "internal_errors": self.n_internal_errors,
-            "worker_restarts": self.n_restarts,
+            "worker_restarts": self._workers.n_restarts,
             "locked_joints": ", ".join(f"{k}={x:.4g}" for k, x in locked.items()) or "none",
             "controller_action": self._action.state,
             "controller_state": "received" if is_stated else "none",

@@ -1,30 +1,25 @@
 # Copyright 2026 mp_pca_planner developers
 # SPDX-License-Identifier: Apache-2.0
-"""Workers of the node: processes that may take long, take much memory, or die.
+"""A worker of the node: a process that may take long, take much memory, or die.
 
-The planner plans; the watcher checks the running motion. Both read the obstacles. Whatever ends a
-worker costs its work: the node starts another one.
+The planner plans; the watcher checks the running motion. Both read the obstacles.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
 import resource
 import signal
 import sys
-import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 from rclpy.serialization import serialize_message
@@ -37,7 +32,6 @@ from ..execution.link import (
     SetUp,
     SetUpDone,
     WatchedRobot,
-    WorkerDied,
     WorldFacts,
 )
 from ..execution.planning import GoalPlanner
@@ -50,9 +44,6 @@ PLANNER, WATCHER = "planner", "watcher"
 # Most memory of a worker [bytes], and their priorities: the node and the watcher go first.
 _MEMORY = 6 << 30
 _NICE = {PLANNER: 5, WATCHER: 0}
-# Time after which a request must be answered, beside the time for its solution, and a set-up [s];
-# and the part of the time by the clock that counts beside a worker's processor time.
-_ANSWER_TIME, _SET_UP_TIME, _IDLE_SHARE = 2.0, 60.0, 0.2
 # Longest time without a message in which a worker looks at lifetimes [s].
 _IDLE = 0.05
 # Longest time for which a goal waits while obstacles keep arriving [s].
@@ -110,126 +101,6 @@ class InternalError:
     """An exception that no input should cause."""
 
     text: str
-
-
-class WorkerProcess:
-    """A worker, from the node's side; it is a link of the server.
-
-    A thread sends what waits, another one receives; they hold nothing else.
-
-    Parameters
-    ----------
-    role : str
-        `PLANNER` or `WATCHER`.
-    wake : callable
-        Called in another thread when a message has come.
-    longest_solve : float
-        Longest time for a solution [s].
-
-    Attributes
-    ----------
-    due : dict
-        When answers are due, by what they answer: keys of requests, and ``set-up`` [s].
-    """
-
-    def __init__(self, role: str, wake: Callable[[], None], longest_solve: float = 0.2) -> None:
-        self.role, self._wake, self.longest_solve = role, wake, longest_solve
-        self._outbox: SimpleQueue[object] = SimpleQueue()
-        self._inbox: deque[object] = deque()
-        self.start()
-
-    def start(self) -> None:
-        """Start the process, in place of one that has ended."""
-        self._outbox.put(None)  # ends the thread that sends to that one
-        self._outbox = SimpleQueue()
-        self.due: dict[object, float] = {}
-        self._killed_for, role = "", self.role
-        context = multiprocessing.get_context("spawn")
-        self._cancelled: Any = context.Value("Q", 0, lock=False)
-        ours, theirs = context.Pipe()
-        self._process = context.Process(
-            target=run, args=(role, theirs, self._cancelled), name=role, daemon=True
-        )
-        self._process.start()
-        theirs.close()
-        for work, *of_work in ((self._send_all, ours, self._outbox), (self._receive_all, ours)):
-            threading.Thread(target=work, args=of_work, name=role, daemon=True).start()
-
-    @property
-    def pid(self) -> int:
-        """The process."""
-        return self._process.pid or 0
-
-    @property
-    def backlog(self) -> int:
-        """Messages that wait to be sent."""
-        return self._outbox.qsize()
-
-    def send(self, message: object) -> None:
-        """Send a message; it never waits."""
-        now = self._time()
-        if isinstance(message, PlanRequest):
-            self.due[message.key] = now + self.longest_solve + _ANSWER_TIME
-        elif isinstance(message, SetUp):
-            self.due["set-up"] = now + _SET_UP_TIME
-        self._outbox.put(message)
-
-    def cancel(self, key: int) -> None:
-        """Ask the planner to end its work on a request, and on all before."""
-        self._cancelled.value = max(self._cancelled.value, key)
-        if key in self.due:
-            self.due[key] = min(self.due[key], self._time() + _ANSWER_TIME)
-
-    def receive(self) -> list[object]:
-        """The messages that have come."""
-        found = []
-        while self._inbox:
-            message = self._inbox.popleft()
-            key = getattr(message, "key", "set-up" if isinstance(message, SetUpDone) else None)
-            self.due.pop(key, None)
-            found.append(message)
-        return found
-
-    def check(self) -> None:
-        """Kill the process if it does not answer in time."""
-        if not self._killed_for and self.due and self._time() > min(self.due.values()):
-            self._killed_for = "it did not answer in time"
-            self._process.kill()
-
-    def _time(self) -> float:
-        """The time of deadlines [s]: on a busy machine, a worker that is not run is not late."""
-        used = 0.0
-        with suppress(OSError):  # it has ended
-            used = time.clock_gettime(~self.pid << 3 | 2)  # see clock_getcpuclockid(3)
-        return used + _IDLE_SHARE * time.monotonic()
-
-    def close(self) -> None:
-        """End the process."""
-        self._killed_for = self._killed_for or "it was ended"
-        self._process.kill()
-        self._process.join(5.0)
-
-    def _send_all(self, connection: Connection, outbox: SimpleQueue[object]) -> None:
-        with suppress(OSError):
-            while (message := outbox.get()) is not None:
-                connection.send(message)
-
-    def _receive_all(self, connection: Connection) -> None:
-        try:
-            while True:
-                self._inbox.append(connection.recv())
-                self._wake()
-        except (EOFError, OSError, pickle.UnpicklingError):
-            self._process.join(5.0)
-            self._inbox.append(WorkerDied(self._killed_for or self._reason()))
-            with suppress(Exception):  # the node may be ending
-                self._wake()
-
-    def _reason(self) -> str:
-        code = self._process.exitcode
-        if code is not None and code < 0:
-            return f"signal {signal.Signals(-code).name}"
-        return f"exit status {code}"
 
 
 def run(role: str, connection: Connection, cancelled: Any) -> None:

@@ -37,9 +37,10 @@ from mp_pca_planner.execution.link import (
 from mp_pca_planner.execution.parameters import Settings
 from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.primitives.file import save_primitive
-from mp_pca_planner.ros import worker as worker_module
+from mp_pca_planner.ros import workers as worker_module
 from mp_pca_planner.ros.markers import Markers
-from mp_pca_planner.ros.worker import PLANNER, TakeObstacles, WorkerProcess
+from mp_pca_planner.ros.worker import PLANNER, TakeObstacles
+from mp_pca_planner.ros.workers import WorkerProcess
 
 T = TypeVar("T")
 
