@@ -31,6 +31,7 @@ from mp_pca_planner.execution.link import (
     Rejected,
     SetUp,
     SetUpDone,
+    WatchedRobot,
     WorkerDied,
     WorldFacts,
 )
@@ -39,8 +40,8 @@ from mp_pca_planner.motion.goal import JointGoal, JointState
 from mp_pca_planner.primitives.file import save_primitive
 from mp_pca_planner.ros import workers as worker_module
 from mp_pca_planner.ros.markers import Markers
-from mp_pca_planner.ros.worker import PLANNER, TakeObstacles
-from mp_pca_planner.ros.workers import WorkerProcess
+from mp_pca_planner.ros.worker import PLANNER
+from mp_pca_planner.ros.workers import WorkerProcess, Workers
 
 T = TypeVar("T")
 
@@ -110,22 +111,57 @@ def answer_of_end(worker: WorkerProcess) -> str:
     return str(end.value).splitlines()[0]
 
 
-def test_obstacles_of_one_worker_are_avoided_by_another(
-    workers: Callable[[], WorkerProcess],
-) -> None:
-    first, second = workers(), workers()
-    robot = arm_robot()
+def test_obstacles_survive_the_death_of_one_worker_after_the_other(tmp_path: Path) -> None:
+    robot, stamps = arm_robot(), count(1)
     x, y, z = robot.frame_positions(np.array([GOAL]), [robot.frame_names[-1]])[0, 0].tolist()
-    ball = Marker(ns="ball", type=Marker.SPHERE, scale=Vector3(x=0.1, y=0.1, z=0.1))
-    ball.pose.position = Point(x=x, y=y, z=z)
-    content = bytes(serialize_message(MarkerArray(markers=[ball])))
-    first.send(request(1))  # what comes meanwhile waits
-    first.send(Markers(content, 1, False))
-    first.send(TakeObstacles())
-    second.send(answer_of(first, TakeObstacles))
-    assert answer_of(second, WorldFacts).n_obstacles == 1
-    second.send(request(1))
-    assert "ball" in answer_of(second, Rejected).reason
+
+    def ball(name: str, height: float) -> Markers:
+        one = Marker(ns=name, type=Marker.SPHERE, scale=Vector3(x=0.1, y=0.1, z=0.1))
+        one.pose.position = Point(x=x, y=y, z=z + height)
+        return Markers(bytes(serialize_message(MarkerArray(markers=[one]))), next(stamps), False)
+
+    heard = list[tuple[str, object]]()
+    save_primitive(arm_primitive(), tmp_path / "arm.npz")
+    settings = Settings(primitives=(str(tmp_path / "arm.npz"),))
+    workers = Workers(lambda: None, 1.0, lambda *what: heard.append(what))
+
+    def until(is_done: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + HANG
+        while not is_done():
+            assert time.monotonic() < deadline
+            workers.receive()
+            time.sleep(0.005)
+
+    def kill(worker: WorkerProcess) -> None:
+        n = workers.n_restarts
+        os.kill(worker.pid, signal.SIGKILL)
+        until(lambda: workers.n_restarts > n)
+        assert isinstance(heard[-1][1], WorkerDied)
+
+    def heard_of_planner(kind: type[T]) -> list[T]:
+        return [one for role, one in heard if role == PLANNER and isinstance(one, kind)]
+
+    try:
+        done = workers.ask(lambda number: SetUp(number, URDF, settings))
+        until(done.done)
+        workers.watch(WatchedRobot(URDF, JOINTS, {}, settings))
+        until(lambda: workers.is_watching)
+        workers.planner.send(request(1))  # what comes meanwhile waits
+        workers.send_obstacles(ball("first", 0.0))
+        kill(workers.watcher)
+        assert not workers.is_watching
+        workers.send_obstacles(ball("second", 3.0))
+        workers.watch(WatchedRobot(URDF, JOINTS, {}, settings))
+        until(lambda: workers.is_watching)
+        kill(workers.planner)
+        workers.planner.send(SetUp(0, URDF, settings))
+        heard.clear()
+        until(lambda: any(one.n_obstacles == 2 for one in heard_of_planner(WorldFacts)))
+        workers.planner.send(request(2))
+        until(lambda: bool(heard_of_planner(Rejected)))
+        assert "first" in heard_of_planner(Rejected)[0].reason
+    finally:
+        workers.close()
 
 
 def test_goal_is_answered_while_obstacles_keep_coming(
