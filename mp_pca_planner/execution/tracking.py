@@ -341,6 +341,11 @@ class Tracker:
             return found
         if not possible:
             return found
+        if command is None and measured.time <= self.motion.time:
+            # A state of before the motion was sent says nothing on it.
+            near = possible[0]
+            known = {"how": near.how, "distance": near.distance, "joint": near.joint}
+            return replace(found, place=now - self.motion.began, rate=1.0, **known)
         if possible[0].is_over and not measured.at_rest and found.how is How.BEHIND:
             return found  # it has left the end of the one before
         self._is_lossy = True

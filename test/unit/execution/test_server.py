@@ -517,6 +517,22 @@ def test_stop_of_a_robot_that_is_not_heard_of_keeps_the_limits_and_says_what_is_
     assert np.abs(node.commanded - GOAL).max() > 0.05
 
 
+def test_stop_that_no_state_has_shown_yet_is_not_sent_again(node):
+    node.ask(GOAL)
+    node.run(0.6)
+    node.robot.faults.silent = True
+    node.run(0.4)  # longer than the part of the motion that a stop repeats
+    node.stop()
+    n_sent = len(node.sent)
+    node.run(0.09)
+    assert len(node.sent) == n_sent
+    node.stop()
+    node.robot.faults.silent = False
+    node.run(3.0)
+    assert node.verdict().is_clean
+    assert node.outcomes[-1] == "stopped"
+
+
 @pytest.mark.parametrize(("wait", "loss"), [(0.03, 0.01), (0.5, 0.01), (0.5, 0.5), (0.03, 1.0)])
 def test_stop_that_is_lost_is_sent_until_the_robot_rests(either, wait, loss):
     either.ask(GOAL, duration=4.0)
