@@ -8,6 +8,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -112,53 +113,41 @@ class MeasuredState:
         return not self.velocities.any()
 
 
-@dataclass(frozen=True, eq=False)
-class _Sample:
-    """A message: when it was measured and received [s], and its numbers, or why it is unusable."""
+class _Sample(NamedTuple):
+    """A message: when it was measured and received [s], positions, and reported velocities."""
 
     time: float
     received: float
     positions: FloatArray
-    velocities: FloatArray
-    flaw: str = ""
+    reported: FloatArray
 
 
 class _Source:
-    """The messages with the same joints."""
+    """The messages with the same joints: the newest usable one, and whether none is newer."""
+
+    newest: _Sample
 
     def __init__(self, joint_names: tuple[str, ...], message_names: tuple[str, ...]) -> None:
-        self.joint_names = joint_names
+        self.joint_names, self._n_names = joint_names, len(message_names)
         self._index = [message_names.index(name) for name in joint_names]
-        self.newest: _Sample
         self._kept: deque[_Sample] = deque(maxlen=int(_WINDOW / _SPACING))
+        self.received, self.is_usable = 0.0, False
 
     def receive(
-        self, q: Sequence[float], v: Sequence[float], n_names: int, time: float, received: float
+        self, positions: Sequence[float], velocities: Sequence[float], time: float, received: float
     ) -> None:
-        sample = self._read(q, v, n_names, time, received)
-        if not self._kept or received - self._kept[-1].received >= _SPACING:
-            self._kept.append(sample)
-        self.newest = sample
-
-    def _read(
-        self, q: Sequence[float], v: Sequence[float], n_names: int, time: float, received: float
-    ) -> _Sample:
-        none = np.zeros(len(self._index))
-        for field, values, lengths in (
-            ("positions", q, (n_names,)),
-            ("velocities", v, (0, n_names)),
-        ):
-            if len(values) not in lengths:
-                flaw = f"it names {n_names} joints and has {len(values)} {field}"
-                return _Sample(time, received, none, none, flaw)
-        positions = np.array([q[i] for i in self._index], dtype=float)
-        for name, position in zip(self.joint_names, positions, strict=True):
-            if not math.isfinite(position):
-                flaw = f"the position of joint '{name}' is {position}"
-                return _Sample(time, received, none, none, flaw)
+        n, self.received, self.is_usable = self._n_names, received, False
+        if len(positions) != n or len(velocities) not in (0, n):
+            return
+        q = np.array([positions[i] for i in self._index], dtype=float)
+        if not np.isfinite(q).all():
+            return
         # A velocity that is NaN was not measured: positions decide whether the robot moves.
-        reported = np.nan_to_num([v[i] for i in self._index], posinf=0.0, neginf=0.0) if v else none
-        return _Sample(time, received, positions, reported)
+        v = [velocities[i] for i in self._index] if velocities else np.zeros_like(q)
+        self.newest = _Sample(time, received, q, np.nan_to_num(v, posinf=0.0, neginf=0.0))
+        self.is_usable = True
+        if not self._kept or received - self._kept[-1].received >= _SPACING:
+            self._kept.append(self.newest)
 
     def velocities(self) -> FloatArray:
         """Velocities of the joints [rad/s or m/s]; exactly 0 for joints at rest.
@@ -166,22 +155,19 @@ class _Source:
         They are computed from positions: reported velocities are noisy, and many robots report
         none.
         """
-        last, v = self.newest, self.newest.velocities
-        usable = [s for s in self._kept if not s.flaw and last.received - s.received <= _WINDOW]
-        usable += [] if usable and usable[-1] is last else [last]
-        times, q = np.array([s.time for s in usable]), np.array([s.positions for s in usable])
+        last, v = self.newest, self.newest.reported
+        recent = [s for s in self._kept if s is not last and last.received - s.received <= _WINDOW]
+        recent.append(last)
+        times, q = np.array([s.time for s in recent]), np.array([s.positions for s in recent])
         spread, span = np.ptp(q, axis=0), float(np.ptp(times))
         rough = np.where(spread > _REST_SPREAD, spread / max(span, _SPACING), 0.0)
         if len(times) < 3 or span < _MIN_SPAN:
             return np.where(np.abs(v) <= _REST_VELOCITY, rough, v)
         since = times - times.mean()
-        slope = since @ q / (since @ since)
-        moving = np.abs(slope) > _REST_SLOPE
-        if moving.any():
-            # For a decelerating robot, the mean slope differs from the present velocity.
-            newest = times >= min(times[-1] - _MIN_SPAN, np.sort(times)[-3])
-            now = np.linalg.pinv(np.vander(times[newest] - times[-1], 3))[1] @ q[newest]
-            slope = np.where(moving, now, 0.0)
+        moving = np.abs(since @ q / (since @ since)) > _REST_SLOPE
+        # For a decelerating robot, the mean slope differs from the present velocity.
+        newest = times >= min(times[-1] - _MIN_SPAN, np.sort(times)[-3])
+        slope = np.linalg.pinv(np.vander(times[newest] - times[-1], 3))[1] @ q[newest]
         return np.where(np.abs(v) > _CLEAR_VELOCITY, v, np.where(moving, slope, rough))
 
 
@@ -248,24 +234,25 @@ class MeasuredStates:
             source = _Source(own, names)
             if len(self._sources) < INPUT_LIMITS.joints:
                 self._sources[names] = source
-        if len(source.joint_names) < len(names) == len(positions):
+        own = source.joint_names
+        if len(own) < len(names) == len(positions):
             pairs = zip(names, positions, strict=True)
-            own = source.joint_names
             self.others |= {n: q for n, q in pairs if n not in own and math.isfinite(q)}
-        if not source.joint_names:
+        if own:
+            measured = stamp if stamp and self.stamps.is_usable else now - age
+            source.receive(positions, velocities, measured, received)
+            self.n_unusable += not source.is_usable
+        else:
             self.n_incomplete += 1
-            return
-        measured = stamp if stamp and self.stamps.is_usable else now - age
-        source.receive(positions, velocities, len(names), measured, received)
-        self.n_unusable += bool(source.newest.flaw)
 
     @property
     def age(self) -> float | None:
         """Age of the oldest message that is needed [s]; None if a joint has none."""
-        sources = self._newest_sources()
-        if not sources or None in sources:
+        sources = [self._source_of(name) for name in self.joint_names]
+        received = [source.received for source in sources if source is not None]
+        if not sources or len(received) < len(sources):
             return None
-        return self._receipt_clock() - min(one.newest.received for one in sources if one)
+        return self._receipt_clock() - min(received)
 
     def newest(self, timeout: float) -> MeasuredState:
         """The newest state.
@@ -282,52 +269,50 @@ class MeasuredStates:
         GoalError
             If there is none, or it is unusable.
         """
-        found = self._newest_sources()
-        sources = [one for one in found if one is not None]
-        if len(sources) < len(self.joint_names) or not sources:
-            pairs = zip(self.joint_names, found, strict=True)
-            missing = [name for name, one in pairs if one is None]
+        found = {name: self._source_of(name) for name in self.joint_names}
+        missing = [name for name, source in found.items() if source is None]
+        if missing or not found:
             ignored = f" ({self.n_incomplete} without them were ignored)" * bool(self.n_incomplete)
             raise GoalError(
                 "the present state is not known: no joint_states message with the joints "
                 f"{quote_names(missing)}, each once, has arrived{ignored}"
             )
-        oldest = min(sources, key=lambda one: one.newest.received)
-        age = self._receipt_clock() - oldest.newest.received
+        sources = list(dict.fromkeys(source for source in found.values() if source is not None))
+        oldest = min(sources, key=lambda source: source.received)
+        age = self._receipt_clock() - oldest.received
+        which = f" with {quote_names(oldest.joint_names)}" if len(sources) > 1 else ""
         if 0.0 < timeout < age:
-            which = f" with {quote_names(oldest.joint_names)}" if len(set(sources)) > 1 else ""
             raise UnconfirmedError(
                 f"the present state is not known: the newest joint_states message{which} is "
                 f"{age:.3g} s old, at most {timeout:g} s (parameter state_timeout) is accepted"
             )
-        columns = np.zeros((3, len(self.joint_names)))
-        velocities = {one: one.velocities() for one in set(sources)}
-        for k, (name, source) in enumerate(zip(self.joint_names, sources, strict=True)):
-            sample = source.newest
-            if sample.flaw:
-                raise GoalError(
-                    f"the present state is not known: the newest joint_states message can't be "
-                    f"used: {sample.flaw}; one finite number for each joint is accepted"
-                )
-            place = source.joint_names.index(name)
-            columns[:, k] = [
-                x[place] for x in (sample.positions, sample.velocities, velocities[source])
-            ]
-        q, reported, v = columns
+        if not all(source.is_usable for source in sources):
+            raise GoalError(
+                "the present state is not known: the newest joint_states message can't be used; "
+                "expected one finite position per joint, and as many velocities or none"
+            )
+        values = {
+            name: column
+            for source in sources
+            for name, *column in zip(
+                source.joint_names,
+                source.newest.positions,
+                source.newest.reported,
+                source.velocities(),
+                strict=True,
+            )
+            if found[name] is source
+        }
+        q, reported, v = np.array([values[name] for name in self.joint_names]).T
         time = min(source.newest.time for source in sources)
         return MeasuredState(JointState(self.joint_names, q, reported), v, time, age)
 
-    def _newest_sources(self) -> list[_Source | None]:
-        """The source of each joint; None for a joint without one."""
-        return [self._source_of(name) for name in self.joint_names]
-
     def _source_of(self, name: str) -> _Source | None:
-        having = [one for one in self._sources.values() if name in one.joint_names]
-        last = max((one.newest.received for one in having), default=0.0)
+        having = [source for source in self._sources.values() if name in source.joint_names]
+        last = max((source.received for source in having), default=0.0)
 
         # A second publisher of some joints does not replace the complete state.
-        def rank(one: _Source) -> tuple[bool, int, float]:
-            received = one.newest.received
-            return last - received <= _WINDOW, len(one.joint_names), received
+        def rank(source: _Source) -> tuple[bool, int, float]:
+            return last - source.received <= _WINDOW, len(source.joint_names), source.received
 
         return max(having, key=rank, default=None)
