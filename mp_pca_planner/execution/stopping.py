@@ -17,9 +17,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..exceptions import GoalError
 from ..motion.goal import JointState
-from ..motion.interpolation import quintics
 from ..motion.trajectory import Trajectory
-from ..motion.validation import LIMIT_TOLERANCE, check_limits, nearest_start, reached_bounds
+from ..motion.validation import check_limits, nearest_start
 from ..planning.search.stop_and_go import brakes
 from ..robot.limits import JointLimits
 from ..robot.model import Robot
@@ -30,14 +29,15 @@ from .tracking import TooLateError, Tracker, Where, continued
 LATENCY = 0.02
 """Time to find a stop, from whose end on it begins [s]."""
 
-# The shortest stop [s], and durations of stops in the shortest one: the first that the limits allow
-# is used.
-_SHORTEST, _PROLONGED = 0.05, 1.2 ** np.arange(42.0)
-# Durations of stops along a path [s]: 0.05 to 88 s.
-_STOPPING_TIMES: FloatArray = _SHORTEST * _PROLONGED
-# Phases at which stops at a point are compared with limits, before the one found is checked.
+# The shortest stop [s]; the durations of stops along a path, 0.05 to 88 s, and those of stops at a
+# point in the shortest one that may do: the first that the limits allow is used.
+_SHORTEST = 0.05
+_STOPPING_TIMES: FloatArray = _SHORTEST * 1.2 ** np.arange(42.0)
+_LONGER = 1.3 ** np.arange(28.0)
+# Phases of a stop at a point that are compared with limits, and the share of a limit above which
+# that alone decides.
 _PHASES: FloatArray = np.linspace(0.0, 1.0, 21)
-_ROUNDING = 1e-9  # of positions [rad or m]
+_CLEARLY = 1.01
 
 Stop = tuple[str, PublishedMotion]
 """What the robot does, as the begin of a sentence, and the motion to publish."""
@@ -167,15 +167,13 @@ def _stop_at_point(
 
     Else, from the first one alone; else, the robot is sent to the position of the one held.
     """
-    stop = stop_at_point(possible, end_after, robot, limits)
-    if stop is None:
-        stop = stop_at_point(possible[:1], end_after, robot, limits)
-    if stop is None:
-        # A controller does the same when its goal is cancelled.
-        stop = hold(possible[held].joint_names, possible[held].positions)
-        said = "no stop within the limits was found: the robot is sent to hold its position"
-    else:
-        said = f"the robot is sent to a single point, at rest within {stop.duration:.3g} s"
+    for states in (possible, possible[:1]):
+        if (stop := stop_at_point(states, end_after, robot, limits)) is not None:
+            said = f"the robot is sent to a single point, at rest within {stop.duration:.3g} s"
+            return said, PublishedMotion.to_last_point(stop, now)
+    # A controller does the same when its goal is cancelled.
+    stop = hold(possible[held].joint_names, possible[held].positions)
+    said = "no stop within the limits was found: the robot is sent to hold its position"
     return said, PublishedMotion.to_last_point(stop, now)
 
 
@@ -202,62 +200,46 @@ def stop_at_point(
         The quintic from the first state to the point; None if no duration keeps the limits.
     """
     names, v = possible[0].joint_names, possible[0].velocities
-    slack = 1.0 + LIMIT_TOLERANCE
-    most = slack * np.array([limits.velocity, limits.acceleration, limits.jerk])
-    if any(np.any(np.abs(state.velocities) > most[0]) for state in possible):
-        return None
+    zero = np.zeros_like(v)
     # Peaks of the quintic to the end of an even deceleration.
     speed = np.abs(v)
     peaks = np.max(1.5 * speed / limits.acceleration), np.sqrt(np.max(6.0 * speed / limits.jerk))
-    durations = max(_SHORTEST, *map(float, peaks)) * _PROLONGED
-    # From slightly outside the limits, a stop may only lead inwards.
-    ends = nearest_start(np.array([end_after(time) for time in durations]), limits)
-    samples = _ways(possible, ends, durations)
-    path, greatest = samples[0], np.abs(samples[1:]).max(axis=(1, 2))
-    fits = np.all(greatest <= most[:, None], axis=(0, 2))
-    lower, upper = reached_bounds(path, limits, path[0] - nearest_start(path[0], limits))
-    outside = (path < lower - _ROUNDING) | (path > upper + _ROUNDING)
-    fits &= ~outside.any(axis=(0, 1, 3))
-    # A few samples show what most durations break: the check takes several times longer, and the
-    # node waits meanwhile.
-    for k in np.flatnonzero(fits):
-        tau = robot.inverse_dynamics(*samples[:3, :, :, k].reshape(3, -1, len(v)))
-        if np.any(np.abs(tau) > slack * limits.effort):
-            continue
-        # Between close points, most of a stop is far from its limits, and need not be sampled.
-        ways = (
-            Trajectory(names, durations[k] * _PHASES, *samples[:3, :, way, k])
-            for way in range(samples.shape[2])
-        )
-        if not any(check_limits(way, robot, limits).violations for way in ways):
-            q, zero = [possible[0].positions, ends[k]], np.zeros_like(v)
-            a = [possible[0].accelerations, zero]
-            return Trajectory(names, [0.0, durations[k]], q, [v, zero], a)
+    for time in max(_SHORTEST, *map(float, peaks)) * _LONGER:
+        # From slightly outside the limits, a stop may only lead inwards.
+        end = nearest_start(end_after(time), limits)
+        # A controller without accelerations leads there by a cubic.
+        ways = [
+            PublishedMotion(Trajectory(names, [0.0, time], q, [one.velocities, zero], a), 0.0)
+            for one in possible
+            for q in ([one.positions, end],)
+            for a in ([one.accelerations, zero], _cubic(one, end, time))
+        ]
+        if all(_keeps(way, robot, limits) for way in ways):
+            return ways[0].trajectory
     return None
 
 
-def _ways(possible: Sequence[JointState], ends: FloatArray, durations: FloatArray) -> FloatArray:
-    """How controllers lead to the ends: by quintics, or by cubics if they have no accelerations.
+def _keeps(way: PublishedMotion, robot: Robot, limits: JointLimits) -> bool:
+    """Whether a motion of two points keeps the limits."""
+    times = way.duration * _PHASES
+    q, v, a = way.sample(times)
+    # A few samples show what most motions break: the check takes longer, and the node waits.
+    bounds = (v, limits.velocity), (a, limits.acceleration)
+    if any(np.any(np.abs(x) > _CLEARLY * most) for x, most in bounds):
+        return False
+    if np.any(q > np.maximum(q[0], limits.upper)) or np.any(q < np.minimum(q[0], limits.lower)):
+        return False
+    if np.any(np.abs(robot.inverse_dynamics(q, v, a)) > _CLEARLY * limits.effort):
+        return False
+    # Between close points, most of it is far from its limits, and need not be sampled.
+    dense = Trajectory(way.trajectory.joint_names, times, q, v, a)
+    return not check_limits(dense, robot, limits).violations
 
-    Positions and their first three derivatives, shape (4, n_phases, n_ways, n_durations, n_joints)
-    """
-    time, zero = durations[:, None], np.zeros_like(ends)
-    columns = [
-        [zero + state.positions, time * state.velocities, time**2 * a, ends, zero, time**2 * last]
-        for state in possible
-        for a, last in ((state.accelerations, zero), _cubic(state, ends, time))
-    ]
-    at_ends = np.array(columns).swapaxes(0, 1)
-    values = quintics(_PHASES, at_ends.reshape(6, -1), 3).reshape(
-        4, len(_PHASES), *at_ends.shape[1:]
-    )
-    return np.asarray(values / time ** np.arange(4.0)[:, None, None, None, None])
 
-
-def _cubic(state: JointState, end: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Accelerations at both ends of the cubics from a state to rest."""
+def _cubic(state: JointState, end: FloatArray, time: float) -> list[FloatArray]:
+    """Accelerations at both ends of the cubic from a state to rest."""
     mean, v = (end - state.positions) / time, state.velocities
-    return (6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time
+    return [(6.0 * mean - 4.0 * v) / time, (2.0 * v - 6.0 * mean) / time]
 
 
 def stop_on_path(
